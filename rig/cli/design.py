@@ -22,7 +22,7 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
-from rig.design.design import Request, design
+from rig.design.design import DesignRequest, design
 from rig.design.design_text import (
     about_the_design,
     headline,
@@ -117,7 +117,7 @@ def command(
                 code="cannot_combine", option="--depths-mm", other="--forces-gwt",
             )  # fmt: skip
         option, targets = ("--depths-mm", depths_mm) if forces_gwt is None else ("--forces-gwt", forces_gwt)
-        request = Request(
+        request = DesignRequest(
             shapes=_names(shapes),
             minutes=_between("--minutes", minutes, 1, 240),
             kind="doi_mm" if forces_gwt is None else "force_gwt",

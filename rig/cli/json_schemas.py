@@ -1064,7 +1064,7 @@ class NotSeparatedJson(Output):
     right: Ratio
 
 
-class PowerJson(Output):
+class SampleSizeJson(Output):
     """Experiments with so many fibers: share with the truth and at most one other candidate in the set, and alone."""
 
     minutes: float
@@ -1100,7 +1100,7 @@ class DesignJson(Output):
     separated_from: Ratio
     dependence: Ratio
     carried_over: Ratio | None
-    power: list[PowerJson]
+    power: list[SampleSizeJson]
     wall_s: float
 
 

@@ -50,7 +50,7 @@ QUICK = Effort(draws=1024, compared=72, sets=18, particles=24, steps=6, coarse_s
 """Effort of `--quick`."""
 
 
-class Step(NamedTuple):
+class AddedPresses(NamedTuple):
     """Presses added at once, by number, and the information of the design with them (bits)."""
 
     presses: tuple[int, ...]
@@ -58,12 +58,12 @@ class Step(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Chosen:
+class ChosenPresses:
     """A design: repeats of every press, its shapes in order of their blocks, and how it grew."""
 
     repeats: Ints
     shapes: tuple[str, ...]
-    steps: tuple[Step, ...]
+    steps: tuple[AddedPresses, ...]
     bits: float
     told: Array  # (presses,) what one more of each would add (bits)
     exchanged: int = 0
@@ -89,7 +89,7 @@ class _Data:
         return CountSums(by_press, scatter.sum(axis=1), fired.sum(axis=1), np.zeros(len(by_press)), late, np.zeros(1))
 
 
-class Chooser:
+class PressChooser:
     """Choice among the presses of a table.
 
     Parameters
@@ -139,14 +139,14 @@ class Chooser:
             scatter = np.where(counts > 0, counts * np.log(counts) - counts, 0.0)
         return _Data(truth, *(_cumulated(one) for one in (counts, scatter, (counts > 0).astype(float))))
 
-    def chosen(self, minutes: float, shapes: Sequence[str], progress: Callable[[int, int], None]) -> Chosen:
+    def chosen(self, minutes: float, shapes: Sequence[str], progress: Callable[[int, int], None]) -> ChosenPresses:
         """Return the design for a session of so many minutes, with these shapes."""
         grown = self._greedy(shapes, minutes, self.effort.steps, self.effort.sets, progress)
         return self._exchanged(grown, minutes, progress)
 
     def coarse(
         self, minutes: float, combinations_of_shapes: Sequence[tuple[str, ...]], progress: Callable[[int, int], None]
-    ) -> Chosen:
+    ) -> ChosenPresses:
         """Return the coarse design with the most information, over combinations of shapes.
 
         Raises DesignError if there is no time for one press.
@@ -188,12 +188,12 @@ class Chooser:
         steps: int,
         sets: int,
         progress: Callable[[int, int], None],
-    ) -> Chosen:
+    ) -> ChosenPresses:
         mine = np.flatnonzero(np.isin(self._of_shape, list(shapes)))
         cost, room = self.times.press_s, self._room_s(shapes, minutes)
         batch = max(1, round(room / float(cost[mine].mean()) / steps))
         repeats = np.zeros(len(cost), dtype=np.int64)
-        grown: list[Step] = []
+        grown: list[AddedPresses] = []
         likelihood = self._likelihood(self._data.sums(repeats, sets))
         bits = 0.0
         while True:
@@ -210,10 +210,10 @@ class Chooser:
                 room -= cost[k]
             likelihood = self._likelihood(self._data.sums(repeats, sets))
             bits = self._bits_of(likelihood, sets)
-            grown.append(Step(tuple(added), bits))
+            grown.append(AddedPresses(tuple(added), bits))
             progress(len(grown), steps)
         used = tuple(shape for shape in shapes if repeats[self._of_shape == shape].any())
-        return Chosen(repeats, used, tuple(grown), self.bits(repeats), told)
+        return ChosenPresses(repeats, used, tuple(grown), self.bits(repeats), told)
 
     def _particles(self, sets: int) -> int:
         return self.effort.particles if sets >= self.effort.sets else self.effort.particles // 2
@@ -234,7 +234,9 @@ class Chooser:
                 break
         return added
 
-    def _exchanged(self, chosen: Chosen, minutes: float, progress: Callable[[int, int], None]) -> Chosen:
+    def _exchanged(
+        self, chosen: ChosenPresses, minutes: float, progress: Callable[[int, int], None]
+    ) -> ChosenPresses:
         """Replace presses that tell little by others, as long as the information grows on the same data."""
         repeats, bits, exchanged, told = chosen.repeats.copy(), chosen.bits, 0, chosen.told
         mine = np.flatnonzero(np.isin(self._of_shape, list(chosen.shapes)))
@@ -258,7 +260,7 @@ class Chooser:
             if not tried or tried[best] <= bits or best == out:
                 break
             repeats, bits, exchanged = _with(base, best, 1), tried[best], exchanged + 1
-        return Chosen(repeats, chosen.shapes, chosen.steps, bits, told, exchanged)
+        return ChosenPresses(repeats, chosen.shapes, chosen.steps, bits, told, exchanged)
 
 
 def _unseen(done: int, total: int) -> None:

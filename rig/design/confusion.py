@@ -31,7 +31,7 @@ SEPARATED = 0.8
 """Share of right choices between two candidates from which they count as separated."""
 
 
-class Ordered(NamedTuple):
+class OrderedDesign(NamedTuple):
     """A design as it is carried out: numbers of presses in order, their times (s), and the session's minutes."""
 
     name: str
@@ -133,7 +133,7 @@ def expected_confusion(
     table: ResponseTable,
     candidates: Sequence[str],
     model: CountModel,
-    designs: Sequence[Ordered],
+    designs: Sequence[OrderedDesign],
     each: int,
     draws: int,
     seed: int,
@@ -184,7 +184,7 @@ def _evidence(
 
 
 def _experiments(
-    mean: Array, drift: Array, dispersion: Array, design: Ordered, chance: np.random.Generator
+    mean: Array, drift: Array, dispersion: Array, design: OrderedDesign, chance: np.random.Generator
 ) -> CountSums:
     """Return the counts of a design on every fiber, with means (s, presses) in the middle of the session."""
     sums = no_counts(len(mean), mean.shape[1], design.minutes)

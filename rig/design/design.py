@@ -11,14 +11,14 @@ from threadpoolctl import threadpool_limits
 
 from rig.compare.place_grid import nodes
 from rig.compare.plausible_fingers import PlausibleFingers
-from rig.design.choose import QUICK, Chooser, Chosen, Effort, some_of
-from rig.design.confusion import Confusion, Ordered, expected_confusion
+from rig.design.choose import QUICK, ChosenPresses, Effort, PressChooser, some_of
+from rig.design.confusion import Confusion, OrderedDesign, expected_confusion
 from rig.design.counts import CountModel
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
 from rig.design.order import blocks_of, carry_over, history, ordered
 from rig.design.press_times import PressTimes, allowed, press_times
-from rig.design.presses import Kind, Press, possible_presses
+from rig.design.presses import Kind, PossiblePress, possible_presses
 from rig.design.response_table import CANDIDATES, DEPTH_STEP_MM, X_STEP_MM, Counted, ResponseTable, response_table
 from rig.design.usual_designs import everything, usual_designs
 from rig.plan.config import Config
@@ -40,7 +40,7 @@ DESIGNED = "designed"
 
 
 @dataclass(frozen=True)
-class Request:
+class DesignRequest:
     """What to design for. `targets` are depths (mm) or forces (gwt), by `kind`."""
 
     candidates: tuple[str, ...] = MEASURES
@@ -103,12 +103,12 @@ class Design:
     requested duration; `bound` all presses in an hour.
     """
 
-    request: Request
+    request: DesignRequest
     table: ResponseTable
     times: PressTimes
-    chosen: Chosen
+    chosen: ChosenPresses
     blocks: tuple[Ints, ...]
-    made: Ordered
+    made: OrderedDesign
     outcomes: tuple[Confusion, ...]
     bound: Confusion
     possible: int
@@ -116,7 +116,7 @@ class Design:
     fingers: int
 
     @property
-    def presses(self) -> list[Press]:
+    def presses(self) -> list[PossiblePress]:
         """The presses in order."""
         return [self.table.presses[k] for k in self.made.order]
 
@@ -151,7 +151,7 @@ class Design:
 
 
 def design(
-    request: Request,
+    request: DesignRequest,
     config: Config,
     finger: Finger,
     plausible: PlausibleFingers | None,
@@ -162,7 +162,7 @@ def design(
 
     Parameters
     ----------
-    request : Request
+    request : DesignRequest
     config : Config
         Rig and finger, for limits and times.
     finger : Fingertip
@@ -185,7 +185,7 @@ def design(
 
 
 def _limited(
-    request: Request,
+    request: DesignRequest,
     config: Config,
     finger: Finger,
     plausible: PlausibleFingers | None,
@@ -208,18 +208,18 @@ def _limited(
 
 
 def _designed(
-    request: Request, config: Config, table: ResponseTable, times: PressTimes, possible: int, progress: Progress
+    request: DesignRequest, config: Config, table: ResponseTable, times: PressTimes, possible: int, progress: Progress
 ) -> Design:
     model = CountModel(request.hold_s, request.unknowns)
     effort, sizes = (QUICK, _QUICK_SIZES) if request.quick else (Effort(), _SIZES)
-    chooser = Chooser(table, request.candidates, model, times, effort, request.seed)
+    chooser = PressChooser(table, request.candidates, model, times, effort, request.seed)
     minutes = request.minutes
     coarse = chooser.coarse(minutes, some_of(request.shapes), _part(progress, "combinations of shapes"))
     chosen = chooser.chosen(minutes, coarse.shapes, _part(progress, "groups of presses"))
     blocks = blocks_of(chosen.repeats, table.presses, chosen.shapes, request.seed)
     made = ordered(DESIGNED, blocks, times, minutes)
     main = [made, *usual_designs(table.presses, times, minutes, request.seed)]
-    curve: list[Ordered] = []
+    curve: list[OrderedDesign] = []
     for other in () if request.quick else CURVE_MIN:
         if other != minutes:
             curve += _at(chooser, request, coarse.shapes, other, progress)
@@ -249,8 +249,8 @@ def _designed(
 
 
 def _at(
-    chooser: Chooser, request: Request, shapes: tuple[str, ...], minutes: float, progress: Progress
-) -> list[Ordered]:
+    chooser: PressChooser, request: DesignRequest, shapes: tuple[str, ...], minutes: float, progress: Progress
+) -> list[OrderedDesign]:
     """Return the designs of another duration; none if it is too short for one press.
 
     A shorter one may need fewer shapes than the requested duration, a longer one more.
@@ -273,11 +273,11 @@ def _at(
 @dataclass(frozen=True)
 class _Evaluation:
     table: ResponseTable
-    request: Request
+    request: DesignRequest
     model: CountModel
     progress: Progress
 
-    def __call__(self, designs: Sequence[Ordered], experiments: int, draws: int, what: str) -> list[Confusion]:
+    def __call__(self, designs: Sequence[OrderedDesign], experiments: int, draws: int, what: str) -> list[Confusion]:
         if not designs:
             return []
         names = self.request.candidates

@@ -120,7 +120,7 @@ def information_bits(
             level = (root[c][fiber] * scale[:, None] + chance.random((particles, 1))).astype(np.int64)
             level = np.minimum(level, bins.per_dispersion - 1) + bins.per_dispersion * draws.level[fiber][:, None]
             mean[row], scatter[row] = _mean_and_scatter(level, bins)
-        total += _mutual(p, mean, scatter / particles)
+        total += _mutual(p, mean, scatter / np.float32(particles))
     told = np.zeros(log_rate.shape[2])
     told[every] = total / sets
     return told
@@ -148,7 +148,7 @@ def _mean_and_scatter(level: NDArray[np.int64], bins: CountBins) -> tuple[Floats
     return mean, np.maximum(square - mean**2, 0.0)
 
 
-def _mutual(p: Array, mean: Array, scatter: Array) -> Array:
+def _mutual(p: Array, mean: Floats, scatter: Floats) -> Array:
     """Return (presses,) the mutual information (bits) of candidates with probabilities p (c,) and bins (c, j, b)."""
     together = np.tensordot(p.astype(np.float32), mean, 1)
     safe = np.maximum(together, 1e-12)

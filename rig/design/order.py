@@ -5,9 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.design.confusion import Ordered
+from rig.design.confusion import OrderedDesign
 from rig.design.press_times import PressTimes
-from rig.design.presses import Press
+from rig.design.presses import PossiblePress
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 _TRIED = 300
 
 
-def ordered(name: str, blocks: Sequence[Ints], times: PressTimes, minutes: float) -> Ordered:
+def ordered(name: str, blocks: Sequence[Ints], times: PressTimes, minutes: float) -> OrderedDesign:
     """Return presses in blocks, each of one shape, with the time of each (s)."""
     at_s, now_s = [], times.first_s
     for number, block in enumerate(blocks):
@@ -23,10 +23,10 @@ def ordered(name: str, blocks: Sequence[Ints], times: PressTimes, minutes: float
         for k in block:
             at_s.append(now_s)
             now_s += float(times.press_s[k])
-    return Ordered(name, np.concatenate([np.zeros(0, dtype=np.int64), *blocks]), np.array(at_s), minutes)
+    return OrderedDesign(name, np.concatenate([np.zeros(0, dtype=np.int64), *blocks]), np.array(at_s), minutes)
 
 
-def blocks_of(repeats: Ints, presses: Sequence[Press], shapes: Sequence[str], seed: int) -> list[Ints]:
+def blocks_of(repeats: Ints, presses: Sequence[PossiblePress], shapes: Sequence[str], seed: int) -> list[Ints]:
     """Return the presses of a design in blocks, in an order whose history says least about the next press."""
     chance = np.random.default_rng(seed)
     found = []
@@ -38,7 +38,7 @@ def blocks_of(repeats: Ints, presses: Sequence[Press], shapes: Sequence[str], se
     return found
 
 
-def history(block: Ints, presses: Sequence[Press]) -> float:
+def history(block: Ints, presses: Sequence[PossiblePress]) -> float:
     """Return the largest |correlation| of a press's depth or position with those of the press before."""
     about = np.array([[presses[k].target, presses[k].x_mm] for k in block])
     if len(block) < 4:
@@ -51,7 +51,7 @@ def history(block: Ints, presses: Sequence[Press]) -> float:
     return max(found)
 
 
-def _least_dependent(block: Ints, presses: Sequence[Press], chance: np.random.Generator) -> Ints:
+def _least_dependent(block: Ints, presses: Sequence[PossiblePress], chance: np.random.Generator) -> Ints:
     tried = [chance.permutation(block) for _ in range(_TRIED)]
     return min(tried, key=lambda one: (round(history(one, presses), 6), _alike(one)))
 

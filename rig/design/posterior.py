@@ -17,7 +17,7 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class CandidatePosterior:
     """What the counts so far say of one fiber, or of many data sets at once.
 
     Examples
@@ -32,11 +32,13 @@ class Posterior:
     sums: CountSums
 
     @classmethod
-    def before(cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0) -> "Posterior":
+    def before(
+        cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0
+    ) -> "CandidatePosterior":
         """Return the state before the first press; with a session's minutes, the gain may drift."""
         return cls(model, draws, log_rate, no_counts(1, log_rate.shape[2], minutes))
 
-    def updated(self, press: int, counts: Array, tau: float = 0.0) -> "Posterior":
+    def updated(self, press: int, counts: Array, tau: float = 0.0) -> "CandidatePosterior":
         """Return the state after one more press, by its number, with its count at a time tau (ten minutes)."""
         return replace(self, sums=with_counts(self.sums, press, counts, tau))
 

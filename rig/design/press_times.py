@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.data.run_state import Milestone
 from rig.design.exceptions import DesignError
-from rig.design.presses import Press
+from rig.design.presses import PossiblePress
 from rig.design.response_table import ResponseTable
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -41,7 +41,7 @@ class PressTimes(NamedTuple):
 def press_times(
     config: Config,
     finger: Finger,
-    presses: Sequence[Press],
+    presses: Sequence[PossiblePress],
     doi_mm: Array,
     hold_s: float,
     rest_s: float,
@@ -60,7 +60,7 @@ def press_times(
         rig.zero()
         for k in some:
             rig.move_to(x_mm=presses[k].x_mm)
-            rig.indent(**{presses[k].kind: presses[k].target}, hold_s=hold_s)  # type: ignore[arg-type]
+            rig.indent(**{presses[k].kind: presses[k].target}, hold_s=hold_s)
             rig.rest(rest_s)
 
     script = in_memory(run)
@@ -93,7 +93,8 @@ def allowed(
     plan = Plan(predictions=table.predictions)
     walk = Walk(config, FingerModel(finger, plan.predictions, str, config.identified))
     rig = Rig(ProtocolParameters(), walk, Planner(walk, plan))
-    solved = np.isfinite(table.values).all(axis=(0, 2, 3)) & np.isfinite(table.about).all(axis=1)
+    unsolved = np.isnan(table.values).any(axis=(0, 2, 3)) | np.isnan(table.about).any(axis=1)
+    solved = np.logical_not(unsolved).tolist()
     kept: list[int] = []
     first: BadInputError | None = None
     shape = ""

@@ -12,7 +12,7 @@ SOURCE_POSITIONS_MM = (2.0, 1.5, 1.0, 0.5, 0.17, 0.0, -0.17, -0.34, -0.51, -0.68
 """The 21 positions of step 1 in the source (Raju 1998, ch. 5)."""
 
 
-class Press(NamedTuple):
+class PossiblePress(NamedTuple):
     """One press: the shape, its position across the finger, and the depth or force."""
 
     shape: str
@@ -32,6 +32,8 @@ def positions_mm(shape: str) -> tuple[float, ...]:
     return SOURCE_POSITIONS_MM if shape.startswith("step") else about_the_centre(len(SOURCE_POSITIONS_MM))
 
 
-def possible_presses(shapes: Sequence[str], kind: Kind, targets: Sequence[float]) -> list[Press]:
+def possible_presses(shapes: Sequence[str], kind: Kind, targets: Sequence[float]) -> list[PossiblePress]:
     """Return every combination of a shape, one of its positions, and a depth (mm) or force (gwt)."""
-    return [Press(shape, x, kind, target) for shape in shapes for x in positions_mm(shape) for target in targets]
+    return [
+        PossiblePress(shape, x, kind, target) for shape in shapes for x in positions_mm(shape) for target in targets
+    ]

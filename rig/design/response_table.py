@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.stimuli import CONTROLS, controls
 from rig.design.exceptions import DesignError
-from rig.design.presses import Press
+from rig.design.presses import PossiblePress
 from rig.plan.finger_model import Predictions
 from rig.records import Prediction, Target
 from rig.study.parallel import spread
@@ -58,7 +58,7 @@ class ResponseTable:
     pressure (MPa) on the configured finger. Presses that no model solves are NaN.
     """
 
-    presses: tuple[Press, ...]
+    presses: tuple[PossiblePress, ...]
     values: Floats
     x_mm: Array
     below_mm: Array
@@ -97,12 +97,12 @@ class _Task:
     config_json: str
     x_mm: tuple[float, ...]
     depth_mm: tuple[float, ...]
-    presses: tuple[Press, ...]
+    presses: tuple[PossiblePress, ...]
 
 
 def response_table(
     config: FingertipConfig,
-    presses: Sequence[Press],
+    presses: Sequence[PossiblePress],
     x_mm: Array,
     below_mm: Array,
     plausible: PlausibleFingers | None,
@@ -114,7 +114,7 @@ def response_table(
     ----------
     config : FingertipConfig
         The finger.
-    presses : sequence of Press
+    presses : sequence of PossiblePress
         The possible presses.
     x_mm, below_mm : ndarray
         Nodes in x, and in depth below the epidermis (mm).
@@ -151,7 +151,7 @@ def response_table(
     return ResponseTable(tuple(presses), values, x_mm, below_mm, about)
 
 
-def _task(config: FingertipConfig, presses: Sequence[Press], x_mm: Array, below_mm: Array) -> _Task:
+def _task(config: FingertipConfig, presses: Sequence[PossiblePress], x_mm: Array, below_mm: Array) -> _Task:
     depth = (config.tissue.epidermis_mm + below_mm).round(6)
     return _Task(config.model_dump_json(), tuple(x_mm.round(6).tolist()), tuple(depth.tolist()), tuple(presses))
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.design.presses import Press
+from rig.design.presses import PossiblePress
 
 _HEAD = '''"""{title}
 
@@ -53,7 +53,7 @@ _WIDTH = 116
 
 def script_text(
     blocks: Sequence[NDArray[np.int64]],
-    presses: Sequence[Press],
+    presses: Sequence[PossiblePress],
     about: str,
     command: str,
     hold_s: float,

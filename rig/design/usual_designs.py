@@ -6,10 +6,10 @@ from itertools import cycle
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.design.confusion import Ordered
+from rig.design.confusion import OrderedDesign
 from rig.design.order import ordered
 from rig.design.press_times import PressTimes
-from rig.design.presses import Press
+from rig.design.presses import PossiblePress
 
 Ints = NDArray[np.int64]
 
@@ -19,7 +19,9 @@ _USUAL = {"doi_mm": 0.73, "force_gwt": 8.0}  # step 1 at 8 gwt, the source's rec
 _POSITIONS = 5
 
 
-def usual_designs(presses: Sequence[Press], times: PressTimes, minutes: float, seed: int) -> list[Ordered]:
+def usual_designs(
+    presses: Sequence[PossiblePress], times: PressTimes, minutes: float, seed: int
+) -> list[OrderedDesign]:
     """Return the three designs, each as long as the session allows."""
     shapes = list(dict.fromkeys(press.shape for press in presses))
     shape = next((one for one in shapes if one.startswith("step")), shapes[0])
@@ -38,7 +40,7 @@ def usual_designs(presses: Sequence[Press], times: PressTimes, minutes: float, s
     ]
 
 
-def everything(presses: Sequence[Press], times: PressTimes, minutes: float) -> Ordered:
+def everything(presses: Sequence[PossiblePress], times: PressTimes, minutes: float) -> OrderedDesign:
     """Return all presses there are, as often as the session allows."""
     shapes = list(dict.fromkeys(press.shape for press in presses))
     room_s = 60 * minutes - times.session_s((), len(shapes))
@@ -69,7 +71,11 @@ def _repeated(some: Ints, times: PressTimes, minutes: float, shapes: int) -> Int
 
 
 def _random(
-    presses: Sequence[Press], shapes: Sequence[str], times: PressTimes, minutes: float, chance: np.random.Generator
+    presses: Sequence[PossiblePress],
+    shapes: Sequence[str],
+    times: PressTimes,
+    minutes: float,
+    chance: np.random.Generator,
 ) -> list[Ints]:
     room_s = 60 * minutes - times.session_s((), len(shapes))
     if room_s <= 0:

@@ -12,12 +12,12 @@ from typing import TypeVar
 import numpy as np
 
 from rig.compare.plausible_fingers import read_plausible
-from rig.design.confusion import Confusion, Ordered, expected_confusion, share_and_error
+from rig.design.confusion import Confusion, OrderedDesign, expected_confusion, share_and_error
 from rig.design.counts import TEN_MINUTES_S, CountModel, draw_counts
-from rig.design.design import DESIGNED, Design, Request, design
+from rig.design.design import DESIGNED, Design, DesignRequest, design
 from rig.design.fibers import draw_fibers, log_rates, relative_rates
 from rig.design.order import ordered
-from rig.design.posterior import Posterior
+from rig.design.posterior import CandidatePosterior
 from rig.design.usual_designs import SOURCE, everything, usual_designs
 from rig.plan.config import load_config
 from sim.models.fingertip import Fingertip
@@ -36,7 +36,7 @@ def main() -> None:
     seed = parser.parse_args().seed
     config, plausible = load_config(None), read_plausible(FINGERS)
     finger = Fingertip.load(config.finger)
-    request = Request(SIX, minutes=MINUTES, seed=seed)
+    request = DesignRequest(SIX, minutes=MINUTES, seed=seed)
     found = design(request, config, finger, plausible, _counted, lambda what, done, total: None)
     print("| design | minutes | presses | failures (%) | truth in the set (%) | most probable is the truth (%) |")
     print("|---|---|---|---|---|---|")
@@ -75,7 +75,7 @@ def _model(found: Design) -> CountModel:
     return CountModel(found.request.hold_s, found.request.unknowns)
 
 
-def _order(found: Design, name: str) -> Ordered:
+def _order(found: Design, name: str) -> OrderedDesign:
     if name == DESIGNED:
         return found.made
     return usual_designs(found.table.presses, found.times, MINUTES, found.request.seed)[0]
@@ -89,7 +89,7 @@ def _again(found: Design, seed: int) -> list[Confusion]:
     return expected_confusion(found.table, SIX, _model(found), designs, EACH, 16384, seed)
 
 
-def _fresh(found: Design, made: Ordered, seed: int) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+def _fresh(found: Design, made: OrderedDesign, seed: int) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
     """Return the confusion of experiments whose counts are taken press by press, with draws of their own."""
     model, table = _model(found), found.table
     fibers = draw_fibers(FRESH, table, model.unknowns, seed, evenly=False)
@@ -102,7 +102,7 @@ def _fresh(found: Design, made: Ordered, seed: int) -> "np.ndarray[tuple[int, in
     log_rate = np.stack([log_rates(relative_rates(table, name, known)[:, used]) for name in SIX])
     chosen = np.zeros((len(SIX), len(SIX)))
     for s in range(FRESH):
-        now = Posterior.before(model, known, log_rate, MINUTES)
+        now = CandidatePosterior.before(model, known, log_rate, MINUTES)
         for k, at_s in zip(made.order, made.time_s, strict=True):
             tau = float((at_s - 30 * MINUTES) / TEN_MINUTES_S)
             phi = model.unknowns.dispersions[fibers.level[s]]

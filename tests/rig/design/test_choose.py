@@ -6,13 +6,13 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rig.design.choose import Chooser, Effort, some_of
+from rig.design.choose import Effort, PressChooser, some_of
 from rig.design.confusion import Confusion, expected_confusion, share_and_error
 from rig.design.counts import CountModel
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns, draw_fibers, relative_rates
 from rig.design.order import blocks_of, carry_over, history, ordered
-from rig.design.posterior import Posterior
+from rig.design.posterior import CandidatePosterior
 from rig.design.power import power_rows
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
@@ -25,8 +25,8 @@ SMALL = Effort(draws=512, compared=48, sets=24, particles=24, steps=6, coarse_se
 MODEL = CountModel(1.0, Unknowns((10.0, 30.0)))
 
 
-def a_chooser(table: ResponseTable, times: PressTimes, seed: int = 1) -> Chooser:
-    return Chooser(table, THREE, MODEL, times, SMALL, seed)
+def a_chooser(table: ResponseTable, times: PressTimes, seed: int = 1) -> PressChooser:
+    return PressChooser(table, THREE, MODEL, times, SMALL, seed)
 
 
 def test_rates_are_relative_to_the_strongest_press(table: ResponseTable) -> None:
@@ -114,7 +114,7 @@ def test_monte_carlo_error_of_a_share() -> None:
 def test_the_posterior_is_updated_press_by_press(table: ResponseTable, times: PressTimes) -> None:
     """As by all counts at once; the candidate that made them wins."""
     chooser = a_chooser(table, times)
-    now = Posterior.before(MODEL, chooser.draws, chooser.log_rate)
+    now = CandidatePosterior.before(MODEL, chooser.draws, chooser.log_rate)
     press = np.arange(len(table.presses))
     mean = 25 * np.exp(chooser.log_rate[1, 7, press])
     for k, count in zip(press, mean.round(), strict=True):
@@ -123,5 +123,7 @@ def test_the_posterior_is_updated_press_by_press(table: ResponseTable, times: Pr
     assert now.probabilities[0, 1] > 0.9
     assert now.sums.repeats.sum() == len(press)
     told = now.information_bits(64, np.random.default_rng(0))
-    before = Posterior.before(MODEL, chooser.draws, chooser.log_rate).information_bits(64, np.random.default_rng(0))
+    before = CandidatePosterior.before(MODEL, chooser.draws, chooser.log_rate).information_bits(
+        64, np.random.default_rng(0)
+    )
     assert told.max() < before.max()

@@ -8,7 +8,7 @@ from scipy.stats import gamma, nbinom, poisson
 from rig.design.counts import CountModel, draw_counts, no_counts, with_counts
 from rig.design.fibers import FiberDraws, Unknowns
 from rig.design.information import count_bins
-from rig.design.posterior import Posterior, in_set
+from rig.design.posterior import CandidatePosterior, in_set
 
 
 def a_fiber(n: int = 1, drift: float = 0.0) -> FiberDraws:
@@ -28,7 +28,7 @@ def test_information_of_two_poisson_candidates(rates: tuple[float, float], windo
     """By summation over all counts; bins of counts lose at most a twentieth."""
     model = CountModel(window_s, Unknowns((50.0, 50.0), dispersion=(1.0, 1.0)))
     log_rate = np.log(np.array(rates, dtype=np.float32)).reshape(2, 1, 1)
-    now = Posterior.before(model, a_fiber(), log_rate)
+    now = CandidatePosterior.before(model, a_fiber(), log_rate)
     found = now.information_bits(4000, np.random.default_rng(0))[0]
     counts = np.arange(200)
     each = np.array([poisson.pmf(counts, 50 * window_s * rate) for rate in rates])
@@ -40,7 +40,7 @@ def test_information_after_a_count() -> None:
     """Of the probabilities that the first count leaves."""
     model = CountModel(1.0, Unknowns((50.0, 50.0), dispersion=(1.0, 1.0)))
     rates = np.array([0.4, 0.6])
-    now = Posterior.before(model, a_fiber(), np.log(rates, dtype=np.float32).reshape(2, 1, 1))
+    now = CandidatePosterior.before(model, a_fiber(), np.log(rates, dtype=np.float32).reshape(2, 1, 1))
     now = now.updated(0, np.array([27.0]))
     first = poisson.pmf(27, 50 * rates)
     p = first / first.sum()
@@ -55,7 +55,7 @@ def test_candidates_that_predict_the_same_leave_nothing_to_learn() -> None:
     chance = np.random.default_rng(1)
     model = CountModel(1.0, Unknowns((10.0, 100.0)))
     same = np.log(chance.random((1, 64, 5), dtype=np.float32) + 0.01)
-    now = Posterior.before(model, a_fiber(64), np.concatenate([same, same]))
+    now = CandidatePosterior.before(model, a_fiber(64), np.concatenate([same, same]))
     assert np.abs(now.information_bits(512, chance)).max() < 0.01
 
 
@@ -65,7 +65,7 @@ def test_the_gain_is_integrated_out() -> None:
     model = CountModel(0.5, unknowns)
     rates = np.array([[0.3, 0.8], [0.6, 0.5]])
     counts = np.array([4.0, 13.0])
-    now = Posterior.before(model, a_fiber(), np.log(rates, dtype=np.float32).reshape(2, 1, 2))
+    now = CandidatePosterior.before(model, a_fiber(), np.log(rates, dtype=np.float32).reshape(2, 1, 2))
     for press, count in enumerate(counts):
         now = now.updated(press, np.array([count]))
     shape, mean = unknowns.gain_shape, unknowns.gain_mean_per_s
