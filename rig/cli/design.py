@@ -22,7 +22,7 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
-from rig.design.design import DesignRequest, design
+from rig.design.design import DesignRequest, design, judged
 from rig.design.design_text import (
     about_the_design,
     headline,
@@ -30,6 +30,7 @@ from rig.design.design_text import (
     power_lines,
     quick_line,
     separation_line,
+    verdict_lines,
 )
 from rig.design.design_text import (
     as_json as design_as_json,
@@ -37,6 +38,7 @@ from rig.design.design_text import (
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
 from rig.design.power import power_rows
+from rig.design.recorded_counts import SessionVerdict
 from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
@@ -69,6 +71,9 @@ def command(
     to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py"),
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="Page. Default: beside the script.")
+    ] = None,
+    counts: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Counts of the session: judge them instead of designing.")
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1,
     quick: Annotated[bool, typer.Option("--quick", help="Choose more coarsely, in a sixth of the time.")] = False,
@@ -145,7 +150,13 @@ def command(
 
             finger = Fingertip.load(settings.finger)
         with _Shown(as_json=as_json) as shown:
-            found = design(request, settings, finger, plausible, shown.count, shown.progress)
+            if counts is not None:
+                verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
+            else:
+                found = design(request, settings, finger, plausible, shown.count, shown.progress)
+        if counts is not None:
+            _print_verdict(verdict, as_json=as_json)
+            return
         words = _command(context, to)
         with busy("checking and rehearsing the script …", as_json=as_json):
             script = checked_script(found, settings, finger, about_the_design(found), words)
@@ -173,6 +184,15 @@ def command(
         for about, words_of in lines.items():
             for line in words_of if isinstance(words_of, list) else [words_of]:
                 out.print(f"{about:<10}{line}")
+
+
+def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
+    if as_json:
+        rows = [row._asdict() for row in verdict.candidates]
+        print_json({"candidates": rows, "presses": verdict.presses, "effective_draws": verdict.effective})
+        return
+    for line in verdict_lines(verdict):
+        out.print(line)
 
 
 class _Shown:

@@ -1104,6 +1104,24 @@ class DesignJson(Output):
     wall_s: float
 
 
+class JudgedCandidateJson(Output):
+    """A candidate after the counts of a session."""
+
+    name: Candidate
+    probability: Ratio
+    in_set: bool
+    p_fit: Ratio
+    """Probability of a worse fit if this candidate is the truth."""
+
+
+class SessionJson(Output):
+    """Verdict on the counts of a designed session, with --counts; most probable first."""
+
+    candidates: list[JudgedCandidateJson]
+    presses: int
+    effective_draws: float
+
+
 class StudyJson(Output):
     """A parameter study."""
 
@@ -1713,7 +1731,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "run": (FinishedRunJson,),
     "identify": (IdentificationJson,),
     "check": (CheckJson,),
-    "design": (DesignJson,),
+    "design": (DesignJson, SessionJson),
     "resume": (FinishedRunJson,),
     "compare": (CompareJson, GroupJson),
     "runs": (RunsJson,),

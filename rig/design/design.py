@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from rig.design.fibers import Unknowns
 from rig.design.order import blocks_of, carry_over, history, ordered
 from rig.design.press_times import PressTimes, allowed, press_times
 from rig.design.presses import Kind, PossiblePress, possible_presses
+from rig.design.recorded_counts import SessionVerdict, read_counts, session_verdict
 from rig.design.response_table import CANDIDATES, DEPTH_STEP_MM, X_STEP_MM, Counted, ResponseTable, response_table
 from rig.design.usual_designs import everything, usual_designs
 from rig.plan.config import Config
@@ -179,19 +181,44 @@ def design(
     DesignError
         If the request does not fit the bench.
     """
-    request.refuse()
     with threadpool_limits(1):  # many small products of matrices, which threads only slow down
-        return _limited(request, config, finger, plausible, count, progress)
+        table, times, possible = bench_of(request, config, finger, plausible, count, progress)
+        return _designed(request, config, table, times, possible, progress)
 
 
-def _limited(
+def judged(
+    request: DesignRequest,
+    path: Path,
+    config: Config,
+    finger: Finger,
+    plausible: PlausibleFingers | None,
+    count: Counted,
+    progress: Progress,
+) -> SessionVerdict:
+    """Return the verdict on the counts in a file, for the same request that designed the session.
+
+    Raises RecordingError for the file, DesignError for the request.
+    """
+    request.refuse()
+    read_counts(path, possible_presses(request.shapes, request.kind, request.targets))  # refused before it takes long
+    with threadpool_limits(1):
+        table, times, _ = bench_of(request, config, finger, plausible, count, progress)
+        counted = read_counts(path, table.presses)
+        progress("session compared with the candidates", 0, 1)
+        model = CountModel(request.hold_s, request.unknowns)
+        return session_verdict(table, times, request.candidates, model, counted, _SIZES.draws, request.seed)
+
+
+def bench_of(
     request: DesignRequest,
     config: Config,
     finger: Finger,
     plausible: PlausibleFingers | None,
     count: Counted,
     progress: Progress,
-) -> Design:
+) -> tuple[ResponseTable, PressTimes, int]:
+    """Return the presses within the limits with their responses, their times, and how many there were at first."""
+    request.refuse()
     if plausible is not None and "receptor_depth_mm" in plausible.ranges:
         raise DesignError(
             "{where}: receptor_depth_mm belongs into --receptor-below-mm; remove it",
@@ -204,7 +231,7 @@ def _limited(
     table = allowed(config, finger, table, request.hold_s, _part(progress, "presses compared with the limits"))
     progress("rehearsal of a few presses", 0, 1)
     times = press_times(config, finger, table.presses, table.doi_mm, request.hold_s, request.rest_s, request.change_s)
-    return _designed(request, config, table, times, len(possible), progress)
+    return table, times, len(possible)
 
 
 def _designed(

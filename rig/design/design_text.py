@@ -5,6 +5,7 @@ from typing import Any
 from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
 from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
+from rig.design.recorded_counts import FITS, SessionVerdict
 
 FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
 
@@ -120,6 +121,24 @@ def _outcome(one: Confusion) -> dict[str, Any]:
         "right": right,
         "right_error": right_error,
     }
+
+
+def verdict_lines(verdict: SessionVerdict) -> list[str]:
+    """Return the verdict on the counts of a session: the set in a sentence, then the probabilities."""
+    inside = [row for row in verdict.candidates if row.in_set]
+    best = inside[0]
+    named = ", ".join(row.name for row in inside)
+    left = f"{named} explain{'s' if len(inside) == 1 else ''} these counts"
+    lines = [f"{'set':<10}{left} ({verdict.presses} presses); together they have 95 % of the probability"]
+    if best.p_fit < FITS:
+        lines = [
+            f"{'set':<10}no candidate explains these counts: {best.name}, the most probable one, misfits (p = "
+            f"{best.p_fit:.1g})"
+        ]
+    lines += [
+        f"{row.name:<10}{100 * row.probability:.1f} %, p of its fit {row.p_fit:.2g}" for row in verdict.candidates
+    ]
+    return lines
 
 
 def power_lines(rows: list[PowerRow]) -> list[str]:

@@ -39,6 +39,11 @@ def test_a_script_that_checks_and_rehearses(here: Path, program: Program) -> Non
     assert checked["duration_s"] + 60 * (len(found["shapes"]) - 1) == pytest.approx(found["duration_s"])
     ended = program("dry-run", "designed.py", "--json")
     assert ended.code == 0, ended.err
+    rows = [f"{p['shape']},{p['x_mm']},{p['value']},{n}" for n, p in enumerate(found["presses"])]
+    Path("counts.csv").write_text("\n".join(["shape,x_mm,doi_mm,count", *rows]), encoding="utf-8")
+    judged = program("design", *REQUEST, "--counts", "counts.csv", "--json").json
+    assert {row["name"] for row in judged["candidates"]} == set(found["candidates"])
+    assert judged["presses"] == len(found["presses"])
     run = read_run(Path(ended.json["run"]))
     assert len(list(run.stream("indentation_end"))) == len(found["presses"])
 
