@@ -177,7 +177,7 @@ def command(
             "power": power_lines(rows) if power else [],
             "quick": quick_line(found) or [],
             "presses": about_the_design(found),
-            "duration": f"{script.duration_s:.0f} s, rehearsed, with changes of the indentor",
+            "duration": f"{script.duration_s:.0f} s, {'predicted' if quick else 'rehearsed'}, with changes of shape",
             "script": str(to),
             "report": str(page_file),
         }

@@ -36,8 +36,13 @@ def checked_script(found: Design, config: Config, finger: Finger, about: str, co
             path = Path(folder) / "designed.py"
             path.write_text(text, encoding="utf-8")
             script = load_script(str(path))
-            plan = make_plan(script, config, finger)
-            rehearsal_s = rehearsed(script, config, finger, plan).duration_s
+            plan = make_plan(script, config, finger, known=found.table.predictions)
+            # A quick design trusts the times of the presses that were rehearsed to plan it.
+            rehearsal_s = (
+                found.times.session_s(found.made.order.tolist(), 1)
+                if request.quick
+                else rehearsed(script, config, finger, plan).duration_s
+            )
         duration_s = rehearsal_s + request.change_s * (len(found.blocks) - 1)
         over_s = duration_s - 60 * request.minutes
         if over_s <= 0:

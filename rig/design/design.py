@@ -230,7 +230,7 @@ def bench_of(
     table = response_table(config.finger, possible, x_mm, below_mm, plausible, count)
     table = allowed(config, finger, table, request.hold_s, _part(progress, "presses compared with the limits"))
     progress("rehearsal of a few presses", 0, 1)
-    times = press_times(config, finger, table.presses, table.doi_mm, request.hold_s, request.rest_s, request.change_s)
+    times = press_times(config, finger, table, request.hold_s, request.rest_s, request.change_s)
     return table, times, len(possible)
 
 

@@ -23,7 +23,7 @@ def headline(found: Design) -> str:
 
 def percent(share: float, error: float) -> str:
     """Format a share with its Monte Carlo error, e.g. "3.1 ± 0.9 %"."""
-    digits = 0 if share >= 0.1 else 1
+    digits = 0 if error >= 0.01 else 1
     return f"{100 * share:.{digits}f} ± {max(100 * error, 0.1):.{digits}f} %"
 
 

@@ -1,15 +1,13 @@
 """Time that presses take, from a rehearsal of a few of them on springs, and the designs that fit into a session."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.data.run_state import Milestone
 from rig.design.exceptions import DesignError
-from rig.design.presses import PossiblePress
 from rig.design.response_table import ResponseTable
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -23,11 +21,11 @@ from sim.finger_process import Finger
 
 Array = NDArray[np.float64]
 
-_REHEARSED = 12
+_REHEARSED = 5  # of each of two shapes
 
 
 class PressTimes(NamedTuple):
-    """Time before the first press, of each press with its move and rest, and of a change of indentor (s)."""
+    """Time before the first press and after the last, of each press with its move and rest, and of a change (s)."""
 
     first_s: float
     press_s: Array  # (presses,)
@@ -39,43 +37,46 @@ class PressTimes(NamedTuple):
 
 
 def press_times(
-    config: Config,
-    finger: Finger,
-    presses: Sequence[PossiblePress],
-    doi_mm: Array,
-    hold_s: float,
-    rest_s: float,
-    change_s: float,
+    config: Config, finger: Finger, table: ResponseTable, hold_s: float, rest_s: float, change_s: float
 ) -> PressTimes:
-    """Return the times, linear in the depth (mm) of each press; fitted to a rehearsal of presses of one shape."""
-    shape = presses[0].shape
-    mine = [k for k, press in enumerate(presses) if press.shape == shape]
-    some = [mine[k] for k in np.unique(np.linspace(0, len(mine) - 1, _REHEARSED).round().astype(int))]
-    chance = np.random.default_rng(0)
-    some = [some[k] for k in chance.permutation(len(some))]  # moves as far apart as in a design
+    """Return the times, linear in the depth of each press, from a rehearsal of presses of one or two shapes.
+
+    The motion around a change of indentor is added to the time that the operator needs.
+    """
+    presses, doi_mm = table.presses, table.doi_mm
+    shapes = list(dict.fromkeys(press.shape for press in presses))[:2]
+    blocks = [_some([k for k, press in enumerate(presses) if press.shape == shape]) for shape in shapes]
 
     def run(rig: Rig) -> None:
-        rig.mount(shape)
-        rig.home()
-        rig.zero()
-        for k in some:
-            rig.move_to(x_mm=presses[k].x_mm)
-            rig.indent(**{presses[k].kind: presses[k].target}, hold_s=hold_s)
-            rig.rest(rest_s)
+        for number, block in enumerate(blocks):
+            rig.mount(presses[block[0]].shape)
+            if not number:
+                rig.home()
+            rig.zero()
+            for k in block:
+                rig.move_to(x_mm=presses[k].x_mm)
+                rig.indent(**{presses[k].kind: presses[k].target}, hold_s=hold_s)
+                rig.rest(rest_s)
 
     script = in_memory(run)
-    plan = make_plan(script, config, finger)
-    instants = rehearsed(script, config, finger, plan).instants_s
-    began_s, ended_s = _presses(instants)
-    each_s = np.diff(np.concatenate([[began_s], ended_s]))[1:]
-    slope, at_zero = np.polyfit(doi_mm[some][1:], each_s, 1) if np.ptp(doi_mm[some][1:]) > 0 else (0.0, each_s.mean())
-    return PressTimes(began_s, np.maximum(at_zero + slope * doi_mm, 1.0), change_s)
+    rehearsal = rehearsed(script, config, finger, make_plan(script, config, finger, known=table.predictions))
+    rested_s = np.array(sorted(at for name, at in rehearsal.instants_s.items() if name[0] == "rest"))
+    made = np.concatenate(blocks)
+    between = np.diff(rested_s)
+    within = np.ones(len(between), dtype=bool)
+    within[len(blocks[0]) - 1 : len(blocks[0])] = False
+    depth, took_s = doi_mm[made[1:]][within], between[within]
+    slope, at_zero = np.polyfit(depth, took_s, 1) if np.ptp(depth) > 0 else (0.0, took_s.mean())
+    press_s = np.maximum(at_zero + slope * doi_mm, 1.0)
+    around_s = float((between[~within] - press_s[made[1:]][~within]).sum())
+    first_s = float(rehearsal.duration_s - rested_s[-1] + rested_s[0] - press_s[made[0]])
+    return PressTimes(first_s, press_s, change_s + max(around_s, 0.0))
 
 
-def _presses(instants_s: Mapping[Milestone, float]) -> tuple[float, Array]:
-    """Return when the first press begins, and when the rest after each one ends (s)."""
-    rests = sorted(at for name, at in instants_s.items() if name[0] == "rest")
-    return min(at for name, at in instants_s.items() if name[0] == "zero"), np.array(rests)
+def _some(mine: Sequence[int]) -> list[int]:
+    """Return a few of the presses, with moves as far apart as in a design."""
+    some = [mine[k] for k in np.unique(np.linspace(0, len(mine) - 1, _REHEARSED).round().astype(int))]
+    return [some[k] for k in np.random.default_rng(0).permutation(len(some))]
 
 
 def in_memory(run: Callable[[Rig], None]) -> Script:

@@ -6,6 +6,7 @@ locations between its nodes are interpolated by cubic splines.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -74,9 +75,9 @@ class ResponseTable:
         """Depths (presses,) on the configured finger (mm)."""
         return self.about[:, ABOUT.index("doi_mm")]
 
-    @property
+    @cached_property
     def predictions(self) -> Predictions:
-        """Predictions of the presses, for the planner."""
+        """Predictions of the presses, for the planner, which adds to them."""
         found = {}
         for press, (contact, force, doi, area, peak) in zip(self.presses, self.about.tolist(), strict=True):
             asked = press.shape, press.x_mm, Target(press.kind, press.target)

@@ -45,7 +45,7 @@ def write_design_page(path: Path, page: DesignPage) -> None:
     sections = [
         Section(
             "The design",
-            f"{about_the_design(found)} The rehearsal takes {page.duration_s:.0f} s, {request.change_s:g} s for each "
+            f"{about_the_design(found)} The session takes {page.duration_s:.0f} s, {request.change_s:g} s for each "
             f"change of indentor included. An experiment fails if {FAILS}.",
             ("shape", "x (mm)", _target(found), "repeats", "one more adds (bits)"),
             _press_rows(found),

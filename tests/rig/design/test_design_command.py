@@ -19,7 +19,9 @@ def here(table: ResponseTable, finger: Fingertip, tmp_path: Path, monkeypatch: p
     """Return a folder; the table of responses is that of bumps."""
     assert finger is not None  # in the cache from here on
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(designs, "response_table", lambda *_: table)
+    some = table.only(range(0, len(table.presses), 3))
+    monkeypatch.setattr(designs, "response_table", lambda *_: some)
+    monkeypatch.setattr(ResponseTable, "predictions", {})  # the finger's own, which the bumps know nothing of
     return tmp_path
 
 
@@ -36,7 +38,7 @@ def test_a_script_that_checks_and_rehearses(here: Path, program: Program) -> Non
     assert [(s["indentor"], s["x_mm"], s["value"]) for s in checked["steps"]] == [
         (p["shape"], p["x_mm"], p["value"]) for p in found["presses"]
     ]
-    assert checked["duration_s"] + 60 * (len(found["shapes"]) - 1) == pytest.approx(found["duration_s"])
+    assert checked["duration_s"] + 60 * (len(found["shapes"]) - 1) == pytest.approx(found["duration_s"], rel=0.1)
     ended = program("dry-run", "designed.py", "--json")
     assert ended.code == 0, ended.err
     rows = [f"{p['shape']},{p['x_mm']},{p['value']},{n}" for n, p in enumerate(found["presses"])]
