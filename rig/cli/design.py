@@ -22,7 +22,7 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
-from rig.design.design import DesignRequest, design, judged
+from rig.design.design import DEPTHS_MM, DesignRequest, design, judged
 from rig.design.design_text import (
     about_the_design,
     headline,
@@ -42,6 +42,7 @@ from rig.design.recorded_counts import SessionVerdict
 from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
+from sim.measures.measures import MEASURES
 
 T = TypeVar("T")
 
@@ -139,9 +140,9 @@ def command(
             change_s=_between("--change-s", change_s, 0, 3600),
             seed=seed,
             quick=quick,
-            **({} if candidates is None else {"candidates": _names(candidates)}),
-            **({} if targets is None else {"targets": tuple(sorted(set(numbers(option, targets))))}),
-        )  # type: ignore[arg-type]
+            candidates=MEASURES if candidates is None else _names(candidates),
+            targets=DEPTHS_MM if targets is None else tuple(sorted(set(numbers(option, targets)))),
+        )
         request.refuse()
         settings = with_finger(load_config(config), finger_file, force=force)
         plausible = None if fingers is None else read_plausible(fingers)

@@ -40,6 +40,9 @@ BOUND_MIN = 60.0
 
 DESIGNED = "designed"
 
+DEPTHS_MM = (0.25, 0.5, 0.75, 1.0)
+"""Depths to choose from, by default."""
+
 
 @dataclass(frozen=True)
 class DesignRequest:
@@ -49,7 +52,7 @@ class DesignRequest:
     shapes: tuple[str, ...] = ("step:1", "bar:3.0", "cylinder:3")
     minutes: float = 20.0
     kind: Kind = "doi_mm"
-    targets: tuple[float, ...] = (0.25, 0.5, 0.75, 1.0)
+    targets: tuple[float, ...] = DEPTHS_MM
     unknowns: Unknowns = field(default_factory=Unknowns)
     hold_s: float = 1.0
     rest_s: float = 2.0

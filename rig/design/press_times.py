@@ -54,8 +54,7 @@ def press_times(
                 rig.home()
             rig.zero()
             for k in block:
-                rig.move_to(x_mm=presses[k].x_mm)
-                rig.indent(**{presses[k].kind: presses[k].target}, hold_s=hold_s)
+                presses[k].make(rig, hold_s)
                 rig.rest(rest_s)
 
     script = in_memory(run)
@@ -109,8 +108,7 @@ def allowed(
             rig.zero()
             shape = press.shape
         try:
-            rig.move_to(x_mm=press.x_mm)
-            rig.indent(**{press.kind: press.target}, hold_s=hold_s)  # type: ignore[arg-type]
+            press.make(rig, hold_s)
         except BadInputError as error:
             first = first or error
             continue

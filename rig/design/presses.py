@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from rig.protocol import about_the_centre
+from rig.protocol import Rig, about_the_centre
 
 Kind = Literal["doi_mm", "force_gwt"]
 
@@ -25,6 +25,14 @@ class PossiblePress(NamedTuple):
         """Title, e.g. "bar:3.0 at −0.34 mm to 0.5 mm"."""
         unit = {"doi_mm": "mm", "force_gwt": "gwt"}[self.kind]
         return f"{self.shape} at {self.x_mm:g} mm to {self.target:g} {unit}".replace("-", "−")
+
+    def make(self, rig: Rig, hold_s: float) -> None:
+        """Move there and press, with this shape mounted."""
+        rig.move_to(x_mm=self.x_mm)
+        if self.kind == "doi_mm":
+            rig.indent(doi_mm=self.target, hold_s=hold_s)
+        else:
+            rig.indent(force_gwt=self.target, hold_s=hold_s)
 
 
 def positions_mm(shape: str) -> tuple[float, ...]:

@@ -27,7 +27,7 @@ class CountedPress(NamedTuple):
     """Number of a possible press, and the spikes in its hold."""
 
     press: int
-    count: float
+    spikes: float
 
 
 class CandidateVerdict(NamedTuple):
@@ -93,10 +93,10 @@ def session_verdict(
     tau = (np.cumsum(took_s) - took_s / 2 - took_s.sum() / 2) / TEN_MINUTES_S
     now = CandidatePosterior.before(model, known, log_rate, float(took_s.sum()) / 60)
     for k, one, at in zip(column.tolist(), counted, tau.tolist(), strict=True):
-        now = now.updated(k, np.array([one.count]), at)
+        now = now.updated(k, np.array([one.spikes]), at)
     likelihood, probability = now.log_likelihood[:, 0], now.probabilities
     inside = in_set(probability)[0]
-    count = np.array([one.count for one in counted])
+    count = np.array([one.spikes for one in counted])
     rows = [
         CandidateVerdict(
             name,

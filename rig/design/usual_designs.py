@@ -54,15 +54,15 @@ def everything(presses: Sequence[PossiblePress], times: PressTimes, minutes: flo
             rest.append(k)
     repeats = np.full(len(presses), whole, dtype=np.int64)
     repeats[rest] += 1
-    number = np.arange(len(presses))
-    mine = [np.array([k for k in number if presses[k].shape == shape]) for shape in shapes]
+    mine = [np.array([k for k, press in enumerate(presses) if press.shape == shape]) for shape in shapes]
     return ordered("all presses", [np.repeat(some, repeats[some]) for some in mine], times, minutes)
 
 
 def _repeated(some: Ints, times: PressTimes, minutes: float, shapes: int) -> Ints:
     """Return presses in a cycle until the time is over."""
-    left, made = 60 * minutes - times.session_s((), shapes), []
-    for k in cycle(some):
+    left = 60 * minutes - times.session_s((), shapes)
+    made: list[int] = []
+    for k in cycle(some.tolist()):
         left -= float(times.press_s[k])
         if left < 0:
             return np.array(made, dtype=np.int64)
