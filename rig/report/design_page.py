@@ -21,7 +21,7 @@ from rig.design.design_text import (
 )
 from rig.design.power import PowerRow
 from rig.report.page_parts import PageFigure, Section, alone, render
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, signed
+from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, signed
 
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE)
 _MOST_NAMED = 9  # candidates whose cells have numbers
@@ -107,7 +107,7 @@ def curves(found: Design) -> Plot:
                 axes.errorbar(minutes, 100 * share, 100 * error, color=color, marker="o", ms=4, lw=1, label=name)
         left.set_ylabel("failures (%)")
         right.set_ylabel("truth in the set (%)")
-        right.axhline(90, color=GREY, lw=0.8, ls=":")
+        right.axhline(90, color=GREY, lw=0.8, ls=DOTTED)
         right.set_ylim(None, 101)
         left.set_ylim(-1, None)
         for axes in (left, right):
