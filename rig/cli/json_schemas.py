@@ -1069,6 +1069,7 @@ class SampleSizeJson(Output):
 
     minutes: float
     presses: int
+    repeats: float
     fibers: int
     few: Ratio
     few_error: Ratio

@@ -42,11 +42,15 @@ class OrderedDesign(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Confusion:
-    """Outcome of simulated experiments: `truth` (s,), and the log evidence (s, candidates)."""
+    """Outcome of simulated experiments: `truth` (s,), and the log evidence (s, candidates).
+
+    Of the presses, `different` ones differ.
+    """
 
     name: str
     minutes: float
     presses: int
+    different: int
     candidates: tuple[str, ...]
     truth: Ints
     log_evidence: Array
@@ -163,7 +167,16 @@ def expected_confusion(
             evidence[:, :, c] = found
             effective[:, truth == c] = counted
     return [
-        Confusion(design.name, design.minutes, len(design.order), tuple(candidates), truth, evidence[d], effective[d])
+        Confusion(
+            design.name,
+            design.minutes,
+            len(design.order),
+            len(np.unique(design.order)),
+            tuple(candidates),
+            truth,
+            evidence[d],
+            effective[d],
+        )
         for d, design in enumerate(designs)
     ]
 

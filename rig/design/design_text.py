@@ -146,9 +146,10 @@ def power_lines(rows: list[PowerRow]) -> list[str]:
     lines = []
     for minutes in dict.fromkeys(row.minutes for row in rows):
         few, one = (needed(rows, minutes, alone=alone) for alone in (False, True))
-        presses = next(row.presses for row in rows if row.minutes == minutes)
+        first = next(row for row in rows if row.minutes == minutes)
         lines.append(
-            f"{minutes:g} min, {presses} presses a fiber: {_fibers(few)} to two candidates, {_fibers(one)} to one"
+            f"{minutes:g} min, {first.presses} presses a fiber, {first.repeats:.1f} of each: {_fibers(few)} to two "
+            f"candidates, {_fibers(one)} to one"
         )
     return [f"fibers for {100 * POWER:.0f} % power", *lines]
 

@@ -21,11 +21,12 @@ class PowerRow(NamedTuple):
     """Success with so many fibers, each recorded for the same time.
 
     `few` is the share of experiments whose set has the truth and at most one other candidate, `one` of those whose
-    set is the truth alone; with Monte Carlo errors.
+    set is the truth alone; with Monte Carlo errors. `repeats` is the mean number of times that a press is made.
     """
 
     minutes: float
     presses: int
+    repeats: float
     fibers: int
     few: float
     few_error: float
@@ -60,7 +61,14 @@ def _row(outcome: Confusion, fibers: int, seed: int) -> PowerRow:
     independent = len(outcome.truth) / fibers  # experiments that share no fiber
     few, one = (float((kept & (left <= most)).mean()) for most in (LEFT_OVER, 1))
     return PowerRow(
-        outcome.minutes, outcome.presses, fibers, few, _error(few, independent), one, _error(one, independent)
+        outcome.minutes,
+        outcome.presses,
+        outcome.presses / outcome.different,
+        fibers,
+        few,
+        _error(few, independent),
+        one,
+        _error(one, independent),
     )
 
 

@@ -212,12 +212,14 @@ def _power(rows: Sequence[PowerRow]) -> Section:
     return Section(
         "Sample sizes",
         "Share of experiments whose 95 % set has the truth and at most one other candidate, and the truth alone. The "
-        "fibers of an experiment share the candidate and nothing else. Repeats are presses over different presses.",
-        ("minutes a fiber", "presses a fiber", "fibers", "truth and at most one other", "truth alone"),
+        "fibers of an experiment share the candidate and nothing else. Repeats are the mean number of times "
+        "that a press is made.",
+        ("minutes a fiber", "presses a fiber", "repeats", "fibers", "truth and at most one other", "truth alone"),
         tuple(
             (
                 f"{row.minutes:g}",
                 str(row.presses),
+                f"{row.repeats:.1f}",
                 str(row.fibers),
                 percent(row.few, row.few_error),
                 percent(row.one, row.one_error),

@@ -97,10 +97,11 @@ def test_more_fibers_never_know_less() -> None:
     truth = np.repeat(np.arange(3), 200)
     evidence = chance.normal(size=(600, 3))
     evidence[np.arange(600), truth] += 1.0
-    outcome = Confusion("designed", 10.0, 20, THREE, truth, evidence, np.ones(600))
+    outcome = Confusion("designed", 10.0, 20, 10, THREE, truth, evidence, np.ones(600))
     rows = power_rows([outcome], 1)
     assert [row.fibers for row in rows] == [1, 2, 3, 4, 6, 8, 12]
     assert all(later.one > before.one for before, later in pairwise(rows))
+    assert {row.repeats for row in rows} == {2.0}
     assert rows[0].one == pytest.approx(0.1, abs=0.15)
     assert rows[-1].few > 0.95
 
