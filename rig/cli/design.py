@@ -56,7 +56,7 @@ def command(
         typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
     ] = None,
     shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3",
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, 1 to 240 min.")] = 20.0,
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Number of minutes of the session, 1 to 240.")] = 20.0,
     depths_mm: Annotated[
         str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
     ] = None,
@@ -84,8 +84,8 @@ def command(
         typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
     ] = "20,100",
     threshold: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Threshold, as a share of ε there.", rich_help_panel=_FIBER)
-    ] = "0,0.5",
+        str, typer.Option(metavar="LOW,HIGH", help="Threshold, in % of ε there.", rich_help_panel=_FIBER)
+    ] = "0,50",
     receptor_x_mm: Annotated[
         str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)
     ] = "-0.5,0.5",
@@ -98,16 +98,16 @@ def command(
     ] = "1.5",
     drift: Annotated[
         float,
-        typer.Option(metavar="SD", help="Drift of the gain in ten minutes, as a share.", rich_help_panel=_FIBER),
-    ] = 0.1,
+        typer.Option(metavar="PERCENT", help="Drift of the gain in ten minutes, sd in %.", rich_help_panel=_FIBER),
+    ] = 10.0,
     hold_s: Annotated[
-        float, typer.Option(metavar="S", help="Hold, in which spikes are counted.", rich_help_panel=_TIME)
+        float, typer.Option(metavar="S", help="Hold, in which spikes are counted, in s.", rich_help_panel=_TIME)
     ] = 1.0,
     rest_s: Annotated[
-        float, typer.Option(metavar="S", help="Rest after each press: the washout.", rich_help_panel=_TIME)
+        float, typer.Option(metavar="S", help="Rest after each press, the washout, in s.", rich_help_panel=_TIME)
     ] = 2.0,
     change_s: Annotated[
-        float, typer.Option(metavar="S", help="Time to change the indentor.", rich_help_panel=_TIME)
+        float, typer.Option(metavar="S", help="Time to change the indentor, in s.", rich_help_panel=_TIME)
     ] = 60.0,
     as_json: JsonOption = False,
 ) -> None:
@@ -129,11 +129,11 @@ def command(
             kind="doi_mm" if forces_gwt is None else "force_gwt",
             unknowns=Unknowns(
                 _range("--rate-per-s", rate_per_s, 0.1, 1000),
-                _range("--threshold", threshold, 0, 0.95),
+                _percent(_range("--threshold", threshold, 0, 95)),
                 _range("--receptor-x-mm", receptor_x_mm, -5, 5),
                 _range("--receptor-below-mm", receptor_below_mm, 0.02, 3),
                 _range("--dispersion", dispersion, 0.05, 20),
-                _between("--drift", drift, 0, 1),
+                _between("--drift", drift, 0, 100) / 100,
             ),
             hold_s=_between("--hold-s", hold_s, 0.05, 60),
             rest_s=_between("--rest-s", rest_s, 0, 3600),
@@ -252,6 +252,10 @@ def _range(option: str, text: str, low: float, high: float) -> tuple[float, floa
             code="bad_range", option=option, value=text, low=low, high=high,
         )  # fmt: skip
     return ends[0], ends[-1]
+
+
+def _percent(ends: tuple[float, float]) -> tuple[float, float]:
+    return ends[0] / 100, ends[1] / 100
 
 
 def _command(context: typer.Context, to: Path) -> str:

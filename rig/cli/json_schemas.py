@@ -1037,7 +1037,7 @@ class DesignOutcomeJson(Output):
     """
 
     design: Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
-    minutes: float
+    session_s: float
     presses: int
     experiments: int
     failed: Ratio
@@ -1067,9 +1067,9 @@ class NotSeparatedJson(Output):
 class SampleSizeJson(Output):
     """Experiments with so many fibers: share with the truth and at most one other candidate in the set, and alone."""
 
-    minutes: float
+    session_s: float
     presses: int
-    repeats: float
+    repeats: Ratio
     fibers: int
     few: Ratio
     few_error: Ratio
@@ -1085,7 +1085,7 @@ class DesignJson(Output):
     duration_s: float
     candidates: list[Candidate]
     shapes: list[Shape]
-    minutes: float
+    session_s: float
     seed: int
     quick: bool
     possible_presses: int
@@ -1093,7 +1093,7 @@ class DesignJson(Output):
     fingers: int
     presses: list[DesignedPressJson]
     information_bits: float
-    effective_draws: float
+    effective_draws: Ratio
     """Of the true candidate's evidence, in nine of ten experiments at least."""
     outcomes: list[DesignOutcomeJson]
     confusion: ConfusionJson
@@ -1120,7 +1120,7 @@ class SessionJson(Output):
 
     candidates: list[JudgedCandidateJson]
     presses: int
-    effective_draws: float
+    effective_draws: Ratio
 
 
 class StudyJson(Output):

@@ -79,7 +79,7 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
     return {
         "candidates": list(request.candidates),
         "shapes": list(dict.fromkeys(press.shape for press in found.presses)),
-        "minutes": request.minutes,
+        "session_s": 60 * request.minutes,
         "seed": request.seed,
         "quick": request.quick,
         "possible_presses": len(found.table.presses),
@@ -101,8 +101,13 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
         "separated_from": SEPARATED,
         "dependence": found.dependence,
         "carried_over": found.carried_over,
-        "power": [row._asdict() for row in rows],
+        "power": [_power(row) for row in rows],
     }
+
+
+def _power(row: PowerRow) -> dict[str, Any]:
+    found = row._asdict()
+    return {"session_s": 60 * found.pop("minutes"), **found}
 
 
 def _outcome(one: Confusion) -> dict[str, Any]:
@@ -111,7 +116,7 @@ def _outcome(one: Confusion) -> dict[str, Any]:
     right, right_error = share_and_error(one.right)
     return {
         "design": one.name,
-        "minutes": one.minutes,
+        "session_s": 60 * one.minutes,
         "presses": one.presses,
         "experiments": len(one.truth),
         "failed": failed,
