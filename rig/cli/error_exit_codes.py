@@ -14,6 +14,7 @@ BAD_INPUT = {
     "rig.data.lsl:LslMissingError",
     "rig.compare.exceptions:RecordingError",
     "rig.compare.exceptions:ComparisonError",
+    "rig.design.exceptions:DesignError",
     "rig.study.exceptions:StudyError",
     "rig.study.exceptions:WorkersError",
     "sim.contact.shapes:ShapeError",

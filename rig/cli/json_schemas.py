@@ -37,6 +37,7 @@ SUFFIXES: Mapping[str, str] = UNITS | {
     "pa_per_pseudo": "Pa per pseudo-unit",
     "mpa": "MPa",
     "pseudo": "pseudo-unit",
+    "bits": "bit",
     "mb": "MB",
     "bytes": "bytes",
     "hz": "1/s",
@@ -1056,6 +1057,109 @@ class IndentJson(Output):
     code: NotRequired[Code]
 
 
+class DesignedPressJson(Output):
+    """A press of a design, in order."""
+
+    shape: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+
+
+class DesignOutcomeJson(Output):
+    """Simulated experiments of a design; shares with their Monte Carlo errors.
+
+    An experiment fails if the truth is not in the 95 % set, or more than two candidates are.
+    """
+
+    design: Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
+    session_s: float
+    presses: int
+    experiments: int
+    failed: Ratio
+    failed_error: Ratio
+    truth_in_set: Ratio
+    truth_in_set_error: Ratio
+    right: Ratio
+    right_error: Ratio
+
+
+class ConfusionJson(Output):
+    """Share of experiments (row: true, column: most probable) and its Monte Carlo error."""
+
+    true: list[Candidate]
+    share: list[list[Ratio]]
+    error: list[list[Ratio]]
+
+
+class NotSeparatedJson(Output):
+    """A pair between which all presses in an hour choose wrongly too often."""
+
+    one: Candidate
+    other: Candidate
+    right: Ratio
+
+
+class SampleSizeJson(Output):
+    """Experiments with so many fibers: share with the truth and at most one other candidate in the set, and alone."""
+
+    session_s: float
+    presses: int
+    repeats: Ratio
+    fibers: int
+    few: Ratio
+    few_error: Ratio
+    one: Ratio
+    one_error: Ratio
+
+
+class DesignJson(Output):
+    """A design of presses, its script and its page."""
+
+    script: File
+    report: File
+    duration_s: float
+    candidates: list[Candidate]
+    shapes: list[Shape]
+    session_s: float
+    seed: int
+    quick: bool
+    possible_presses: int
+    refused_presses: int
+    fingers: int
+    presses: list[DesignedPressJson]
+    information_bits: float
+    effective_draws: Ratio
+    """Of the true candidate's evidence, in nine of ten experiments at least."""
+    outcomes: list[DesignOutcomeJson]
+    confusion: ConfusionJson
+    not_separated: list[NotSeparatedJson]
+    separated_from: Ratio
+    dependence: Ratio
+    carried_over: Ratio | None
+    power: list[SampleSizeJson]
+    wall_s: float
+
+
+class JudgedCandidateJson(Output):
+    """A candidate after the counts of a session."""
+
+    name: Candidate
+    probability: Ratio
+    in_set: bool
+    p_fit: Ratio
+    """Probability of a worse fit if this candidate is the truth."""
+
+
+class SessionJson(Output):
+    """Verdict on the counts of a designed session, with --counts; most probable first."""
+
+    candidates: list[JudgedCandidateJson]
+    presses: int
+    effective_draws: Ratio
+
+
 class StudyJson(Output):
     """A parameter study."""
 
@@ -1667,6 +1771,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "run": (FinishedRunJson,),
     "identify": (IdentificationJson,),
     "check": (CheckJson,),
+    "design": (DesignJson, SessionJson),
     "resume": (FinishedRunJson,),
     "nerve": (NerveJson,),
     "compare": (CompareJson, GroupJson),

@@ -41,6 +41,7 @@ COMMANDS = {
         "identify_finger.identify_command", "Identify the finger from a few light presses.", "Experiment"
     ),
     "check": Command("run.check_command", "Check a protocol against the limits without motion.", "Experiment"),
+    "design": Command("design.command", "Choose presses that distinguish candidate measures.", "Experiment"),
     "resume": Command("run.resume_command", "Resume a stopped run and do the remaining steps.", "Experiment"),
     "nerve": Command("nerve.nerve_command", "Add spikes of simulated afferents to a run.", "Results"),
     "compare": Command("compare.command", "Compare runs with recordings and write a report.", "Results"),

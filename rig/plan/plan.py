@@ -87,11 +87,13 @@ def make_plan(
     before: Run | None = None,
     folder: Path | None = None,
     told: Callable[[int], None] = lambda steps: None,
+    known: Predictions | None = None,
 ) -> Plan:
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
-    copies of shape files are used. told: called with the number of steps so far.
+    copies of shape files are used. told: called with the number of steps so far. known: predictions that are not
+    solved again; further ones are added.
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(
@@ -100,7 +102,7 @@ def make_plan(
             path=str(script.path),
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
-    plan = Plan(first_soft_trip_n=first_soft_trip_n)
+    plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
     where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)

@@ -52,6 +52,7 @@ WORDS = {
     "run": "mine.py --config rig.toml --yes --mounted bar:3.0",
     "identify": "--dry-run --config finger.toml --to found.toml --presses 4",
     "check": "mine.py --config finger.toml",
+    "design": "--candidates ep1,sed --shapes bar:3.0 --minutes 5 --quick --config finger.toml",
     "resume": "stopped",
     "nerve": "runs/RUN",
     "compare": "runs/RUN",

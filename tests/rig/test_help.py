@@ -11,7 +11,7 @@ from rig.cli import program
 from rig.cli.program import COMMANDS
 from tests.program import Program
 
-COLUMNS, LINES, COMMAND_LINES = 80, 55, 60
+COLUMNS, LINES, COMMAND_LINES = 80, 56, 60
 SHORTEST = 3  # words
 LONGEST = 60  # characters of a command's line
 ABSENT = re.compile(r"Default: |Give this or --")
@@ -25,7 +25,7 @@ TRANSLATED = re.compile(
 OF_TEXT = ("--tol", "--window-s", "--receptor-depth-mm", "--receptor-x-mm", "--receptor-z-mm", "--range",
            "--depth-range-mm", "--offset-mm", "--threshold")  # fmt: skip
 """Options that hold numbers as text."""
-DIMENSIONLESS = ("--tol", "--friction")
+DIMENSIONLESS = ("--tol", "--friction", "--dispersion")
 
 
 def _command(name: str) -> Any:

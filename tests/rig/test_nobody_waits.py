@@ -52,6 +52,7 @@ WALK = {
     "run": Walked("mine.py --config rig.toml --yes", LOAD),
     "identify": Walked("--dry-run --to finger.toml", LOAD),
     "check": Walked("mine.py", LOAD),
+    "design": Walked("--quick --minutes 5", LOAD),
     "resume": Walked("run", "rig.cli.run.read_stopped", own=False),
     "nerve": Walked("run", LOAD),
     "compare": Walked("run", LOAD),

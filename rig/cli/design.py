@@ -1,0 +1,270 @@
+"""`rig design`: which presses would distinguish candidate measures in the minutes available."""
+
+import shlex
+import time
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import typer
+
+from rig.cli.options import (
+    FingerConfigOption,
+    FingerFileOption,
+    ForceFingerOption,
+    JsonOption,
+    checked_file,
+    numbers,
+)
+from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
+from rig.cli.progress import counted
+from rig.compare.plausible_fingers import read_plausible
+from rig.data.folder import replace_text
+from rig.design.checked_script import checked_script
+from rig.design.confusion import share_and_error
+from rig.design.design import DEPTHS_MM, DesignRequest, design, judged
+from rig.design.design_text import (
+    about_the_design,
+    headline,
+    percent,
+    power_lines,
+    quick_line,
+    separation_line,
+    verdict_lines,
+)
+from rig.design.design_text import (
+    as_json as design_as_json,
+)
+from rig.design.exceptions import DesignError
+from rig.design.fibers import Unknowns
+from rig.design.power import power_rows
+from rig.design.recorded_counts import SessionVerdict
+from rig.errors import BadInputError
+from rig.plan.config import load_config, with_finger
+from rig.report.design_page import DesignPage, write_design_page
+from sim.measures.measures import MEASURES
+
+T = TypeVar("T")
+
+_FIBER, _TIME = "The fiber", "Time"
+
+
+def command(
+    context: typer.Context,
+    candidates: Annotated[
+        str | None,
+        typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
+    ] = None,
+    shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3",
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Number of minutes of the session, 1 to 240.")] = 20.0,
+    depths_mm: Annotated[
+        str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
+    ] = None,
+    forces_gwt: Annotated[
+        str | None, typer.Option(metavar="F,F", help="Forces to choose from, in gwt, instead of depths.")
+    ] = None,
+    config: FingerConfigOption = None,
+    finger_file: FingerFileOption = None,
+    force: ForceFingerOption = False,
+    fingers: Annotated[
+        Path | None, typer.Option(metavar="TOML", help="Plausible fingers, as in rig compare.")
+    ] = None,
+    to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py"),
+    out_file: Annotated[
+        Path | None, typer.Option("--out", metavar="HTML", help="Page. Default: beside the script.")
+    ] = None,
+    counts: Annotated[
+        Path | None, typer.Option(metavar="CSV", help="Counts of the session: judge them instead of designing.")
+    ] = None,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1,
+    quick: Annotated[bool, typer.Option("--quick", help="Choose more coarsely, in a sixth of the time.")] = False,
+    power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False,
+    rate_per_s: Annotated[
+        str,
+        typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
+    ] = "20,100",
+    threshold: Annotated[
+        str, typer.Option(metavar="LOW,HIGH", help="Threshold, in % of ε there.", rich_help_panel=_FIBER)
+    ] = "0,50",
+    receptor_x_mm: Annotated[
+        str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)
+    ] = "-0.5,0.5",
+    receptor_below_mm: Annotated[
+        str, typer.Option(metavar="LOW,HIGH", help="Depth below the epidermis, in mm.", rich_help_panel=_FIBER)
+    ] = "0.1,0.7",
+    dispersion: Annotated[
+        str,
+        typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER),
+    ] = "1.5",
+    drift: Annotated[
+        float,
+        typer.Option(metavar="PERCENT", help="Drift of the gain in ten minutes, sd in %.", rich_help_panel=_FIBER),
+    ] = 10.0,
+    hold_s: Annotated[
+        float, typer.Option(metavar="S", help="Hold, in which spikes are counted, in s.", rich_help_panel=_TIME)
+    ] = 1.0,
+    rest_s: Annotated[
+        float, typer.Option(metavar="S", help="Rest after each press, the washout, in s.", rich_help_panel=_TIME)
+    ] = 2.0,
+    change_s: Annotated[
+        float, typer.Option(metavar="S", help="Time to change the indentor, in s.", rich_help_panel=_TIME)
+    ] = 60.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Choose presses, check them, and write a protocol script and a page."""
+    with one_line_errors(as_json=as_json):
+        began = time.perf_counter()
+        page_file = to.with_suffix(".html") if out_file is None else out_file
+        checked_file("--to", to)
+        checked_file("--out", page_file)
+        if depths_mm is not None and forces_gwt is not None:
+            raise BadInputError(
+                "{option} and {other} cannot be combined; remove one",
+                code="cannot_combine", option="--depths-mm", other="--forces-gwt",
+            )  # fmt: skip
+        option, targets = ("--depths-mm", depths_mm) if forces_gwt is None else ("--forces-gwt", forces_gwt)
+        request = DesignRequest(
+            shapes=_names(shapes),
+            minutes=_between("--minutes", minutes, 1, 240),
+            kind="doi_mm" if forces_gwt is None else "force_gwt",
+            unknowns=Unknowns(
+                _range("--rate-per-s", rate_per_s, 0.1, 1000),
+                _percent(_range("--threshold", threshold, 0, 95)),
+                _range("--receptor-x-mm", receptor_x_mm, -5, 5),
+                _range("--receptor-below-mm", receptor_below_mm, 0.02, 3),
+                _range("--dispersion", dispersion, 0.05, 20),
+                _between("--drift", drift, 0, 100) / 100,
+            ),
+            hold_s=_between("--hold-s", hold_s, 0.05, 60),
+            rest_s=_between("--rest-s", rest_s, 0, 3600),
+            change_s=_between("--change-s", change_s, 0, 3600),
+            seed=seed,
+            quick=quick,
+            candidates=MEASURES if candidates is None else _names(candidates),
+            targets=DEPTHS_MM if targets is None else tuple(sorted(set(numbers(option, targets)))),
+        )
+        request.refuse()
+        settings = with_finger(load_config(config), finger_file, force=force)
+        plausible = None if fingers is None else read_plausible(fingers)
+        with busy(THE_FINGER, as_json=as_json):
+            from sim.models.fingertip import Fingertip
+
+            finger = Fingertip.load(settings.finger)
+        with _Shown(as_json=as_json) as shown:
+            if counts is not None:
+                verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
+            else:
+                found = design(request, settings, finger, plausible, shown.count, shown.progress)
+        if counts is not None:
+            _print_verdict(verdict, as_json=as_json)
+            return
+        words = _command(context, to)
+        with busy("checking and rehearsing the script …", as_json=as_json):
+            script = checked_script(found, settings, finger, about_the_design(found), words)
+        found = script.design
+        rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
+        with busy("writing the script and the page …", as_json=as_json):
+            replace_text(to, script.text)
+            write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))
+        if as_json:
+            files = {"script": str(to), "report": str(page_file), "duration_s": script.duration_s}
+            print_json(files | design_as_json(found, rows) | {"wall_s": time.perf_counter() - began})
+            return
+        kept = percent(*share_and_error(found.outcome.kept))
+        lines: dict[str, Any] = {
+            "design": headline(found),
+            "truth": f"in the set in {kept}",
+            "pairs": separation_line(found),
+            "power": power_lines(rows) if power else [],
+            "quick": quick_line(found) or [],
+            "presses": about_the_design(found),
+            "duration": f"{script.duration_s:.0f} s, {'predicted' if quick else 'rehearsed'}, with changes of shape",
+            "script": str(to),
+            "report": str(page_file),
+        }
+        for about, words_of in lines.items():
+            for line in words_of if isinstance(words_of, list) else [words_of]:
+                out.print(f"{about:<10}{line}")
+
+
+def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
+    if as_json:
+        rows = [row._asdict() for row in verdict.candidates]
+        print_json({"candidates": rows, "presses": verdict.presses, "effective_draws": verdict.effective})
+        return
+    for line in verdict_lines(verdict):
+        out.print(line)
+
+
+class _Shown:
+    """Progress of a design: of tables by tasks, of all else by parts."""
+
+    def __init__(self, *, as_json: bool) -> None:
+        self._quiet = as_json
+        self._busy: Any = None
+        self._what = ""
+        self._now: Activity | None = None
+
+    def __enter__(self) -> "_Shown":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._close()
+
+    def count(self, answers: Iterable[T], total: int, what: str, /) -> Iterator[T]:
+        """Yield the results of tasks."""
+        self._close()
+        return counted(answers, total, what, quiet=self._quiet)
+
+    def progress(self, what: str, done: int, total: int) -> None:
+        """Show how far a part is."""
+        if what != self._what or self._now is None:
+            self._close()
+            self._what = what
+            self._busy = busy(what, as_json=self._quiet, total=total)
+            self._now = self._busy.__enter__()
+        self._now.at(done, total)
+
+    def _close(self) -> None:
+        if self._busy is not None:
+            self._busy.__exit__(None, None, None)
+        self._busy, self._now = None, None
+
+
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(one.strip() for one in text.split(","))
+
+
+def _between(option: str, value: float, low: float, high: float) -> float:
+    if not low <= value <= high:
+        raise BadInputError(
+            "{option} {value:g}: must be {low:g} to {high:g}",
+            code="outside_range", option=option, value=value, low=low, high=high,
+        )  # fmt: skip
+    return value
+
+
+def _range(option: str, text: str, low: float, high: float) -> tuple[float, float]:
+    ends = numbers(option, text)
+    if len(ends) not in (1, 2) or not low <= ends[0] <= ends[-1] <= high:
+        raise DesignError(
+            "{option} {value}: must be one number, or the lower and the higher one, within {low:g} to {high:g}",
+            code="bad_range", option=option, value=text, low=low, high=high,
+        )  # fmt: skip
+    return ends[0], ends[-1]
+
+
+def _percent(ends: tuple[float, float]) -> tuple[float, float]:
+    return ends[0] / 100, ends[1] / 100
+
+
+def _command(context: typer.Context, to: Path) -> str:
+    """Return the command line that makes the same design."""
+    words = ["rig", "design"]
+    for one in context.command.params:
+        source = context.get_parameter_source(str(one.name))
+        if source is None or source.name != "COMMANDLINE" or one.name == "as_json":
+            continue
+        value = context.params[str(one.name)]
+        words += [one.opts[0]] if value is True else [f"{one.opts[0]}={value}"]
+    return shlex.join(words)

@@ -1,0 +1,1 @@
+"""Presses that distinguish candidate measures: expected information, choice, expected confusion."""

@@ -1,0 +1,165 @@
+"""A design in words, for the terminal and the page, and as JSON."""
+
+from typing import Any
+
+from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
+from rig.design.design import DESIGNED, Design
+from rig.design.power import POWER, PowerRow, needed
+from rig.design.recorded_counts import FITS, SessionVerdict
+
+FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
+
+
+def headline(found: Design) -> str:
+    """Return the answer in one sentence."""
+    failed, error = share_and_error(found.outcome.failed)
+    usual = [one for one in found.outcomes if one.minutes == found.request.minutes and one.name != DESIGNED]
+    best = min(usual, key=lambda one: float(one.failed.mean()))
+    return (
+        f"{len(found.made.order)} presses in {found.request.minutes:g} minutes fail in {percent(failed, error)} of "
+        f"experiments; the best usual design, {best.name}, fails in {percent(*share_and_error(best.failed))}."
+    )
+
+
+def percent(share: float, error: float) -> str:
+    """Format a share with its Monte Carlo error, e.g. "3.1 ± 0.9 %"."""
+    digits = 0 if error >= 0.01 else 1
+    return f"{100 * share:.{digits}f} ± {max(100 * error, 0.1):.{digits}f} %"
+
+
+def about_the_design(found: Design) -> str:
+    """Return what the presses are for and of, as a paragraph of the script."""
+    made = found.presses
+    per_shape = ", ".join(f"{sum(p.shape == s for p in made)} with {s}" for s in dict.fromkeys(p.shape for p in made))
+    return (
+        f"Candidates: {', '.join(found.request.candidates)}. {len(made)} presses in {found.request.minutes:g} "
+        f"minutes: {per_shape}. Seed {found.request.seed}."
+    )
+
+
+def separation_line(found: Design) -> str:
+    """Return which pairs all presses in an hour do not separate."""
+    pairs = found.bound.not_separated()
+    if not pairs:
+        return f"All presses in {found.bound.minutes:g} minutes separate every pair of candidates."
+    named = ", ".join(f"{a} and {b}" for a, b, _ in pairs)
+    return f"Not even all presses in {found.bound.minutes:g} minutes separate {named}."
+
+
+def quick_line(found: Design) -> str | None:
+    """Return what a quick design gives up; None for a full one."""
+    if not found.request.quick:
+        return None
+    _, error = share_and_error(found.outcome.failed)
+    return (
+        "The choice is coarser, without exchange, and for one duration only; its failures are known to "
+        f"{100 * error:.1f} points. docs/design.md has the measured loss."
+    )
+
+
+def history_line(found: Design) -> str:
+    """Return how presses depend on the one before, and how far relaxation carries over."""
+    rest = found.request.rest_s
+    if found.carried_over is None:
+        carries = (
+            "The configured finger does not relax; set virtual.relaxation, or identify it, to see the carry-over."
+        )
+    else:
+        carries = f"Relaxation lowers the force of the next press by {100 * found.carried_over:.1f} %."
+    return (
+        "Of 300 random orders of each block, the script has the one in which depth and position depend least on the "
+        f"press before (|r| ≤ {found.dependence:.2f}). Washout: the approach and a rest of {rest:g} s. {carries}"
+    )
+
+
+def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
+    """Return the design as JSON, without the names of files."""
+    request = found.request
+    outcome = found.outcome
+    return {
+        "candidates": list(request.candidates),
+        "shapes": list(dict.fromkeys(press.shape for press in found.presses)),
+        "session_s": 60 * request.minutes,
+        "seed": request.seed,
+        "quick": request.quick,
+        "possible_presses": len(found.table.presses),
+        "refused_presses": found.possible - len(found.table.presses),
+        "fingers": found.fingers,
+        "presses": [
+            {"shape": p.shape, "x_mm": p.x_mm, "target": p.kind, "value": p.target, "unit": p.kind.rpartition("_")[2]}
+            for p in found.presses
+        ],
+        "information_bits": outcome.bits,
+        "effective_draws": float(sorted(outcome.effective)[len(outcome.effective) // 10]),
+        "outcomes": [_outcome(one) for one in (*found.outcomes, found.bound)],
+        "confusion": {
+            "true": list(outcome.candidates),
+            "share": outcome.matrix.tolist(),
+            "error": outcome.error.tolist(),
+        },
+        "not_separated": [{"one": a, "other": b, "right": share} for a, b, share in found.bound.not_separated()],
+        "separated_from": SEPARATED,
+        "dependence": found.dependence,
+        "carried_over": found.carried_over,
+        "power": [_power(row) for row in rows],
+    }
+
+
+def _power(row: PowerRow) -> dict[str, Any]:
+    found = row._asdict()
+    return {"session_s": 60 * found.pop("minutes"), **found}
+
+
+def _outcome(one: Confusion) -> dict[str, Any]:
+    failed, failed_error = share_and_error(one.failed)
+    kept, kept_error = share_and_error(one.kept)
+    right, right_error = share_and_error(one.right)
+    return {
+        "design": one.name,
+        "session_s": 60 * one.minutes,
+        "presses": one.presses,
+        "experiments": len(one.truth),
+        "failed": failed,
+        "failed_error": failed_error,
+        "truth_in_set": kept,
+        "truth_in_set_error": kept_error,
+        "right": right,
+        "right_error": right_error,
+    }
+
+
+def verdict_lines(verdict: SessionVerdict) -> list[str]:
+    """Return the verdict on the counts of a session: the set in a sentence, then the probabilities."""
+    inside = [row for row in verdict.candidates if row.in_set]
+    best = inside[0]
+    named = ", ".join(row.name for row in inside)
+    left = f"{named} explain{'s' if len(inside) == 1 else ''} these counts"
+    lines = [f"{'set':<10}{left} ({verdict.presses} presses); together they have 95 % of the probability"]
+    if best.p_fit < FITS:
+        lines = [
+            f"{'set':<10}no candidate explains these counts: {best.name}, the most probable one, misfits (p = "
+            f"{best.p_fit:.1g})"
+        ]
+    lines += [
+        f"{row.name:<10}{100 * row.probability:.1f} %, p of its fit {row.p_fit:.2g}" for row in verdict.candidates
+    ]
+    return lines
+
+
+def power_lines(rows: list[PowerRow]) -> list[str]:
+    """Return a line for each duration: the fewest fibers for the power, to few candidates and to one."""
+    lines = []
+    for minutes in dict.fromkeys(row.minutes for row in rows):
+        few, one = (needed(rows, minutes, alone=alone) for alone in (False, True))
+        first = next(row for row in rows if row.minutes == minutes)
+        lines.append(
+            f"{minutes:g} min, {first.presses} presses a fiber, {first.repeats:.1f} of each: {_fibers(few)} to two "
+            f"candidates, {_fibers(one)} to one"
+        )
+    return [f"fibers for {100 * POWER:.0f} % power", *lines]
+
+
+def _fibers(row: PowerRow | None) -> str:
+    if row is None:
+        return "more than 12 fibers"
+    return f"{row.fibers} fiber{'s' if row.fibers > 1 else ''}"

@@ -1,0 +1,139 @@
+"""Verdict on a fiber from the counts of a designed session."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc
+
+from rig.compare.recordings.columns import no_rows, read_table
+from rig.design.counts import TEN_MINUTES_S, CountModel
+from rig.design.fibers import FiberDraws, draw_fibers, log_rates, relative_rates
+from rig.design.posterior import CandidatePosterior, in_set
+from rig.design.press_times import PressTimes
+from rig.design.presses import PossiblePress
+from rig.design.response_table import ResponseTable
+from sim.contact.shapes import shape_name
+
+Array = NDArray[np.float64]
+
+_DECIMALS = 3
+_PARAMETERS = 4  # gain, threshold, x and depth
+
+
+class CountedPress(NamedTuple):
+    """Number of a possible press, and the spikes in its hold."""
+
+    press: int
+    spikes: float
+
+
+class CandidateVerdict(NamedTuple):
+    """A candidate after the counts; `p_fit` is the probability of a worse fit if it is the truth."""
+
+    name: str
+    probability: float
+    in_set: bool
+    p_fit: float
+
+
+class SessionVerdict(NamedTuple):
+    """Candidates after a session, most probable first, and the effective draws of the first one's evidence."""
+
+    candidates: tuple[CandidateVerdict, ...]
+    presses: int
+    effective: float
+
+
+def read_counts(path: Path, presses: Sequence[PossiblePress]) -> list[CountedPress]:
+    """Return the counts of a table with the columns shape, x_mm, doi_mm or force_gwt, and count, in order of time.
+
+    Raises RecordingError, naming row and column.
+    """
+    kind = presses[0].kind
+    columns = ("shape", "x_mm", kind, "count")
+    number = {
+        (shape_name(one.shape), round(one.x_mm, _DECIMALS), round(one.target, _DECIMALS)): k
+        for k, one in enumerate(presses)
+    }
+    names = {shape_name(one.shape) for one in presses}
+    found = []
+    for row in read_table(path, columns, others=True):
+        x_mm, target, count = row.number("x_mm"), row.number(kind), row.number("count", 0.0)
+        if count != round(count):
+            raise row.wrong("count", "no_whole_number", "a whole number of spikes")
+        shape = row.cells["shape"].strip()
+        if shape not in {one.shape for one in presses} | names:
+            raise row.wrong("shape", "shape_not_designed", "one of {shapes}", shapes=", ".join(sorted(names)))
+        at = shape_name(shape), round(x_mm, _DECIMALS), round(target, _DECIMALS)
+        if at not in number:
+            raise row.wrong("x_mm", "press_not_designed", "that of a possible press of this shape to this target")
+        found.append(CountedPress(number[at], count))
+    if not found:
+        raise no_rows(path, "a count")
+    return found
+
+
+def session_verdict(
+    table: ResponseTable,
+    times: PressTimes,
+    candidates: Sequence[str],
+    model: CountModel,
+    counted: Sequence[CountedPress],
+    draws: int,
+    seed: int,
+) -> SessionVerdict:
+    """Return the verdict on counts in order of time."""
+    known = draw_fibers(draws, table, model.unknowns, seed + 19)
+    used, column = np.unique([one.press for one in counted], return_inverse=True)
+    log_rate = np.stack([log_rates(relative_rates(table, name, known)[:, used]) for name in candidates])
+    took_s = times.press_s[[one.press for one in counted]]
+    tau = (np.cumsum(took_s) - took_s / 2 - took_s.sum() / 2) / TEN_MINUTES_S
+    now = CandidatePosterior.before(model, known, log_rate, float(took_s.sum()) / 60)
+    for k, one, at in zip(column.tolist(), counted, tau.tolist(), strict=True):
+        now = now.updated(k, np.array([one.spikes]), at)
+    likelihood, probability = now.log_likelihood[:, 0], now.probabilities
+    inside = in_set(probability)[0]
+    count = np.array([one.spikes for one in counted])
+    rows = [
+        CandidateVerdict(
+            name,
+            float(probability[0, c]),
+            bool(inside[c]),
+            _p_fit(now, log_rate[c], known, int(likelihood[c].argmax()), column, count, tau),
+        )
+        for c, name in enumerate(candidates)
+    ]
+    best = likelihood[int(probability[0].argmax())]
+    share = np.exp(best - best.max())
+    return SessionVerdict(
+        tuple(sorted(rows, key=lambda row: -row.probability)),
+        len(counted),
+        float(share.sum() ** 2 / (share**2).sum()),
+    )
+
+
+def _p_fit(
+    now: CandidatePosterior,
+    log_rate: NDArray[np.float32],
+    known: FiberDraws,
+    likeliest: int,
+    column: NDArray[np.int64],
+    count: Array,
+    tau: Array,
+) -> float:
+    """Return the probability of a larger Pearson's statistic than that of the likeliest fiber among the draws."""
+    model = now.model
+    dispersion = model.unknowns.dispersions[known.level]
+    exposure = model.exposure_s(log_rate, known.drift, now.sums)
+    shape, rate = model.gain_posterior(now.sums, exposure, dispersion)
+    gain = shape[0, likeliest] / rate[likeliest]
+    mean = model.window_s * gain * np.exp(log_rate[likeliest, column] + known.drift[likeliest] * tau)
+    statistic = float(((count - mean) ** 2 / (dispersion[likeliest] * (mean + 0.5))).sum())
+    return float(chdtrc(max(len(count) - _PARAMETERS, 1), statistic))
+
+
+FITS = 0.01
+"""p of a fit below which a candidate does not explain the counts."""

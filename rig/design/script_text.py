@@ -1,0 +1,98 @@
+"""Text of the protocol script of a design, and its check: plan and rehearsal before it is written."""
+
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.design.presses import PossiblePress
+
+_HEAD = '''"""{title}
+
+{about}
+"""
+
+from rig.protocol import Field, ProtocolParameters, Rig
+
+METADATA = {{
+    "title": "Designed presses",
+    "source": {source},
+}}
+
+# Shape, then x (mm) and {target} of its presses, in order.
+BLOCKS = (
+'''
+
+_TAIL = '''
+
+class Parameters(ProtocolParameters):
+    """What `--set` may change."""
+
+    hold_s: float = Field({hold_s:g}, ge=0, le=60, description="hold of each press, in s: the window of the counts")
+    rest_s: float = Field({rest_s:g}, ge=0, le=3600, description="rest after each press, in s: the washout")
+
+
+def run(rig: Rig) -> None:
+    """Mount each shape once, zero, and make its presses with a rest after each."""
+    p = rig.parameters
+    for number, (shape, presses) in enumerate(BLOCKS, 1):
+        rig.mount(shape)
+        if number == 1:
+            rig.home()
+        rig.checkpoint(f"block {{number}} of {{len(BLOCKS)}}: {{shape}}")
+        rig.zero()
+        for x_mm, {kind} in presses:
+            rig.move_to(x_mm=x_mm)
+            rig.indent({kind}={kind}, hold_s=p.hold_s)
+            rig.rest(p.rest_s)
+'''
+
+_WIDTH = 116
+
+
+def script_text(
+    blocks: Sequence[NDArray[np.int64]],
+    presses: Sequence[PossiblePress],
+    about: str,
+    command: str,
+    hold_s: float,
+    rest_s: float,
+) -> str:
+    """Return the script of presses in blocks, each of one shape."""
+    kind = presses[0].kind
+    target = {"doi_mm": "depth (mm)", "force_gwt": "force (gwt)"}[kind]
+    head = _HEAD.format(
+        title="Presses chosen to distinguish candidate measures; written by `rig design`.",
+        about=textwrap.fill(about, _WIDTH),
+        source=_literal(command),
+        target=target,
+    )
+    lines = []
+    for block in blocks:
+        pairs = ", ".join(f"({presses[k].x_mm:g}, {presses[k].target:g})" for k in block)
+        wrapped = textwrap.wrap(pairs + ",", _WIDTH - 8, break_long_words=False)
+        wrapped = _whole_pairs(wrapped)
+        lines += [f"    ({_literal(presses[block[0]].shape)}, ("]
+        lines += [f"        {line}" for line in wrapped]
+        lines += ["    )),"]
+    return head + "\n".join(lines) + "\n)\n" + _TAIL.format(kind=kind, hold_s=hold_s, rest_s=rest_s)
+
+
+def _whole_pairs(lines: Sequence[str]) -> list[str]:
+    """Return the lines, none of which breaks between the two numbers of a press."""
+    found: list[str] = []
+    rest = ""
+    for line in lines:
+        line = f"{rest} {line}".strip()
+        rest = ""
+        if line.rfind("(") > line.rfind(")"):
+            at = line.rfind("(")
+            line, rest = line[:at].rstrip(), line[at:]
+        found.append(line)
+    return [line for line in (*found, rest) if line]
+
+
+def _literal(text: str) -> str:
+    """Return a Python literal in double quotes."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -1,0 +1,256 @@
+"""Page of a design: expected confusion against minutes beside usual designs, and what each press adds."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Canvas
+
+from rig.data.folder import replace_text
+from rig.design.confusion import Confusion, share_and_error
+from rig.design.design import BOUND_MIN, Design
+from rig.design.design_text import (
+    FAILS,
+    about_the_design,
+    headline,
+    history_line,
+    percent,
+    quick_line,
+    separation_line,
+)
+from rig.design.power import PowerRow
+from rig.report.page_parts import PageFigure, Section, alone, render
+from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, signed
+
+_COLORS = (BLUE, ORANGE, GREEN, PURPLE)
+_MOST_NAMED = 9  # candidates whose cells have numbers
+
+
+@dataclass(frozen=True)
+class DesignPage:
+    """Content of the page: the design, its script and rehearsed duration, sample sizes, and the command."""
+
+    design: Design
+    script: str
+    duration_s: float
+    power: Sequence[PowerRow]
+    command: str
+
+
+def write_design_page(path: Path, page: DesignPage) -> None:
+    """Write one self-contained page. Raises OSError."""
+    found = page.design
+    request = found.request
+    sections = [
+        Section(
+            "The design",
+            f"{about_the_design(found)} The session takes {page.duration_s:.0f} s, {request.change_s:g} s for each "
+            f"change of indentor included. An experiment fails if {FAILS}.",
+            ("shape", "x (mm)", _target(found), "repeats", "one more adds (bits)"),
+            _press_rows(found),
+        ),
+        *([Section("What a quick design gives up", quick_line(found) or "")] if request.quick else []),
+        *figure_sections(page),
+        Section(
+            "Beside other designs",
+            "Failures, and how often the truth is in the set, with the Monte Carlo error of the simulation. The last "
+            f"row has all {len(found.table.presses)} possible presses in {BOUND_MIN:g} minutes: no design of this "
+            "bench can do much better.",
+            ("design", "minutes", "presses", "failures", "truth in the set", "most probable is the truth"),
+            tuple(_outcome_row(one) for one in (*found.outcomes, found.bound)),
+        ),
+        _pairs(found),
+        *([_power(page.power)] if page.power else []),
+        Section("Order and history", history_line(found)),
+        _assumptions(found, page.command),
+    ]
+    about = f"{headline(found)} {separation_line(found)}"
+    title = f"Presses to distinguish {len(request.candidates)} candidates"
+    replace_text(path, render("identification.html.j2", title=title, about=about, sections=sections))
+
+
+def figure_sections(page: DesignPage) -> list[Section]:
+    """Return the figures with their headings."""
+    found = page.design
+    figures = [PageFigure("Expected confusion", confusion(found.outcome), _CONFUSION)]
+    if len(found.durations) > 1:
+        figures.insert(0, PageFigure("Failures against minutes", curves(found), _CURVES))
+    figures.append(PageFigure("What each group of presses adds", growth(found), _GROWTH))
+    return [alone(one) for one in figures]
+
+
+_CURVES = (
+    "Share of simulated experiments that fail, and that have the truth in their set, with one standard error of the "
+    "simulation. Dotted: 90 %."
+)
+_CONFUSION = (
+    "Share of experiments in which the column is the most probable candidate, when the row is true. Every row has as "
+    "many experiments."
+)
+_GROWTH = (
+    "Information about the candidate as the design grew, before presses were exchanged, on the simulated data that "
+    "it was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation."
+)
+
+
+def curves(found: Design) -> Plot:
+    """Plot failures and coverage of every design against minutes."""
+
+    def draw(figure: Canvas) -> None:
+        left, right = figure.subplots(1, 2)
+        for color, name in zip(_COLORS, found.names, strict=False):
+            mine = [found.at(name, minutes) for minutes in found.durations if _has(found, name, minutes)]
+            minutes = [one.minutes for one in mine]
+            for axes, kind in ((left, "failed"), (right, "kept")):
+                share, error = np.array([share_and_error(getattr(one, kind)) for one in mine]).T
+                axes.errorbar(minutes, 100 * share, 100 * error, color=color, marker="o", ms=4, lw=1, label=name)
+        left.set_ylabel("failures (%)")
+        right.set_ylabel("truth in the set (%)")
+        right.axhline(90, color=GREY, lw=0.8, ls=DOTTED)
+        right.set_ylim(None, 101)
+        left.set_ylim(-1, None)
+        for axes in (left, right):
+            axes.set_xscale("log")
+            axes.set_xticks(found.durations, [f"{m:g}" for m in found.durations])
+            axes.minorticks_off()
+            axes.set_xlabel("session (min)")
+        left.legend()
+
+    return Plot((10.2, 3.6), draw)
+
+
+def _has(found: Design, name: str, minutes: float) -> bool:
+    return any(one.name == name and one.minutes == minutes for one in found.outcomes)
+
+
+def confusion(outcome: Confusion) -> Plot:
+    """Plot the confusion matrix."""
+    n = len(outcome.candidates)
+    side = max(3.2, 0.32 * n + 1.4)
+
+    def draw(figure: Canvas) -> None:
+        axes = figure.subplots()
+        shown = axes.imshow(100 * outcome.matrix, vmin=0, vmax=100, cmap="Blues")
+        axes.set_xticks(range(n), outcome.candidates, rotation=60, ha="right")
+        axes.set_yticks(range(n), outcome.candidates)
+        axes.set_xlabel("most probable")
+        axes.set_ylabel("true")
+        for row in range(n):
+            for column in range(n):
+                share = 100 * outcome.matrix[row, column]
+                if share >= 0.5 and (n <= _MOST_NAMED or row != column):
+                    text = f"{share:.0f}" + (f" ± {100 * outcome.error[row, column]:.0f}" if n <= _MOST_NAMED else "")
+                    axes.text(
+                        column,
+                        row,
+                        text,
+                        ha="center",
+                        va="center",
+                        fontsize=7,
+                        color="white" if share > 60 else "black",
+                    )
+        figure.colorbar(shown, ax=axes, label="experiments (%)", shrink=0.8)
+
+    return Plot((side + 1.4, side), draw)
+
+
+def growth(found: Design) -> Plot:
+    """Plot information against the number of presses, as the design grew."""
+    steps = found.chosen.steps
+    number = np.cumsum([len(step.presses) for step in steps])
+
+    def draw(figure: Canvas) -> None:
+        axes = figure.subplots()
+        axes.plot([0, *number], [0.0, *(step.bits for step in steps)], "o-", color=BLUE, ms=3, lw=1)
+        axes.axhline(np.log2(len(found.request.candidates)), color=GREY, lw=0.8, ls="--")
+        axes.set_xlabel("presses")
+        axes.set_ylabel("information (bits)")
+        axes.set_ylim(0, None)
+
+    return Plot((6.4, 3.2), draw)
+
+
+def _target(found: Design) -> str:
+    return {"doi_mm": "depth (mm)", "force_gwt": "force (gwt)"}[found.table.presses[0].kind]
+
+
+def _press_rows(found: Design) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    made = found.made.order.tolist()
+    for k in sorted(set(made), key=lambda one: (made.index(one) // 10**6, found.table.presses[one])):
+        press = found.table.presses[k]
+        rows.append(
+            (
+                press.shape,
+                signed(press.x_mm),
+                as_number(press.target),
+                str(made.count(k)),
+                as_number(max(float(found.chosen.told[k]), 0.0), 2),
+            )
+        )
+    return tuple(rows)
+
+
+def _outcome_row(one: Confusion) -> tuple[str, ...]:
+    shares = (percent(*share_and_error(flags)) for flags in (one.failed, one.kept, one.right))
+    return (one.name, f"{one.minutes:g}", str(one.presses), *shares)
+
+
+def _pairs(found: Design) -> Section:
+    rows = tuple((a, b, f"{100 * share:.0f} %") for a, b, share in found.bound.not_separated())
+    return Section(
+        "Pairs that this bench cannot separate",
+        f"{separation_line(found)} A pair is separated if the choice between the two is right in 80 % of "
+        "experiments.",
+        ("one", "other", "right choices"),
+        rows,
+    )
+
+
+def _power(rows: Sequence[PowerRow]) -> Section:
+    return Section(
+        "Sample sizes",
+        "Share of experiments whose 95 % set has the truth and at most one other candidate, and the truth alone. The "
+        "fibers of an experiment share the candidate and nothing else. Repeats are the mean number of times "
+        "that a press is made.",
+        ("minutes a fiber", "presses a fiber", "repeats", "fibers", "truth and at most one other", "truth alone"),
+        tuple(
+            (
+                f"{row.minutes:g}",
+                str(row.presses),
+                f"{row.repeats:.1f}",
+                str(row.fibers),
+                percent(row.few, row.few_error),
+                percent(row.one, row.one_error),
+            )
+            for row in rows
+        ),
+    )
+
+
+def _assumptions(found: Design, command: str) -> Section:
+    u = found.request.unknowns
+    least = np.quantile(found.outcome.effective, 0.1)
+    points = (
+        "A fiber fires at R = max(0, k(ε − ε₀)). Its rate at the strongest press on this bench is "
+        f"{_between(u.rate_per_s)} spikes/s, and ε₀ is {_between(u.threshold)} of ε there.",
+        f"The receptor lies at x = {_between(u.x_mm)} mm from the center of the pad, {_between(u.below_mm)} mm below "
+        "the epidermis, in the receptor plane.",
+        f"Counts in {found.request.hold_s:g} s have {_between(u.dispersion)} times the variance of Poisson's. The "
+        f"gain drifts by a standard deviation of {100 * u.drift:.0f} % in ten minutes.",
+        f"{found.fingers} finger{'s' if found.fingers > 1 else ''}: "
+        + (
+            "interpolated quadratically between them." if found.fingers > 1 else "the configured one is the true one."
+        ),
+        "Shear strains may have either sign. The rate rises with every other measure, in the sign of its plots.",
+        "All candidates are equally probable beforehand, and one of them is true.",
+        f"The evidence of a candidate is a mean over draws of fibers, of which {as_number(float(least), 2)} count "
+        "effectively in nine of ten experiments; below 2 the confusion is overestimated.",
+    )
+    return Section("Assumptions", f"This command makes the same design: {command}", points=points)
+
+
+def _between(ends: tuple[float, float]) -> str:
+    low, high = (as_number(one) for one in ends)
+    return low if low == high else f"{low} to {high}"

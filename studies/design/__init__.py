@@ -1,0 +1,1 @@
+"""What designed presses are worth."""
