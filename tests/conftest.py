@@ -26,7 +26,7 @@ from matplotlib.figure import Figure
 import sim.models.cache as model_cache
 from rig.cli import durations, output
 from rig.cli.program import LOOKED_THROUGH
-from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
+from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import Plan
@@ -595,6 +595,6 @@ def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rig.cli.compare.stimulus_maps", _unsolved)
 
 
-def _unsolved(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
+def _unsolved(run: Run, finger: Fingertip, stimuli: Sequence[StimulusRow]) -> list[StimulusMap]:
     corners, receptors, values = np.zeros((2, 2, 2)), np.zeros((1, 2)), dict.fromkeys(MAPPED, np.zeros((1, 1)))
     return [StimulusMap(one, float(one.x_mm[0]), corners, receptors, values) for one in stimuli]

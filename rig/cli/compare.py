@@ -26,7 +26,7 @@ from rig.compare.receptor_place import Sought, places, sought_in
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
+from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions, sentence
 from rig.compare.wider_run import with_wider_runs
@@ -324,7 +324,7 @@ class Answered:
 
     run: Run
     finger: Fingertip
-    stimuli: list[Stimulus]
+    stimuli: list[StimulusRow]
 
 
 def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:

@@ -12,7 +12,7 @@ from rig.compare.likelihood import Form
 from rig.compare.make_verdict import Laid, afferents, answers, laid
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
 from rig.errors import BadInputError
@@ -34,7 +34,7 @@ class GroupInput(NamedTuple):
     path: Path
     mirror: Sequence[str]
     runs: Sequence[Run]
-    stimuli: Sequence[Stimulus]
+    stimuli: Sequence[StimulusRow]
     reading: Reading
     command: str
 

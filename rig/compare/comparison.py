@@ -15,7 +15,7 @@ from rig.compare.fit import Fit, Flags, correlation, fit_all, in_play
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.profile_shape_test import THRESHOLD, shape_flags
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import FAMILIES, Stimulus
+from rig.compare.stimuli import FAMILIES, StimulusRow
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain
 
@@ -37,7 +37,7 @@ NEAR_CENTRE_MM = 0.25
 class Overlay:
     """Recording aligned with the SSRPs of one stimulus, in the frame x_indentor = position + x_receptor."""
 
-    stimulus: Stimulus
+    stimulus: StimulusRow
     recording: Recording
 
     @cached_property
@@ -116,11 +116,11 @@ class Joint:
 class Comparison:
     """Stimuli in order, with the recordings that belong to them."""
 
-    stimuli: tuple[Stimulus, ...]
+    stimuli: tuple[StimulusRow, ...]
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
     normalised: bool = False  # rates of each family have their own unit
-    wider: Mapping[Stimulus, "WiderRun"] = field(default_factory=dict)
+    wider: Mapping[StimulusRow, "WiderRun"] = field(default_factory=dict)
     """Range that would cover more of the recording, for stimuli that leave positions out."""
 
     @property
@@ -141,12 +141,12 @@ class Comparison:
         return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
 
     @property
-    def judged(self) -> list[Stimulus]:
+    def judged(self) -> list[StimulusRow]:
         """Stimuli to report: a shape test is defined, or a recording exists."""
         recorded = [overlay.stimulus for overlay in self.overlays]
         return [s for s in self.stimuli if s in recorded or self.passes(s) is not None]
 
-    def passes(self, stimulus: Stimulus, threshold: float = THRESHOLD) -> Flags | None:
+    def passes(self, stimulus: StimulusRow, threshold: float = THRESHOLD) -> Flags | None:
         """Return (18, receptors) results of the shape test, or None if none is defined."""
         key = stimulus, threshold
         if key not in self._passed:
@@ -154,7 +154,7 @@ class Comparison:
             self._passed[key] = shape_flags(stimulus.indentor, stimulus.x_mm, profiles, threshold)
         return self._passed[key]
 
-    def candidates(self, threshold: float = THRESHOLD, stimuli: Sequence[Stimulus] | None = None) -> list[str]:
+    def candidates(self, threshold: float = THRESHOLD, stimuli: Sequence[StimulusRow] | None = None) -> list[str]:
         """Return measures that pass at one receptor under every step, and at one near x = 0 under every bar.
 
         `stimuli` defaults to all. The list is empty if there is neither a step nor a bar.
@@ -182,15 +182,15 @@ class Comparison:
         return [(_conditions(group), _collinear(group)) for group in moved]
 
     @cached_property
-    def _passed(self) -> dict[tuple[Stimulus, float], Flags | None]:
+    def _passed(self) -> dict[tuple[StimulusRow, float], Flags | None]:
         """Return the results of the shape test, computed once per stimulus and threshold."""
         return {}
 
     @cached_property
-    def _groups(self) -> list[list[Stimulus]]:
+    def _groups(self) -> list[list[StimulusRow]]:
         return [list(group) for _, group in groupby(self.stimuli, key=_group)]
 
-    def _passing(self, family: str, threshold: float, stimuli: Sequence[Stimulus]) -> Flags | None:
+    def _passing(self, family: str, threshold: float, stimuli: Sequence[StimulusRow]) -> Flags | None:
         """Return (18,) flags of measures that pass at some receptor under every stimulus of a family."""
         flags = []
         for stimulus in stimuli:
@@ -202,7 +202,7 @@ class Comparison:
 
 
 def compare(
-    stimuli: Sequence[Stimulus],
+    stimuli: Sequence[StimulusRow],
     recordings: Mapping[str, Recording],
     *,
     normalise: bool = False,
@@ -226,7 +226,7 @@ def compare(
     return Comparison(ordered, overlays, plausible, normalise)
 
 
-def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
+def _refuse_twins(ordered: Sequence[StimulusRow]) -> None:
     for one, other in pairwise(ordered):
         if (_group(one), one.shape) == (_group(other), other.shape):
             raise ComparisonError(
@@ -238,7 +238,7 @@ def _refuse_twins(ordered: Sequence[Stimulus]) -> None:
             )
 
 
-def _refuse_strays(ordered: Sequence[Stimulus], recordings: Mapping[str, Recording]) -> None:
+def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Recording]) -> None:
     held = {stimulus.shape for stimulus in ordered}
     conditions = {f"{stimulus.shape}@{stimulus.condition}" for stimulus in ordered}
     for shape in recordings:
@@ -259,13 +259,13 @@ def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
     return {s: found.normalised(families[s.partition(":")[0]] or 1.0) for s, found in recordings.items()}
 
 
-def _group(stimulus: Stimulus) -> tuple[str, str, float]:
+def _group(stimulus: StimulusRow) -> tuple[str, str, float]:
     """Return the group of stimuli that are tested together."""
     family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
     return family, stimulus.kind, stimulus.commanded
 
 
-def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
+def _collinear(group: Sequence[StimulusRow]) -> list[list[str]]:
     values = np.concatenate([stimulus.measures.reshape(len(MEASURES), -1) for stimulus in group], axis=1)
     with np.errstate(invalid="ignore", divide="ignore"):  # a constant measure is collinear with none
         linked = np.abs(np.corrcoef(values)) >= COLLINEAR
@@ -274,7 +274,7 @@ def _collinear(group: Sequence[Stimulus]) -> list[list[str]]:
     return [names for names in groups if len(names) > 1]
 
 
-def _conditions(group: Sequence[Stimulus]) -> str:
+def _conditions(group: Sequence[StimulusRow]) -> str:
     """Return the title of a group, e.g. "step:1, step:3, step:5 at 8 gwt"."""
     return f"{', '.join(stimulus.indentor for stimulus in group)} at {group[0].condition}"
 

@@ -13,7 +13,7 @@ from rig.compare.intervals import ConfidenceLimits
 from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.profile_shape_test import THRESHOLDS
-from rig.compare.stimuli import CONTROL_UNITS, Stimulus
+from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.plan.config import unit
@@ -47,7 +47,7 @@ def measure_unit(name: str) -> str:
     return unit_of(name) if name in MEASURES else CONTROL_UNITS.get(name, "")
 
 
-def _stimulus(stimulus: Stimulus) -> Row:
+def _stimulus(stimulus: StimulusRow) -> Row:
     return {
         "stimulus": stimulus.title,
         "shape": stimulus.indentor,
@@ -59,7 +59,7 @@ def _stimulus(stimulus: Stimulus) -> Row:
     }
 
 
-def _rows(comparison: Comparison, stimulus: Stimulus) -> list[dict[str, Any]]:
+def _rows(comparison: Comparison, stimulus: StimulusRow) -> list[dict[str, Any]]:
     """Return a row per measure and receptor; undefined values are None."""
     passed = comparison.passes(stimulus)
     overlay = next((p for p in comparison.overlays if p.stimulus is stimulus), None)
@@ -192,7 +192,7 @@ def threshold_rows(comparison: Comparison) -> list[dict[str, Any]]:
     ]
 
 
-def _count(comparison: Comparison, stimulus: Stimulus, threshold: float) -> int:
+def _count(comparison: Comparison, stimulus: StimulusRow, threshold: float) -> int:
     passed = comparison.passes(stimulus, threshold)
     return 0 if passed is None else int(passed.sum())
 

@@ -23,7 +23,7 @@ from rig.compare.model_confidence_set import Predicted, predicted_left_out, set_
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import read_srp
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import CONTROLS, Stimulus, answers_key, contact_regions, controls, on_widest_skin
+from rig.compare.stimuli import CONTROLS, StimulusRow, answers_key, contact_regions, controls, on_widest_skin
 from rig.compare.verdict import A_CONSTANT, LEVEL, titled
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
@@ -81,7 +81,7 @@ class Rehearsal:
     `MEASURES` in each.
     """
 
-    stimulus: Stimulus
+    stimulus: StimulusRow
     rates: Array
     speed_mm_s: float
 
@@ -186,7 +186,7 @@ def _rehearsal(finger: Fingertip, arrays: dict[str, Array], speed_mm_s: float) -
     n = len(arrays["x_mm"])
     receptors = finger.model.receptors.position_mm[:, 0].round(6) + 0.0
     doi_mm = np.full(n, DOI_MM)
-    stimulus = Stimulus(
+    stimulus = StimulusRow(
         "rehearsal", SHAPE, "doi_mm", DOI_MM, arrays["x_mm"], doi_mm, arrays["force_gwt"],
         np.moveaxis(arrays["measures"], 1, 0), receptors, arrays["skin_mm"], arrays["pressure"],
         arrays["regions_mm"], controls=np.moveaxis(arrays["controls"], 1, 0),

@@ -14,7 +14,7 @@ from rig.compare.intervals import ConfidenceLimits, limits
 from rig.compare.likelihood import Form, Observed, observed
 from rig.compare.model_confidence_set import Predicted, imitated, predicted_left_out, set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers
-from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import (
     A_CONSTANT,
     LEVEL,
@@ -219,7 +219,7 @@ def _least_squares_r2(eps: Array, rate: Array) -> float:
     return 1 - left / total if total > 0 else np.nan
 
 
-def _left_out(overlays: Sequence[Overlay], used: Flags, wider: Mapping[Stimulus, WiderRun]) -> tuple[LeftOut, ...]:
+def _left_out(overlays: Sequence[Overlay], used: Flags, wider: Mapping[StimulusRow, WiderRun]) -> tuple[LeftOut, ...]:
     """Return the positions that not every receptor in play covers."""
     ends = np.cumsum([len(overlay.recording.position_mm) for overlay in overlays])[:-1]
     found = []

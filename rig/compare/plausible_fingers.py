@@ -25,7 +25,7 @@ from pydantic import AfterValidator, Field
 
 from rig.compare.exceptions import FingersError
 from rig.compare.fit import Fit, fit_rates, predicted
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.plan.config import reraised_as
 from rig.plan.finger_file import TISSUE, FingerFile, finger_file_of, is_finger_file, refuse_flagged
@@ -398,8 +398,8 @@ class FingerWork:
 
 
 def on_plausible_fingers(
-    run: Run, pressed: Sequence[Stimulus], finger: Fingertip, plausible: PlausibleFingers, *, exact: bool = False
-) -> list[Stimulus]:
+    run: Run, pressed: Sequence[StimulusRow], finger: Fingertip, plausible: PlausibleFingers, *, exact: bool = False
+) -> list[StimulusRow]:
     """Return the stimuli of a run with their measures on the whole design, solved in parallel processes.
 
     The controlled quantity stays fixed: force or depth as commanded; on hardware, the force as recorded. Fingers that
@@ -427,7 +427,7 @@ def on_plausible_fingers(
     return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, measures, strict=True)]
 
 
-def _press_row(stimulus: Stimulus, virtual: bool) -> PressRow:
+def _press_row(stimulus: StimulusRow, virtual: bool) -> PressRow:
     kind = stimulus.kind if virtual else "force_gwt"
     target = stimulus.doi_mm if kind == "doi_mm" else stimulus.force_gwt
     return PressRow(stimulus.read_as, kind, tuple(stimulus.x_mm.tolist()), tuple(target.tolist()))

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -191,7 +191,7 @@ def candidates_by_chance(
     return float(np.logical_and.reduce([flags.any(axis=1) for flags in found.values()]).mean()) if found else None
 
 
-def chance_rows(stimuli: Sequence[Stimulus]) -> list[dict[str, Any]]:
+def chance_rows(stimuli: Sequence[StimulusRow]) -> list[dict[str, Any]]:
     """Return, for each stimulus with a shape test, the share of equally smooth random profiles that pass."""
     rows = []
     for stimulus in stimuli:

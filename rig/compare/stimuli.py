@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.data import Run
-from rig.plan.finger_model import Response, from_copy, responses
+from rig.plan.finger_model import PredictedHold, from_copy, responses
 from rig_shared.user_files import sha256_of
 from sim.contact.patch import X, Z
 from sim.contact.shapes import contents, parse_shape, shape_name
@@ -88,7 +88,7 @@ FAMILIES = ("step", "bar")
 
 
 @dataclass(frozen=True, eq=False)
-class Stimulus:
+class StimulusRow:
     """Indentor pressed to one depth or force at a row of positions.
 
     Arrays: `x_mm` (n,) ascending, `doi_mm` and `force_gwt` (n,), `measures` (18, n, receptors) in the signs of
@@ -187,7 +187,7 @@ _CACHED_AS = 5  # to be raised if the meaning of stored values changes
 _PER_POSITION = ("x_mm", "doi_mm", "force_gwt", "measures", "pressure", "controls")
 
 
-def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
+def stimuli(run: Run, finger: Fingertip) -> list[StimulusRow]:
     """Return the stimuli of a run at the last holds, one for each indentor and commanded depth or force.
 
     Presses at the same position are averaged; contact regions are those of the first. Responses are cached by the
@@ -208,7 +208,7 @@ def stimuli(run: Run, finger: Fingertip) -> list[Stimulus]:
     ]
 
 
-def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> Stimulus:
+def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> StimulusRow:
     x_mm = np.asarray(table["x_mm"][mine], dtype=float)
     _, first, place = np.unique(x_mm.round(_SAME_PLACE_DECIMALS), return_index=True, return_inverse=True)
     to_mean = (place == np.arange(place.max() + 1)[:, None]) / np.bincount(place)[:, None]
@@ -220,10 +220,10 @@ def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[
     receptor, skin = (np.asarray(table[name], dtype=float) for name in ("receptor_mm", "skin_mm"))
     regions = np.asarray(table["regions_mm"][mine][first], dtype=float)
     measures, control = np.moveaxis(measures, 1, 0), np.moveaxis(control, 1, 0)
-    return Stimulus(run, *what, x, doi, force, measures, receptor, skin, pressure, regions, controls=control)
+    return StimulusRow(run, *what, x, doi, force, measures, receptor, skin, pressure, regions, controls=control)
 
 
-def _table(found: list[Response]) -> Arrays:
+def _table(found: list[PredictedHold]) -> Arrays:
     """Return one row per response; measures (rows, 18, receptors) in the signs of `shown`."""
     if not found:
         return {"x_mm": np.empty(0)}
@@ -299,14 +299,14 @@ _SHOWN_POSITIONS = 3
 class StimulusMap:
     """Deformed section of a stimulus at one position: corners (n + 1, m + 1, 2), receptors (r, 2), values (n, m)."""
 
-    stimulus: Stimulus
+    stimulus: StimulusRow
     x_mm: float
     corner_mm: Array
     receptor_mm: Array
     values: dict[str, Array]  # in the signs of `shown`
 
 
-def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> list[StimulusMap]:
+def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[StimulusRow]) -> list[StimulusMap]:
     """Return maps at three positions of each stimulus, fewer for a shorter schedule; cached like responses."""
     scenes = [(stimulus, k) for stimulus in stimuli for k in _positions(len(stimulus.x_mm))]
     key = content_key(["stimulus maps", *MAPPED, _SHOWN_POSITIONS, responses_key(run, finger)])
@@ -315,7 +315,7 @@ def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[Stimulus]) -> l
     return [_from_arrays(stimulus, k, found, n) for n, (stimulus, k) in enumerate(scenes)]
 
 
-def _from_arrays(stimulus: Stimulus, k: int, found: dict[str, Array], n: int) -> StimulusMap:
+def _from_arrays(stimulus: StimulusRow, k: int, found: dict[str, Array], n: int) -> StimulusMap:
     values = {name: found[f"{name} {n}"] for name in MAPPED}
     return StimulusMap(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)
 
@@ -326,7 +326,7 @@ def _positions(n: int) -> list[int]:
     return sorted({int(k) for k in np.round(quarters * (n - 1))})
 
 
-def _arrays(finger: Fingertip, scenes: Sequence[tuple[Stimulus, int]]) -> Arrays:
+def _arrays(finger: Fingertip, scenes: Sequence[tuple[StimulusRow, int]]) -> Arrays:
     shapes = {name: parse_shape(name) for name in {s.read_as for s, _ in scenes}}
     results = [
         finger.indent(shapes[s.read_as], shapes[s.read_as].lateral_mm(float(s.x_mm[k])), doi_mm=float(s.doi_mm[k]))

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Overlay, left_out, range_needed
-from rig.compare.stimuli import Stimulus, answers_key
+from rig.compare.stimuli import StimulusRow, answers_key
 from rig.data import Run
 from rig.errors import RigError
 from rig.plan.config import Config, load_config
@@ -88,7 +88,7 @@ def wider_run(overlay: Overlay, run: Run, finger: Fingertip) -> WiderRun:
     return WiderRun(high, low, command, int(covered.sum()), bool(covered.all()), wider or bool(covered.all()))
 
 
-def _outwards(needed: tuple[float, float], stimulus: Stimulus) -> tuple[float, float]:
+def _outwards(needed: tuple[float, float], stimulus: StimulusRow) -> tuple[float, float]:
     """Return a range that also contains the run's own, with ends rounded outwards."""
     low, high = min(needed[0], stimulus.x_mm.min()), max(needed[1], stimulus.x_mm.max())
     return (
@@ -142,7 +142,7 @@ class _Planned:
     """The planner, asked for single positions and for whole ranges; every press is solved once."""
 
     def __init__(
-        self, stimulus: Stimulus, run: Run, finger: Fingertip, config: Config, script: Script | None
+        self, stimulus: StimulusRow, run: Run, finger: Fingertip, config: Config, script: Script | None
     ) -> None:
         self._stimulus, self._run, self._finger, self._config, self._script = stimulus, run, finger, config, script
         self._known: Predictions = {}

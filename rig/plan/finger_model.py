@@ -293,7 +293,7 @@ def kept_in(folder: Path, indentor: str) -> str:
 
 
 @dataclass(frozen=True)
-class Response:
+class PredictedHold:
     """Hold and the response of the model."""
 
     index: int
@@ -312,7 +312,7 @@ class Response:
         return f"{self.indentor} at {self.commanded:g} {unit}"
 
 
-def responses(run: Run, finger: "Fingertip", *, last_only: bool = False) -> list[Response]:
+def responses(run: Run, finger: "Fingertip", *, last_only: bool = False) -> list[PredictedHold]:
     """Return a response for each hold, or each last hold, of each finished indentation, in order.
 
     A virtual run is evaluated at the true x and DOI, a real run at the recorded force.
@@ -336,18 +336,18 @@ def responses(run: Run, finger: "Fingertip", *, last_only: bool = False) -> list
         else:
             result = finger.indent(shape, shape.lateral_mm(hold["x_mm"]), force_gwt=hold["force_gwt"])
         found.append(
-            Response(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
+            PredictedHold(index, indentor, start["target"], start["commanded"], last, hold, touches[index], result)
         )
     return found
 
 
-def by_group(found: list[Response]) -> dict[str, list[Response]]:
+def by_group(found: list[PredictedHold]) -> dict[str, list[PredictedHold]]:
     """Return the responses that differ only in position, ordered by x."""
     ordered = sorted(found, key=lambda r: (r.indentor, r.kind, r.commanded, r.hold["x_mm"]))
     return {name: list(members) for name, members in groupby(ordered, key=lambda r: r.group)}
 
 
-def measured(found: list[Response], measure: str) -> tuple[Array, Array]:
+def measured(found: list[PredictedHold], measure: str) -> tuple[Array, Array]:
     """Indentor positions (n,) mm and the raw measure (n, receptors): rows are population responses, columns SSRPs."""
     x = np.array([response.hold["x_mm"] for response in found])
     return x, np.array([response.result.receptor_measures[measure] for response in found])

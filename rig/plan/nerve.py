@@ -26,7 +26,7 @@ from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import spikes_of
 from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
-from sim.nerve.skin import PressedSkin, Signal, table_of_presses
+from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.staircase import Staircase
 
 Array = NDArray[np.float64]
@@ -208,7 +208,7 @@ class _Walk:
         self._contact_mm, self._bias_mm, self._true_x_mm = None, [], None
 
 
-class Table(NamedTuple):
+class DepthTable(NamedTuple):
     """Measures of all afferents against the depth over one place."""
 
     depths_mm: Array
@@ -267,7 +267,7 @@ def run_spikes(
             value = np.zeros((1, samples))
             for place, at, depth in depths:
                 table = tables[place]
-                skin = PressedSkin.of_values(table.depths_mm, table.values[:, k : k + 1])
+                skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, k : k + 1])
                 value[0, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1]))[:, 0]
             model = afferents.models[afferent.model]
             (own,) = spikes_of(model, Signal(MOST_STEP_S, value), [afferent.sensitivity], [[afferent.seed, number]])
@@ -289,7 +289,7 @@ def tables_of(
     finger: Fingertip,
     afferents: AfferentPopulation,
     told: Told = lambda done, of: None,
-) -> dict[tuple[str, float, float], Table]:
+) -> dict[tuple[str, float, float], DepthTable]:
     """Return the measures of all afferents at every place of a run."""
     deepest: dict[tuple[str, float, float], float] = {}
     for visit in found.visits:
@@ -304,7 +304,7 @@ def tables_of(
         z_mm = finger.config.receptor_plane_mm + along_mm if along_mm and Z in shape.axes else None
         presses = table_of_presses(finger, shapes[name], deepest_mm, shape.lateral_mm(x_mm), z_mm)
         fields = finger.fields(presses, points)
-        tables[place] = Table(
+        tables[place] = DepthTable(
             np.array([one.doi_mm for one in presses]), np.array([afferents.measure(one.measures) for one in fields])
         )
     return tables

@@ -16,7 +16,7 @@ from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.place_grid import PlaceRow, ReceptorLocation, in_mm, within
 from rig.compare.profile_shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.recordings.reading import sha256
-from rig.compare.stimuli import Stimulus, StimulusMap
+from rig.compare.stimuli import StimulusMap, StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
@@ -58,7 +58,7 @@ def shown_measures(comparison: Comparison, answers: Sequence[AfferentVerdict]) -
     return list(dict.fromkeys((*likeliest, *candidates, *SURVIVORS)))[:_MOST_SHOWN]
 
 
-def _moved(comparison: Comparison) -> list[Stimulus]:
+def _moved(comparison: Comparison) -> list[StimulusRow]:
     return [stimulus for stimulus in comparison.stimuli if len(stimulus.x_mm) > 1]
 
 
@@ -76,7 +76,7 @@ def _heat_maps(comparison: Comparison) -> list[PageFigure]:
     return figures_of(title, comparison.judged, profile_figures.CORRELATIONS_A_PAGE, draw, caption)
 
 
-def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> PageFigure:
+def _profiles(stimulus: StimulusRow, shown: Sequence[str], *, tested: bool) -> PageFigure:
     caption = (
         "One profile per receptor, shifted upwards. Dotted: the mean of the two ends; black tick: x of the receptor."
     )
@@ -90,7 +90,7 @@ def _profiles(stimulus: Stimulus, shown: Sequence[str], *, tested: bool) -> Page
     return PageFigure(f"SSRPs: {stimulus.title}", drawn, caption)
 
 
-def _population(stimulus: Stimulus, shown: Sequence[str]) -> PageFigure:
+def _population(stimulus: StimulusRow, shown: Sequence[str]) -> PageFigure:
     return PageFigure(
         f"Population responses: {stimulus.title}",
         profile_figures.populations(stimulus, shown),
@@ -100,7 +100,7 @@ def _population(stimulus: Stimulus, shown: Sequence[str]) -> PageFigure:
     )
 
 
-def _pressures(moved: Sequence[Stimulus]) -> list[PageFigure]:
+def _pressures(moved: Sequence[StimulusRow]) -> list[PageFigure]:
     return figures_of(
         "Pressure and contact regions along the schedules",
         moved,
@@ -235,7 +235,7 @@ def _by_condition(comparison: Comparison) -> tuple[str, ...]:
     return tuple(f"{name}: {', '.join(names) or 'none'}" for name, names in found) if len(found) > 1 else ()
 
 
-def _rows(comparison: Comparison, judged: list[Stimulus]) -> tuple[tuple[str, ...], ...]:
+def _rows(comparison: Comparison, judged: list[StimulusRow]) -> tuple[tuple[str, ...], ...]:
     candidates = comparison.candidates()
     passed = [(s.receptor_mm, comparison.passes(s)) for s in judged]
     return tuple(
@@ -248,7 +248,7 @@ def _rows(comparison: Comparison, judged: list[Stimulus]) -> tuple[tuple[str, ..
     )
 
 
-def _thresholds(comparison: Comparison, judged: list[Stimulus]) -> Section:
+def _thresholds(comparison: Comparison, judged: list[StimulusRow]) -> Section:
     receptors = len(comparison.stimuli[0].receptor_mm)
     return Section(
         "Dependence of the shape test on its threshold",

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, Overlay
 from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.profile_shape_test import THRESHOLD, shape_test
-from rig.compare.stimuli import MAPPED, Stimulus, StimulusMap
+from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.report.recording_sections import frame
 from rig.report.style import BLUE, DOTTED, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit
 from sim.measures.measures import MEASURES
@@ -34,20 +34,20 @@ _SCALE_IN = (0.25, 0.1)  # height above the figure's lower edge, and thickness
 _OUTLINED = [withStroke(linewidth=2.0, foreground="black")]
 
 
-def ssrps(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
+def ssrps(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
     """Plot a panel per measure: the stacked SSRPs of all receptors, with their shape-test results."""
     size = (3.4 * len(measures), min(1.2 + 0.42 * len(stimulus.receptor_mm), _HIGHEST_IN))
     return Plot(size, lambda figure: _ssrps(figure, stimulus, measures), layout=None)
 
 
-def populations(stimulus: Stimulus, measures: Sequence[str]) -> Plot:
+def populations(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
     """Plot measures at all receptors for each indentor position: lines if there are few, else images."""
     if _few(stimulus):
         return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
     return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures), layout=None)
 
 
-def _ssrps(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
+def _ssrps(figure: Figure, stimulus: StimulusRow, measures: Sequence[str]) -> None:
     panels = _PROFILES.panels(figure, 1, len(measures), sharex=True, sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         values = stimulus.measures[MEASURES.index(measure)]
@@ -62,7 +62,7 @@ def _ssrps(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     panels[0].set_ylabel("receptor x (mm)")
 
 
-def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
+def _one_ssrp(axes: Axes, stimulus: StimulusRow, profile: Array, k: int) -> None:
     """Plot a profile on its own baseline; the bar at its right end is as long as the smallest passing dip."""
     verdict = shape_test(stimulus.indentor, stimulus.x_mm, profile)
     base = 0.5 * float(profile[0] + profile[-1])
@@ -81,11 +81,11 @@ def _one_ssrp(axes: Axes, stimulus: Stimulus, profile: Array, k: int) -> None:
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 
 
-def _few(stimulus: Stimulus) -> bool:
+def _few(stimulus: StimulusRow) -> bool:
     return len(stimulus.x_mm) <= len(_MARKERS)
 
 
-def _lines(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
+def _lines(figure: Figure, stimulus: StimulusRow, measures: Sequence[str]) -> None:
     panels = figure.subplots(1, len(measures), squeeze=False)[0]
     positions = [float(x) for x in stimulus.x_mm]
     for axes, measure in zip(panels, measures, strict=True):
@@ -100,7 +100,7 @@ def _lines(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
     figure.legend(handles, names, loc="outside right upper", title="indentor x (mm)", **style)
 
 
-def _images(figure: Figure, stimulus: Stimulus, measures: Sequence[str]) -> None:
+def _images(figure: Figure, stimulus: StimulusRow, measures: Sequence[str]) -> None:
     panels = _IMAGES.panels(figure, 1, len(measures), sharey=True)[0]
     for axes, measure in zip(panels, measures, strict=True):
         image = _image(axes, stimulus, stimulus.measures[MEASURES.index(measure)])
@@ -120,7 +120,7 @@ def _below(figure: Figure, axes: Axes) -> Axes:
     return figure.add_axes((place.x0, _SCALE_IN[0] / height, place.width, _SCALE_IN[1] / height))
 
 
-def _image(axes: Axes, stimulus: Stimulus, values: Array) -> QuadMesh:
+def _image(axes: Axes, stimulus: StimulusRow, values: Array) -> QuadMesh:
     """Plot values (n, receptors); if they have both signs, zero is mid-scale and gets a contour."""
     at, of = stimulus.receptor_mm, stimulus.x_mm
     top = float(np.abs(values).max()) or 1.0
@@ -139,14 +139,14 @@ _MOST_RECEPTORS = 12
 _DARK = 0.5  # |r| beyond which black is illegible on the color map
 
 
-def correlations(comparison: Comparison, judged: Sequence[Stimulus]) -> Plot:
+def correlations(comparison: Comparison, judged: Sequence[StimulusRow]) -> Plot:
     """Plot Pearson's r of 18 measures × receptors for each stimulus, with a dot where the shape test is passed."""
     rows, columns = _grid(len(judged), 4)
     size = (1.2 + 2.35 * columns, 0.5 + 2.85 * rows)
     return Plot(size, lambda figure: _correlations(figure, comparison, judged, rows, columns))
 
 
-def pressure_maps(stimuli: Sequence[Stimulus]) -> Plot:
+def pressure_maps(stimuli: Sequence[StimulusRow]) -> Plot:
     """Plot pressure in the receptor plane for each position of each schedule, with the ends of contact regions."""
     rows, columns = _grid(len(stimuli), 3)
     size = (0.6 + 3.2 * columns, 0.45 + 1.95 * rows)
@@ -160,7 +160,7 @@ def _grid(panels: int, widest: int) -> tuple[int, int]:
 
 
 def _correlations(
-    figure: Figure, comparison: Comparison, judged: Sequence[Stimulus], rows: int, columns: int
+    figure: Figure, comparison: Comparison, judged: Sequence[StimulusRow], rows: int, columns: int
 ) -> None:
     panels = figure.subplots(rows, columns, squeeze=False, sharey=True).ravel()
     recorded = {overlay.stimulus: overlay for overlay in comparison.overlays}
@@ -176,7 +176,9 @@ def _correlations(
         figure.suptitle(frame(comparison.overlays), fontsize=7, color=GREY)
 
 
-def _heat_map(axes: Axes, stimulus: Stimulus, overlay: Overlay | None, passed: NDArray[np.bool_] | None) -> AxesImage:
+def _heat_map(
+    axes: Axes, stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np.bool_] | None
+) -> AxesImage:
     """Plot r where a receptor sees enough positions; its number of positions is beside its place."""
     n = len(stimulus.receptor_mm)
     used = np.zeros(n, dtype=int) if overlay is None else overlay.used
@@ -214,7 +216,7 @@ def _mark_negative(axes: Axes, r: Array) -> None:
         axes.plot(receptor, measure, "_", ms=10, mew=0.6, color=colour)
 
 
-def _pressure_maps(figure: Figure, stimuli: Sequence[Stimulus], rows: int, columns: int) -> None:
+def _pressure_maps(figure: Figure, stimuli: Sequence[StimulusRow], rows: int, columns: int) -> None:
     panels = figure.subplots(rows, columns, squeeze=False).ravel()
     for axes in panels[len(stimuli) :]:
         axes.set_visible(False)
@@ -227,7 +229,7 @@ def _pressure_maps(figure: Figure, stimuli: Sequence[Stimulus], rows: int, colum
     figure.supylabel("indentor x (mm)", fontsize=9)
 
 
-def _pressure_map(axes: Axes, stimulus: Stimulus) -> QuadMesh:
+def _pressure_map(axes: Axes, stimulus: StimulusRow) -> QuadMesh:
     at, of, pressure = stimulus.skin_mm, stimulus.x_mm, stimulus.pressure
     image = axes.pcolormesh(at, of, pressure, cmap="viridis", shading="nearest", rasterized=True, vmin=0)
     ends = [

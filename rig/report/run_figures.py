@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.data.tables import Span, spans
-from rig.plan.finger_model import Response, by_group, measured
+from rig.plan.finger_model import PredictedHold, by_group, measured
 from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, past_touch, samples_of
 from rig.report.style import (
     BLUE,
@@ -55,7 +55,7 @@ _HIGHEST_MM = 1.3
 """Height above the lowest point (mm) up to which an indentor is plotted."""
 
 
-def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
+def contact_panels(found: Sequence[Sequence[PredictedHold]], top: float) -> Plot:
     """Plot a panel per condition with its repeats superimposed; all pressure axes reach `top` (kPa)."""
     rows = -(-len(found) // _CONTACT_COLUMNS)
     columns = min(len(found), _CONTACT_COLUMNS)
@@ -63,7 +63,7 @@ def contact_panels(found: Sequence[Sequence[Response]], top: float) -> Plot:
     return Plot(size, lambda figure: _contact_panels(figure, found, top), layout=None)
 
 
-def highest_pressure(found: Sequence[Response]) -> float:
+def highest_pressure(found: Sequence[PredictedHold]) -> float:
     """Return the highest pressure in the receptor plane (kPa)."""
     return max((float(r.result.pressure_profile_kpa[1].max()) for r in found), default=0.0) or 1.0
 
@@ -85,7 +85,7 @@ def _lowest_mm(result: IndentationResult) -> float:
     return result.touch_height_mm - result.doi_mm
 
 
-def _contact_panels(figure: Figure, found: Sequence[Sequence[Response]], top: float) -> None:
+def _contact_panels(figure: Figure, found: Sequence[Sequence[PredictedHold]], top: float) -> None:
     scale = [tick for tick in MaxNLocator(3).tick_values(0, top) if 0 <= tick <= 1.02 * top]
     results = [one.result for repeats in found for one in repeats]
     across, heights = lateral_mm(results), heights_mm(results)
@@ -124,7 +124,7 @@ def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
     return figure.add_axes((left / width, bottom / height, _WIDE_IN / width, high_in / height))
 
 
-def _skin(axes: Axes, repeats: Sequence[Response], across: tuple[float, float]) -> None:
+def _skin(axes: Axes, repeats: Sequence[PredictedHold], across: tuple[float, float]) -> None:
     """Plot the first repeat's indentor and skin; repeats differ by less than the width of a line."""
     result = repeats[0].result
     (x, y), (undeformed, _) = result.skin_profile, result.pressure_profile
@@ -143,14 +143,14 @@ def _skin(axes: Axes, repeats: Sequence[Response], across: tuple[float, float]) 
     axes.set_title(_title(repeats), fontsize=7.5, y=1.02, pad=0)
 
 
-def _pressures(axes: Axes, repeats: Sequence[Response]) -> None:
+def _pressures(axes: Axes, repeats: Sequence[PredictedHold]) -> None:
     for response in repeats:
         undeformed, pressure = response.result.pressure_profile_kpa
         axes.plot(undeformed, pressure, color=BLUE, lw=0.8)
     axes.fill_between(undeformed, pressure, color=BLUE, alpha=0.25, lw=0)
 
 
-def _title(repeats: Sequence[Response]) -> str:
+def _title(repeats: Sequence[PredictedHold]) -> str:
     force, doi = ([r.hold[key] for r in repeats] for key in ("force_gwt", "doi_mm"))
     times = f"{len(repeats)} times, " if len(repeats) > 1 else ""
     return f"x = {signed(repeats[0].hold['x_mm'])} mm\n{times}{np.mean(force):.2f} gwt, DOI {np.mean(doi):.3f} mm"
@@ -419,17 +419,17 @@ _LEGEND_IN = 0.2  # height of one line of a legend
 _NAMES_A_LINE = 4
 
 
-def population_responses(found: list[Response]) -> Plot:
+def population_responses(found: list[PredictedHold]) -> Plot:
     """Plot ep1 and SED at all receptors, one line for each indentor position."""
     return Plot((9.6, 3.6), lambda figure: _population(figure, found), layout=None)
 
 
-def ssrps(found: list[Response], measure: str) -> Plot:
+def ssrps(found: list[PredictedHold], measure: str) -> Plot:
     """Plot the measure at each receptor against the indentor's position."""
     return Plot((10.2, 4.8), lambda figure: _ssrps(figure, found, measure), layout=None)
 
 
-def _population(figure: Figure, found: list[Response]) -> None:
+def _population(figure: Figure, found: list[PredictedHold]) -> None:
     """Plot lines colored by position if the indentor moved, else by commanded depth or force."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = by_group(found)
@@ -454,7 +454,7 @@ def _population(figure: Figure, found: list[Response]) -> None:
         _legend(figure, *panels[0].get_legend_handles_labels())
 
 
-def _ssrps(figure: Figure, found: list[Response], measure: str) -> None:
+def _ssrps(figure: Figure, found: list[PredictedHold], measure: str) -> None:
     """Plot one line for each indentor and commanded depth or force over its positions."""
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = {name: members for name, members in by_group(found).items() if len(members) > 1}

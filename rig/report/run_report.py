@@ -14,7 +14,7 @@ from rig.data.run import read_provenance
 from rig.data.spike_files import read_spikes
 from rig.plan.config import load_config
 from rig.plan.finger_file import TISSUE, Draw
-from rig.plan.finger_model import Response, by_group, responses
+from rig.plan.finger_model import PredictedHold, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import PredictionCheck, found
 from rig.report import run_figures, run_tables
@@ -94,7 +94,7 @@ def lacks_report(run: Run) -> bool:
 
 
 def _write_page(
-    run: Run, finger: Fingertip, found: list[Response], wall_s: float | None, ending: Mapping[str, str] | None
+    run: Run, finger: Fingertip, found: list[PredictedHold], wall_s: float | None, ending: Mapping[str, str] | None
 ) -> Path:
     provenance = read_provenance(run.folder, "devices")
     text = render(
@@ -120,7 +120,7 @@ def _write_page(
     return run.folder.report
 
 
-def run_page_figures(run: Run, found: list[Response]) -> list[PageFigure]:
+def run_page_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     """Return the figures of the page, in its order."""
     read = any(run.stream(stream) for stream in run_figures.SAMPLES)
     over_time = [_over_time(run)] if read else []
@@ -132,7 +132,7 @@ def run_page_figures(run: Run, found: list[Response]) -> list[PageFigure]:
     return [*pressed, *(_ssrp_figures(found) if moved else ()), *(nerve_figures(run, spikes) if spikes else ())]
 
 
-def _small_strain(found: Sequence[Response]) -> str:
+def _small_strain(found: Sequence[PredictedHold]) -> str:
     """Return the note on small strain for the deepest result; empty without a result."""
     deepest = max((response.result for response in found), key=lambda result: result.doi_mm, default=None)
     return "" if deepest is None else deepest.small_strain.note
@@ -171,7 +171,7 @@ def _press_figures(run: Run) -> list[PageFigure]:
     ]
 
 
-def _contact_figures(run: Run, found: list[Response]) -> list[PageFigure]:
+def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top = run_figures.highest_pressure(last)
     caption = (
@@ -210,18 +210,18 @@ def _contact_figures(run: Run, found: list[Response]) -> list[PageFigure]:
     ]
 
 
-def _repeats(members: Sequence[Condition], last: Sequence[Response]) -> list[list[Response]]:
+def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> list[list[PredictedHold]]:
     """Return the responses to each condition's repeats."""
     by_index = {response.index: response for response in last}
     return [[by_index[index] for index in condition.indices] for condition in members]
 
 
-def _title(response: Response) -> str:
+def _title(response: PredictedHold) -> str:
     result = response.result
     return f"x = {signed(result.x_mm)}, {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
 
 
-def _ssrp_figures(found: list[Response]) -> list[PageFigure]:
+def _ssrp_figures(found: list[PredictedHold]) -> list[PageFigure]:
     return [
         PageFigure(
             "SSRP of ep1",

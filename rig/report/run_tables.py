@@ -15,7 +15,7 @@ from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
 from rig.data.tables import booked_s, ramps, tables
-from rig.plan.finger_model import Response
+from rig.plan.finger_model import PredictedHold
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
 from rig_shared.user_files import read_text, toml_of
@@ -34,7 +34,7 @@ def numbers_missing(run: Run) -> bool:
     return not all(_file(run, name).exists() for name in COLUMNS)
 
 
-def write_numbers(run: Run, found: Sequence[Response], *, again: bool = True) -> None:
+def write_numbers(run: Run, found: Sequence[PredictedHold], *, again: bool = True) -> None:
     """Write contact regions, pressure and skin in the receptor plane, and receptor measures of every hold.
 
     Existing files are rewritten only if `again` is set.
@@ -61,18 +61,18 @@ def _file(run: Run, name: str) -> Path:
 Rows = Iterable[Sequence[object]]
 
 
-def _contact(response: Response) -> Rows:
+def _contact(response: PredictedHold) -> Rows:
     result = response.result
     whole = (_digits(result.doi_mm), _digits(result.force_gwt), _digits(result.peak_pressure_kpa))
     return [(*whole, k, _digits(a), _digits(b)) for k, (a, b) in enumerate(result.contact_regions_mm, 1)]
 
 
-def _pressure(response: Response) -> Rows:
+def _pressure(response: PredictedHold) -> Rows:
     (x, kpa), (skin_x, skin_y) = response.result.pressure_profile_kpa, response.result.skin_profile
     return [tuple(map(_digits, row)) for row in zip(x, skin_x, skin_y, kpa, strict=True)]
 
 
-def _measures(response: Response) -> Rows:
+def _measures(response: PredictedHold) -> Rows:
     receptors = response.result.model.receptors.position_mm[:, 0]
     values = [response.result.receptor_measures[measure] for measure in MEASURES]
     return [tuple(map(_digits, row)) for row in zip(receptors, *values, strict=True)]
@@ -264,13 +264,13 @@ class ConditionRow:
     regions_mm: list[tuple[float, float]]
 
 
-def condition_rows(run: Run, found: Sequence[Response]) -> list[ConditionRow]:
+def condition_rows(run: Run, found: Sequence[PredictedHold]) -> list[ConditionRow]:
     """Return one row for each condition."""
     last = {response.index: response for response in found if response.last}
     return [_row(condition, [last[index] for index in condition.indices]) for condition in conditions(run)]
 
 
-def _row(condition: Condition, repeats: list[Response]) -> ConditionRow:
+def _row(condition: Condition, repeats: list[PredictedHold]) -> ConditionRow:
     force, doi = ([r.hold[key] for r in repeats] for key in ("force_gwt", "doi_mm"))
     peaks = [r.result.peak_pressure_kpa for r in repeats]
     return ConditionRow(
@@ -296,7 +296,7 @@ def scheduled(run: Run) -> list[str]:
     return [key for key in ("block", "repeat", "condition") if any(one.get(key) is not None for one in starts)]
 
 
-def one_by_one(run: Run, found: Sequence[Response]) -> list[tuple[Response, dict[str, Any]]]:
+def one_by_one(run: Run, found: Sequence[PredictedHold]) -> list[tuple[PredictedHold, dict[str, Any]]]:
     """Return each hold's response and how its indentation began."""
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     return [(response, starts[response.index]) for response in found]

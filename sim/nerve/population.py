@@ -20,7 +20,7 @@ from sim.measures.receptors import ReceptorError
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
-from sim.nerve.skin import PressedSkin, Signal, table_of_presses
+from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.stimulus import Stimulus
 
 Array = NDArray[np.float64]
@@ -245,7 +245,7 @@ class AfferentPopulation(Sequence[Afferent]):
         deepest_mm: float,
         x_mm: float = 0.0,
         z_mm: float | None = None,
-    ) -> PressedSkin:
+    ) -> SkinUnderIndentor:
         """Return the signals at all receptors while an indentor moves over one place.
 
         Parameters
@@ -261,12 +261,12 @@ class AfferentPopulation(Sequence[Afferent]):
 
         Returns
         -------
-        PressedSkin
+        SkinUnderIndentor
             Signals against depth, in the order of the afferents.
         """
         points = self.points_mm(finger)
         presses = table_of_presses(finger, indentor, deepest_mm, x_mm, z_mm)
-        return PressedSkin(finger, "", points, self.measure, deepest_mm, presses=presses)
+        return SkinUnderIndentor(finger, "", points, self.measure, deepest_mm, presses=presses)
 
     def spikes(self, signal: Signal) -> list[Array]:
         """Return the spikes of each afferent at its receptor.

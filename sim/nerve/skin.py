@@ -36,7 +36,7 @@ class Signal:
     value: Array
 
 
-class PressedSkin:
+class SkinUnderIndentor:
     """A measure at receptors against the depth of an indentor over one place.
 
     The finger is quasi-static and elastic, so that the measure depends on the depth alone. It is interpolated between
@@ -78,7 +78,7 @@ class PressedSkin:
         self._read([one.doi_mm for one in presses], np.stack([measure(one.measures) for one in fields]))
 
     @classmethod
-    def of_values(cls, depths_mm: ArrayLike, values: ArrayLike) -> "PressedSkin":
+    def of_values(cls, depths_mm: ArrayLike, values: ArrayLike) -> "SkinUnderIndentor":
         """Return the skin of a table that is known.
 
         Parameters
@@ -90,7 +90,7 @@ class PressedSkin:
 
         Returns
         -------
-        PressedSkin
+        SkinUnderIndentor
             The skin.
         """
         skin = cls.__new__(cls)

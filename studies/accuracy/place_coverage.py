@@ -18,7 +18,7 @@ from rig.compare.place_grid import PlaceRange, PlaceRow, finger_with_grid
 from rig.compare.receptor_place import whereabouts
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.spikes import afferent_for, record
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from studies.source.simulated_stimuli import stimulus
@@ -47,13 +47,13 @@ class PlaceTruth(NamedTuple):
     offset_mm: float
 
 
-def pressed(finger: Fingertip, family: str) -> list[Stimulus]:
+def pressed(finger: Fingertip, family: str) -> list[StimulusRow]:
     """A family's stimuli on a finger."""
     return [stimulus(finger, shape, PRESSED_MM, kind, value) for shape, kind, value in SHAPES[family]]
 
 
 def drawn(
-    made: list[Stimulus], noise: tuple[float, float, int], with_offset: bool, rng: np.random.Generator
+    made: list[StimulusRow], noise: tuple[float, float, int], with_offset: bool, rng: np.random.Generator
 ) -> tuple[PlaceTruth, list[Recording]]:
     """A truth, and its recordings."""
     peak, window_s, repeats = noise
@@ -86,7 +86,9 @@ HEADER = ("stimuli", "noise", "offset", "draws", "x (%)", "depth (%)", "offset (
           "of depth (mm)", "of offset (mm)", "held by a bound (%)", "own fit not rejected (%)")  # fmt: skip
 
 
-def row(family: str, noise: str, with_offset: bool, draws: int, fitted: list[Stimulus], made: list[Stimulus]) -> str:
+def row(
+    family: str, noise: str, with_offset: bool, draws: int, fitted: list[StimulusRow], made: list[StimulusRow]
+) -> str:
     """A line of the table."""
     rng = np.random.default_rng(SEED)
     where = PlaceRange(X_MM, DEPTH_MM, OFFSET_MM if with_offset else (0.0, 0.0))

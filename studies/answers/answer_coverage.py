@@ -27,8 +27,8 @@ from rig.compare.make_verdict import Laid, answers, laid
 from rig.compare.model_confidence_set import set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers, read_plausible
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.recordings.spikes import Afferent, afferent_for
-from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.recordings.spikes import LinearAfferent, afferent_for
+from rig.compare.stimuli import CONTROLS, StimulusRow
 from sim.config import FingertipConfig, Tissue
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.fingertip import Fingertip
@@ -49,7 +49,7 @@ RATES = ((60.0, 1.0), (20.0, 0.5))  # largest rate (/s) and window (s)
 LEVEL = 0.05
 
 
-Families = dict[str, list[Stimulus]]
+Families = dict[str, list[StimulusRow]]
 
 
 def families(config: FingertipConfig) -> Families:
@@ -117,7 +117,9 @@ def spikes(rng: np.random.Generator, mean: Array, presses: int, dispersion: floa
     return np.where(mean > 0, rng.negative_binomial(shape, 1 / dispersion, size=(presses, len(mean))), 0.0)
 
 
-def recorded(truth: Afferent, stimulus: Stimulus, made: Made, window_s: float, rng: np.random.Generator) -> Recording:
+def recorded(
+    truth: LinearAfferent, stimulus: StimulusRow, made: Made, window_s: float, rng: np.random.Generator
+) -> Recording:
     """What would be recorded where the stimulus went."""
     mean = truth.rate(stimulus, POSITIONS_MM)
     there = np.isfinite(mean)
@@ -188,7 +190,7 @@ def draws(of: CoverageStudy, made: Made, number: int) -> Iterator[tuple[str, Ans
         yield f"{measure}, {family}, {peak:g} /s", told[0], told[1]
 
 
-def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> AnsweredDraw:
+def judged(joint: Joint, truth: LinearAfferent, *, with_fingers: bool) -> AnsweredDraw:
     """What one answer says of the truth."""
     given = laid(joint.overlays, Form(), with_fingers=with_fingers)
     assert given is not None
@@ -213,7 +215,7 @@ def judged(joint: Joint, truth: Afferent, *, with_fingers: bool) -> AnsweredDraw
     )
 
 
-def _row(given: Laid, truth: Afferent, joint: Joint) -> int:
+def _row(given: Laid, truth: LinearAfferent, joint: Joint) -> int:
     x_mm = float(joint.overlays[0].stimulus.receptor_mm[truth.receptor])
     return next(n for n, one in enumerate(given.named) if (one.name, one.receptor_mm) == (truth.measure, x_mm))
 
@@ -241,7 +243,7 @@ POWER_HEADER = ("rates made by", "at (mm)", "stimuli", "draws", "explained by no
 POWER_NOISE, POWER_PRESSES = 0.1, 5
 
 
-def fooled(of: CoverageStudy, control: int, x_mm: float, stimuli: Sequence[Stimulus], number: int) -> str:
+def fooled(of: CoverageStudy, control: int, x_mm: float, stimuli: Sequence[StimulusRow], number: int) -> str:
     """A line of what is said of rates that a control made, linearly from the least of it on, with an sd of 10 %."""
     rng = np.random.default_rng(DRAWS_SEED)
     receptor = int(np.argmin(np.abs(stimuli[0].receptor_mm - x_mm)))

@@ -19,7 +19,7 @@ from rig.compare.group import Ranked, ranked
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import Laid, laid
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.stimuli import CONTROLS, StimulusRow
 from sim.config import FingertipConfig, Tissue
 from sim.measures.measures import MEASURES
 from studies.answers.answer_coverage import Families, families, spikes
@@ -69,14 +69,14 @@ class GroupDraw(NamedTuple):
     threshold: float
 
 
-def profile(stimulus: Stimulus, truth: str, receptor: int) -> Array:
+def profile(stimulus: StimulusRow, truth: str, receptor: int) -> Array:
     """(p,) values of the true measure or control at one receptor; NaN where the run did not go."""
     if truth in CONTROLS:
         return np.asarray(stimulus.controls_at(POSITIONS_MM)[CONTROLS.index(truth), :, receptor])
     return np.asarray(stimulus.at(POSITIONS_MM)[MEASURES.index(truth), :, receptor])
 
 
-def pool(fitted: list[Stimulus], there: list[Stimulus], truth: str, made: Made, rng: np.random.Generator,
+def pool(fitted: list[StimulusRow], there: list[StimulusRow], truth: str, made: Made, rng: np.random.Generator,
          population: tuple[float, float, float]) -> Laid:  # fmt: skip
     """The candidates of one afferent that was drawn from a population: mean log gain, threshold, sd of this."""
     peak = 0.0
@@ -98,7 +98,7 @@ def pool(fitted: list[Stimulus], there: list[Stimulus], truth: str, made: Made, 
     return given
 
 
-def population_of(there: list[Stimulus], truth: str) -> tuple[float, float, float]:
+def population_of(there: list[StimulusRow], truth: str) -> tuple[float, float, float]:
     """Mean log gain, mean threshold and its standard deviation."""
     receptor = int(np.argmin(np.abs(there[0].receptor_mm + 1.0)))
     values = np.concatenate([profile(stimulus, truth, receptor) for stimulus in there])

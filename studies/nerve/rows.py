@@ -10,7 +10,7 @@ from scipy.optimize import curve_fit
 
 from rig.compare.example import recorded
 from sim.nerve.models import AfferentModel
-from sim.nerve.skin import PressedSkin, Signal
+from sim.nerve.skin import Signal, SkinUnderIndentor
 from sim.nerve.stimulus import Stimulus
 from studies.nerve import published as pub
 from studies.nerve.scenes import (
@@ -501,7 +501,7 @@ def muniak(scenes: Scenes) -> Iterator[Row]:
 
 def responds(
     model: AfferentModel,
-    skin: PressedSkin,
+    skin: SkinUnderIndentor,
     frequency_hz: float,
     amplitudes_um: Array,
     gains: Array,

@@ -13,7 +13,7 @@ from sim.models.result import IndentationResult
 from sim.models.strain_at_points import mesh_key
 from sim.nerve.integrator import spikes
 from sim.nerve.models import BUILT_IN, AfferentModel
-from sim.nerve.skin import PressedSkin, Signal, table_of_presses
+from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.stimulus import Stimulus
 from studies.nerve.published import PIN_UM
 
@@ -53,21 +53,21 @@ class Scenes:
 
     def __post_init__(self) -> None:
         self._presses: dict[tuple[str, float], list[IndentationResult]] = {}
-        self._skins: dict[tuple[str, str, float], PressedSkin] = {}
+        self._skins: dict[tuple[str, str, float], SkinUnderIndentor] = {}
 
-    def probe(self, name: str) -> PressedSkin:
+    def probe(self, name: str) -> SkinUnderIndentor:
         """Return the skin of a class under the middle of the probe."""
         return self._under(name, PROBE, PROBE_DEEPEST_MM, 0.0, 24)
 
-    def bar(self, name: str, x_mm: float) -> PressedSkin:
+    def bar(self, name: str, x_mm: float) -> SkinUnderIndentor:
         """Return the skin of a class at x = 0 under the bar at a place."""
         return self._under(name, BAR, BAR_DEEPEST_MM, x_mm, 8)
 
-    def step(self, name: str, x_mm: float) -> PressedSkin:
+    def step(self, name: str, x_mm: float) -> SkinUnderIndentor:
         """Return the skin of a class at x = 0 under the step at a place."""
         return self._under(name, STEP, STEP_DEEPEST_MM, x_mm, 8)
 
-    def _under(self, name: str, indentor: str, deepest_mm: float, x_mm: float, levels: int) -> PressedSkin:
+    def _under(self, name: str, indentor: str, deepest_mm: float, x_mm: float, levels: int) -> SkinUnderIndentor:
         key = (name, indentor, x_mm)
         if key not in self._skins:
             model = self.classes[name]
@@ -75,7 +75,7 @@ class Scenes:
                 self._presses[key[1:]] = table_of_presses(self.finger, indentor, deepest_mm, x_mm, levels=levels)
             points = self.finger.points_below([0.0], model.depth_mm)
             presses = self._presses[key[1:]]
-            self._skins[key] = PressedSkin(
+            self._skins[key] = SkinUnderIndentor(
                 self.finger, indentor, points, model.measure, deepest_mm, x_mm, presses=presses
             )
         return self._skins[key]
@@ -106,13 +106,13 @@ class Scenes:
             found.append(replace(plate, state=replace(plate.state, force=force)))
         return found
 
-    def pin(self, name: str) -> PressedSkin:
+    def pin(self, name: str) -> SkinUnderIndentor:
         """Return the skin of a class at all of `SITES_MM`, against the depth of plate and pin."""
         model, plane = self.classes[name], self.finger.config.receptor_plane_mm
         x, z = (grid.ravel() for grid in np.meshgrid(SITES_MM, SITES_MM))
         points = self.finger.points_below(x, model.depth_mm, plane + z)
         values = np.stack([model.measure(one.measures) for one in self.finger.fields(self.pinned, points)])
-        return PressedSkin.of_values(PLATE_MM + 1e-3 * np.array([0.0, *PIN_UM]), values)
+        return SkinUnderIndentor.of_values(PLATE_MM + 1e-3 * np.array([0.0, *PIN_UM]), values)
 
 
 def held(compliance: Array, overlap_mm: Array) -> Array:
@@ -167,7 +167,11 @@ SETTLED_S = 1.0
 
 
 def vibrated(
-    skin: PressedSkin, frequency_hz: float, amplitude_um: ArrayLike, lasts_s: float, preload_mm: float = PRELOAD_MM
+    skin: SkinUnderIndentor,
+    frequency_hz: float,
+    amplitude_um: ArrayLike,
+    lasts_s: float,
+    preload_mm: float = PRELOAD_MM,
 ) -> Signal:
     """Return signals, a row for each amplitude, of sines on a preload, from `SETTLED_S` after the first sample."""
     step_s = min(STEP_S, 1 / (16 * frequency_hz))

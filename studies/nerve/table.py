@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import fields
 
 from sim.nerve.models import BUILT_IN, spikes_of
-from sim.nerve.skin import PressedSkin, table_of_presses
+from sim.nerve.skin import SkinUnderIndentor, table_of_presses
 from studies.nerve.rows import TESTS, Row
 from studies.nerve.scenes import PRELOAD_MM, PROBE, Scenes, ramp, sensitivities
 from studies.registry import show
@@ -99,7 +99,7 @@ def frozen_contact(scenes: Scenes) -> Iterator[tuple[str, ...]]:
     points = finger.points_below([0.0], model.depth_mm)
     for indentor in (PROBE, "bar:3.0", "cylinder:9"):
         presses = table_of_presses(finger, indentor, 1.0)
-        skin = PressedSkin(finger, indentor, points, model.measure, 1.0, presses=presses)
+        skin = SkinUnderIndentor(finger, indentor, points, model.measure, 1.0, presses=presses)
         slope = float(skin.value.derivative()(PRELOAD_MM)[0])
         here = finger.indent(indentor, doi_mm=PRELOAD_MM)
         centre = float(model.measure(finger.fields(here, points).measures)[0])

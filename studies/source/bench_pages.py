@@ -19,7 +19,7 @@ from rig.compare.comparison import compare
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
-from rig.compare.stimuli import Stimulus, stimuli, stimulus_maps
+from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.data import Run, read_run
 from rig.plan.config import load_config
 from rig.plan.plan import make_plan
@@ -125,7 +125,7 @@ def synthetic_page(folder: Path, done: Sequence[Done], finger: Fingertip) -> Non
     write_comparison(folder / "synthetic.html", comparison, runs, finger, COMMAND, title=title, answers=said)
 
 
-def _recorded(folder: Path, members: list[Stimulus], rng: np.random.Generator) -> list[str]:
+def _recorded(folder: Path, members: list[StimulusRow], rng: np.random.Generator) -> list[str]:
     """SHAPE=CSV of a synthetic recording of each."""
     receptor = int(np.argmin(np.abs(members[0].receptor_mm + 1.0)))
     afferent = afferent_for(members, "ep1", receptor, peak=60.0, silent=0.3)

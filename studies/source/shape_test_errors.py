@@ -16,7 +16,7 @@ from rig.compare.profile_shape_test import (
     shape_flags,
     smooth_profiles,
 )
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.page_parts import Section
 from sim.models.fingertip import Fingertip
 from studies.source.printed.steps import POSITIONS_MM
@@ -32,13 +32,13 @@ EACH = 40
 BUMP_MM = 0.6
 
 
-def source_stimuli(finger: Fingertip) -> list[Stimulus]:
+def source_stimuli(finger: Fingertip) -> list[StimulusRow]:
     """The steps at 2.33 gwt at the protocol's positions, and both bars at DOI 1.0."""
     three = [stimulus(finger, f"step:{n}", np.sort(x_mm), "force_gwt", 2.33) for n, x_mm in POSITIONS_MM.items()]
     return [*three, *bars(finger)]
 
 
-def by_chance_section(stimuli: Sequence[Stimulus]) -> Section:
+def by_chance_section(stimuli: Sequence[StimulusRow]) -> Section:
     """Random smooth profiles at the positions of each stimulus, and unrelated responses that would be candidates."""
     schedules = [ShapePositions(s.indentor, s.x_mm) for s in stimuli]
     steps = [one for one in schedules if one.shape.startswith("step")]
@@ -66,7 +66,7 @@ def by_chance_section(stimuli: Sequence[Stimulus]) -> Section:
     )
 
 
-def perturbed_section(stimuli: Sequence[Stimulus]) -> Section:
+def perturbed_section(stimuli: Sequence[StimulusRow]) -> Section:
     """What perturbations of a profile do to its verdict."""
     rng = np.random.default_rng(2024)
     families = [[s for s in stimuli if s.family == family] for family in ("step", "bar")]
@@ -87,7 +87,7 @@ def perturbed_section(stimuli: Sequence[Stimulus]) -> Section:
     )
 
 
-def _gained_and_lost(stimuli: Sequence[Stimulus], over_mm: float, part: float, rng: np.random.Generator) -> Array:
+def _gained_and_lost(stimuli: Sequence[StimulusRow], over_mm: float, part: float, rng: np.random.Generator) -> Array:
     gained, lost = [], []
     for one in stimuli:
         profiles = np.moveaxis(one.measures, 1, -1).reshape(-1, len(one.x_mm))
@@ -98,7 +98,7 @@ def _gained_and_lost(stimuli: Sequence[Stimulus], over_mm: float, part: float, r
     return np.array([np.concatenate(found).mean() for found in (gained, lost)])
 
 
-def _bump_passes(stimuli: Sequence[Stimulus], over_mm: float, part: float, rng: np.random.Generator) -> float:
+def _bump_passes(stimuli: Sequence[StimulusRow], over_mm: float, part: float, rng: np.random.Generator) -> float:
     found = []
     for one in stimuli:
         bump = np.broadcast_to(np.exp(-0.5 * (one.x_mm / BUMP_MM) ** 2), (25, len(one.x_mm)))
@@ -106,13 +106,13 @@ def _bump_passes(stimuli: Sequence[Stimulus], over_mm: float, part: float, rng: 
     return float(np.concatenate(found).mean())
 
 
-def _perturbed(one: Stimulus, profiles: Array, over_mm: float, part: float, rng: np.random.Generator) -> Array:
+def _perturbed(one: StimulusRow, profiles: Array, over_mm: float, part: float, rng: np.random.Generator) -> Array:
     """(EACH, N, n)."""
     noise = smooth_profiles(one.x_mm, over_mm, EACH * len(profiles), rng).reshape(EACH, *profiles.shape)
     return profiles + part * np.ptp(profiles, axis=-1)[:, None] * noise
 
 
-def _flags(one: Stimulus, profiles: Array) -> NDArray[np.bool_]:
+def _flags(one: StimulusRow, profiles: Array) -> NDArray[np.bool_]:
     found = shape_flags(one.indentor, one.x_mm, profiles)
     assert found is not None
     return found

@@ -7,7 +7,7 @@ import numpy as np
 from rig.compare.comparison import Comparison
 from rig.compare.profile_shape_test import THRESHOLD, THRESHOLDS
 from rig.compare.raju_table_5_2 import SHAPES, AgreementLimits, agreement, agreement_limits, source_flags
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.page_parts import Section
 from sim.measures.measures import MEASURES
 
@@ -69,7 +69,7 @@ def with_limits(value: float, limits: Sequence[tuple[float, float]]) -> str:
     return f"{value:.2f} ({told})".replace("-", "−")
 
 
-def _cells(stimulus: Stimulus, m: int, source: np.ndarray, ours: np.ndarray) -> tuple[str, ...]:
+def _cells(stimulus: StimulusRow, m: int, source: np.ndarray, ours: np.ndarray) -> tuple[str, ...]:
     def cell(shape: int) -> str:
         marks = {(True, True): "", (False, True): "+", (True, False): "−"}
         words = [

@@ -123,12 +123,12 @@ RUN_SECTION = [
         "rig/report/run_figures.py",
         "def population_responses(",
         '''\
-def final_depths(found: list[Response]) -> Plot:
+def final_depths(found: list[PredictedHold]) -> Plot:
     """Depth of each hold against the indentor's place."""
     return Plot((6.6, 2.6), lambda figure: _final_depths(figure, found))
 
 
-def _final_depths(figure: Figure, found: list[Response]) -> None:
+def _final_depths(figure: Figure, found: list[PredictedHold]) -> None:
     axes = figure.subplots()
     axes.plot([r.hold["x_mm"] for r in found], [r.hold["doi_mm"] for r in found], ".", color=GREY)
     axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
@@ -148,12 +148,12 @@ COMPARISON_SECTION = [
         "rig/report/profile_figures.py",
         "def populations(",
         '''\
-def depths(stimulus: Stimulus) -> Plot:
+def depths(stimulus: StimulusRow) -> Plot:
     """Depth at each position."""
     return Plot((4.6, 2.6), lambda figure: _depths(figure, stimulus))
 
 
-def _depths(figure: Figure, stimulus: Stimulus) -> None:
+def _depths(figure: Figure, stimulus: StimulusRow) -> None:
     axes = figure.subplots()
     axes.plot(stimulus.x_mm, stimulus.doi_mm, "-o", ms=2, lw=1, color=BLUE)
     axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
@@ -169,7 +169,7 @@ def _depths(figure: Figure, stimulus: Stimulus) -> None:
     (
         "rig/report/comparison_report.py",
         "def _pressures(",
-        "def _depths(stimulus: Stimulus) -> PageFigure:\n"
+        "def _depths(stimulus: StimulusRow) -> PageFigure:\n"
         '    return PageFigure(f"Depths: {stimulus.title}", profile_figures.depths(stimulus), "As held.")\n\n\n',
     ),
 ]

@@ -11,12 +11,12 @@ from rig.cli import program
 from rig.cli.program import COMMANDS
 from tests.program import Program
 
-COLUMNS, LINES, COMMAND_LINES = 80, 56, 60
+COLUMNS, LINES, COMMAND_LINES = 80, 57, 60
 SHORTEST = 3  # words
 LONGEST = 60  # characters of a command's line
 ABSENT = re.compile(r"Default: |Give this or --")
 UNIT = re.compile(
-    r"\b(mm|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Ss]amples of|[Ss]eed|"
+    r"\b(mm|m|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Ss]amples of|[Ss]eed|"
     r"TCP port)\b|%"
 )
 TRANSLATED = re.compile(

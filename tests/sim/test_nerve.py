@@ -14,7 +14,7 @@ from sim.models.catalogue import load
 from sim.nerve.filters import acceleration_low_pass, adapted, fading, rate_low_pass
 from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
 from sim.nerve.models import BUILT_IN, spikes_of
-from sim.nerve.skin import LEVELS, PressedSkin, Signal
+from sim.nerve.skin import LEVELS, Signal, SkinUnderIndentor
 from sim.nerve.stimulus import Stimulus, Vibration
 from tests.error_codes import raises
 
@@ -25,8 +25,8 @@ SED = {"SA1": 200 * DEPTHS_MM**2, "RA": 240 * DEPTHS_MM**2, "PC": 46 * DEPTHS_MM
 """Some strain energy at the receptors of each class under a small probe."""
 
 
-def skin(name: str) -> PressedSkin:
-    return PressedSkin.of_values(DEPTHS_MM, BUILT_IN[name].measure({"sed": SED[name][:, None]}))
+def skin(name: str) -> SkinUnderIndentor:
+    return SkinUnderIndentor.of_values(DEPTHS_MM, BUILT_IN[name].measure({"sed": SED[name][:, None]}))
 
 
 def trains(
@@ -129,7 +129,7 @@ def test_depth_is_that_of_the_ramp_with_rounded_corners() -> None:
 def test_a_table_of_presses_gives_the_press_between_its_levels() -> None:
     finger, model = load("halfspace"), BUILT_IN["SA1"]
     points = finger.points_below([0.0, 0.5], model.depth_mm)
-    found = PressedSkin(finger, "cylinder:9", points, model.measure, 0.4)
+    found = SkinUnderIndentor(finger, "cylinder:9", points, model.measure, 0.4)
     assert len(found.depths_mm) == LEVELS
     depth_mm = 0.5 * (found.depths_mm[7] + found.depths_mm[8])
     known = model.measure(finger.fields(finger.indent("cylinder:9", doi_mm=depth_mm), points).measures)

@@ -13,7 +13,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import check_header, column_map, no_rows, table_lines
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.errors import code_of
 
@@ -41,7 +41,7 @@ _MOST_LISTED = 100
 
 
 def read_afferents(
-    path: Path, mirror: Sequence[str], runs: Sequence[Run], stimuli: Sequence[Stimulus], reading: Reading
+    path: Path, mirror: Sequence[str], runs: Sequence[Run], stimuli: Sequence[StimulusRow], reading: Reading
 ) -> Recordings:
     """Return the recordings that a table or a folder names.
 
@@ -94,7 +94,7 @@ def _refuse(
     key: str,
     found: Recordings,
     seen: dict[tuple[str, str], _Named],
-    stimuli: Sequence[Stimulus],
+    stimuli: Sequence[StimulusRow],
 ) -> None:
     """Refuse a shape that the runs do not have, and a recording that is named twice."""
     shape = key.partition("@")[0]

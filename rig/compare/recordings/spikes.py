@@ -15,7 +15,7 @@ from rig.compare.recordings.columns import ColumnMap, read_table
 from rig.compare.recordings.hdf5 import numbers_in, values_of
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
@@ -329,7 +329,7 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
 
 
 @dataclass(frozen=True)
-class Afferent:
+class LinearAfferent:
     """A receptor that fires by the rule; ε₀ in the sign and unit of the measure's profile, rates per second."""
 
     measure: str
@@ -337,24 +337,26 @@ class Afferent:
     k: float
     eps0: float
 
-    def rate(self, stimulus: Stimulus, position_mm: Array) -> Array:
+    def rate(self, stimulus: StimulusRow, position_mm: Array) -> Array:
         """(p,) mean rates; NaN where the run did not go."""
         eps = stimulus.at(position_mm)[MEASURES.index(self.measure), :, self.receptor]
         return np.maximum(0.0, self.k * (eps - self.eps0))
 
 
-def afferent_for(stimuli: list[Stimulus], measure: str, receptor: int, peak: float, silent: float) -> Afferent:
+def afferent_for(
+    stimuli: list[StimulusRow], measure: str, receptor: int, peak: float, silent: float
+) -> LinearAfferent:
     """Return an afferent that fires at `peak` at the largest ε of the stimuli, and not below a share `silent` of its
     range.
     """
     values = np.concatenate([stimulus.ssrp(measure, receptor) for stimulus in stimuli])
     eps0 = float(values.min() + silent * np.ptp(values))
-    return Afferent(measure, receptor, peak / (float(values.max()) - eps0), eps0)
+    return LinearAfferent(measure, receptor, peak / (float(values.max()) - eps0), eps0)
 
 
 def record(
-    afferent: Afferent,
-    stimulus: Stimulus,
+    afferent: LinearAfferent,
+    stimulus: StimulusRow,
     position_mm: Array,
     rng: np.random.Generator,
     repeats: int = 5,
@@ -379,7 +381,7 @@ def write_synthetic(folder: Path, found: Recording) -> Path:
     return path
 
 
-def _file_name(afferent: Afferent, stimulus: Stimulus) -> str:
+def _file_name(afferent: LinearAfferent, stimulus: StimulusRow) -> str:
     shape = stimulus.shape.replace(":", "").replace(",", "-")
     x = f"{round(float(stimulus.receptor_mm[afferent.receptor]), 2) + 0.0:g}"
     return f"synthetic_{shape}_{stimulus.condition.replace(' ', '')}_{afferent.measure}_at_{x}.csv"

@@ -7,7 +7,7 @@ from typing import Concatenate, NamedTuple, ParamSpec, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from sim.config import FingertipConfig
 from sim.measures.measures import shown
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
@@ -109,7 +109,7 @@ class FingerAnswers:
         values = shown(measure, self.press(scene).receptor_measures[measure])
         return self.finger.model.receptors.position_mm[self._row, 0], values[self._row]
 
-    def stimulus(self, scenes: Sequence[PrintedPress]) -> Stimulus:
+    def stimulus(self, scenes: Sequence[PrintedPress]) -> StimulusRow:
         """Presses of one shape to one value at a row of places, at the ten receptors."""
         ordered = sorted(scenes, key=lambda scene: scene.x_mm)
         return stimulus_of(ordered[0].shape, ordered[0][2:], [self.press(one) for one in ordered], self._ten)

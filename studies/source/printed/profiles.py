@@ -5,7 +5,7 @@ from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
 from rig.compare.profile_shape_test import Verdict, shape_test
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.protocol.schedule import about_the_centre
 from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot, label, signed
@@ -26,22 +26,22 @@ _ODD = ("e12", "e13")
 
 
 @once
-def under_step(answers: FingerAnswers, number: str) -> Stimulus:
+def under_step(answers: FingerAnswers, number: str) -> StimulusRow:
     """At the low force."""
     return answers.stimulus(MOVED[number])
 
 
 @once
-def under_bar(answers: FingerAnswers, width: str) -> Stimulus:
+def under_bar(answers: FingerAnswers, width: str) -> StimulusRow:
     """At DOI 1.0."""
     return answers.stimulus(BARS[width])
 
 
-def _receptor(stimulus: Stimulus, x_mm: float) -> int:
+def _receptor(stimulus: StimulusRow, x_mm: float) -> int:
     return int(np.argmin(np.abs(stimulus.receptor_mm - x_mm)))
 
 
-def judged(stimulus: Stimulus, measure: str, x_mm: float) -> Verdict:
+def judged(stimulus: StimulusRow, measure: str, x_mm: float) -> Verdict:
     """The shape test at one receptor."""
     verdict = shape_test(stimulus.indentor, stimulus.x_mm, stimulus.ssrp(measure, _receptor(stimulus, x_mm)))
     assert verdict is not None
@@ -124,7 +124,7 @@ def shallower(answers: FingerAnswers) -> float:
     return second_at_zero(answers, "1.5", "sed") / second_at_zero(answers, "3.0", "sed")
 
 
-def _ssrps(stimulus: Stimulus, title: str) -> PageFigure:
+def _ssrps(stimulus: StimulusRow, title: str) -> PageFigure:
     caption = (
         "One panel a measure, its ten receptors above each other (x on the left, mm), each from its own baseline, "
         "as a part of the measure's range; blue passes the shape test at 5 %."
@@ -132,7 +132,7 @@ def _ssrps(stimulus: Stimulus, title: str) -> PageFigure:
     return PageFigure(title, Plot((10.2, 11.5), lambda canvas: _draw_ssrps(canvas, stimulus)), caption)
 
 
-def _draw_ssrps(canvas: Canvas, stimulus: Stimulus) -> None:
+def _draw_ssrps(canvas: Canvas, stimulus: StimulusRow) -> None:
     canvas.set_layout_engine(None)
     canvas.subplots_adjust(left=0.06, right=0.99, bottom=0.04, top=0.97, wspace=0.08, hspace=0.16)
     panels = canvas.subplots(3, 6, sharex=True, sharey=True).ravel()
@@ -156,7 +156,7 @@ def _mirrors(answers: FingerAnswers, width: str) -> PageFigure:
     return PageFigure(f"Receptors ± 2 under bar {width} as mirror images", plot, caption)
 
 
-def _draw_mirrors(canvas: Canvas, stimulus: Stimulus) -> None:
+def _draw_mirrors(canvas: Canvas, stimulus: StimulusRow) -> None:
     canvas.set_layout_engine(None)
     canvas.subplots_adjust(left=0.03, right=0.99, bottom=0.1, top=0.94, wspace=0.12, hspace=0.3)
     left, right = (_receptor(stimulus, x) for x in (-2.0, 2.0))

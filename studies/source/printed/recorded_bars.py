@@ -8,7 +8,7 @@ from matplotlib.figure import Figure as Canvas
 
 from rig.compare.example import DOI_MM, SHAPE, recorded
 from rig.compare.fit import correlation, fit_rates, predicted
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREEN, ORANGE, Plot, label
 from sim.measures.measures import MEASURES
@@ -20,7 +20,7 @@ PRESSED = [deep(SHAPE, DOI_MM, float(x)) for x in recorded("static").position_mm
 
 
 @once
-def under_recorded_bar(answers: FingerAnswers) -> Stimulus:
+def under_recorded_bar(answers: FingerAnswers) -> StimulusRow:
     """The bar at every recorded position."""
     return answers.stimulus(PRESSED)
 

@@ -5,7 +5,7 @@ import numpy as np
 from rig.compare.comparison import Comparison, compare
 from rig.compare.profile_shape_test import THRESHOLD
 from rig.compare.raju_table_5_2 import Agreement, Flags, agreement, agreement_limits, source_flags
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.page_parts import Section
 from studies.source.printed.answers import HIGH_GWT, LOW_GWT, FingerAnswers, forced, once
 from studies.source.printed.profiles import BAR_POSITIONS, BARS, under_bar, under_step
@@ -24,11 +24,11 @@ def compared(answers: FingerAnswers) -> Comparison:
     return compare([*_low(answers), *strong, *_bars(answers)], {})
 
 
-def _low(answers: FingerAnswers) -> list[Stimulus]:
+def _low(answers: FingerAnswers) -> list[StimulusRow]:
     return [under_step(answers, n) for n in "135"]
 
 
-def _bars(answers: FingerAnswers) -> list[Stimulus]:
+def _bars(answers: FingerAnswers) -> list[StimulusRow]:
     return [under_bar(answers, width) for width in BAR_POSITIONS]
 
 

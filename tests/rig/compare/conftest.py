@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -62,7 +62,7 @@ def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
 
 
 @pytest.fixture(scope="session")
-def make_stimulus() -> Callable[..., Stimulus]:
+def make_stimulus() -> Callable[..., StimulusRow]:
     """A stimulus whose measures are given as (18, n, receptors), or flat where they are not."""
 
     def make(
@@ -74,14 +74,14 @@ def make_stimulus() -> Callable[..., Stimulus]:
         kind: str = "force_gwt",
         commanded: float = 2.33,
         run: str | None = None,
-    ) -> Stimulus:
+    ) -> StimulusRow:
         measures = np.zeros((len(MEASURES), len(x_mm), len(receptor_mm)))
         for name, profile in profiles.items():
             measures[MEASURES.index(name)] = profile
         flat = np.ones(len(x_mm))
         skin = np.linspace(-1, 1, 9)
         pressure = np.ones((len(x_mm), 9))
-        return Stimulus(
+        return StimulusRow(
             run or f"run of {indentor}",
             indentor,
             kind,

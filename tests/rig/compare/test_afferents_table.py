@@ -9,17 +9,17 @@ import pytest
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from tests.error_codes import raises
 
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 CSV = "position_mm,rate\n" + "".join(f"{x},{y}\n" for x, y in ((-1, 2), (-0.5, 5), (0, 9), (0.5, 4)))
 HEADER = "afferent,shape,depth_mm,file"
 
 
 @pytest.fixture
-def stimuli(make_stimulus: Make) -> list[Stimulus]:
+def stimuli(make_stimulus: Make) -> list[StimulusRow]:
     x, receptor = np.linspace(-2, 2, 9), np.array([0.0])
     return [
         make_stimulus("bar:3.0", x, receptor, {}, kind="doi_mm", commanded=1.0),
@@ -43,11 +43,11 @@ def table(folder: Path, *rows: str, header: str = HEADER) -> Path:
     return path
 
 
-def read(path: Path, stimuli: list[Stimulus], mirror: list[str] | None = None) -> Recordings:
+def read(path: Path, stimuli: list[StimulusRow], mirror: list[str] | None = None) -> Recordings:
     return read_afferents(path, mirror or [], [], stimuli, Reading())
 
 
-def test_a_table(folder: Path, stimuli: list[Stimulus]) -> None:
+def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
     path = table(folder, "a1,bar:3,1.0,a.csv", "", "a1,step:1,0.5,b.csv", "a2,bar:3,,c.csv")
     found = read(path, stimuli, ["bar:3"])
     assert {name: list(some) for name, some in found.items()} == {
@@ -59,13 +59,13 @@ def test_a_table(folder: Path, stimuli: list[Stimulus]) -> None:
     assert read(folder, stimuli).keys() == found.keys()  # a folder with such a table
 
 
-def test_columns_of_one_file(folder: Path, stimuli: list[Stimulus]) -> None:
+def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     header = "afferent,shape,file,columns"
     path = table(folder, "a1,bar:3,named.csv,rate=FR;position=position_mm", "a2,bar:3,a.csv,", header=header)
     assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 9, 4]
 
 
-def test_a_folder_of_folders(tmp_path: Path, stimuli: list[Stimulus]) -> None:
+def test_a_folder_of_folders(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
     for name, file in (("a1", "bar-3@1mm.csv"), ("a1", "step-1@0.5mm.csv"), ("a2", "bar-3.csv"), ("a2", ".notes")):
         (tmp_path / name).mkdir(exist_ok=True)
         (tmp_path / name / file).write_text(CSV, encoding="utf-8")
@@ -94,7 +94,7 @@ BAD = {
 }
 
 
-def test_every_bad_row_has_a_line_with_its_number(folder: Path, stimuli: list[Stimulus]) -> None:
+def test_every_bad_row_has_a_line_with_its_number(folder: Path, stimuli: list[StimulusRow]) -> None:
     path = table(folder, "a8,bar:3,,b.csv", "a7,bar:3,1.0,d.csv", *BAD)
     with raises(RecordingError, "bad_rows", path=str(path), bad=len(BAD)) as caught:
         read(path, stimuli)
@@ -114,11 +114,11 @@ def test_every_bad_row_has_a_line_with_its_number(folder: Path, stimuli: list[St
         (HEADER, [], "no_rows"),
     ],
 )
-def test_a_wrong_table(folder: Path, stimuli: list[Stimulus], header: str, rows: list[str], code: str) -> None:
+def test_a_wrong_table(folder: Path, stimuli: list[StimulusRow], header: str, rows: list[str], code: str) -> None:
     with raises(RecordingError, code, path=str(folder / "afferents.csv")):
         read(table(folder, *rows, header=header), stimuli)
 
 
-def test_an_empty_folder(tmp_path: Path, stimuli: list[Stimulus]) -> None:
+def test_an_empty_folder(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
     with raises(RecordingError, "no_rows", path=str(tmp_path)):
         read(tmp_path, stimuli)

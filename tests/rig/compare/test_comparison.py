@@ -11,13 +11,13 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.comparison_rows import as_json, best_pairs, threshold_rows
 from rig.compare.exceptions import ComparisonError
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.recordings.spikes import Afferent, afferent_for, record, write_synthetic
-from rig.compare.stimuli import Stimulus
+from rig.compare.recordings.spikes import LinearAfferent, afferent_for, record, write_synthetic
+from rig.compare.stimuli import StimulusRow
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 X = np.linspace(-4, 3, 36)
 RECEPTORS = np.array([-1.0, 0.0, 0.5])
@@ -41,7 +41,7 @@ def at(*profiles: Array) -> Array:
 
 
 @pytest.fixture
-def steps(make_stimulus: Make) -> list[Stimulus]:
+def steps(make_stimulus: Make) -> list[StimulusRow]:
     """ep1 passes at −1 under all, sed somewhere under each but nowhere under all, e11 nowhere."""
     return [
         make_stimulus(
@@ -56,7 +56,7 @@ def steps(make_stimulus: Make) -> list[Stimulus]:
 
 
 @pytest.fixture
-def bars(make_stimulus: Make) -> list[Stimulus]:
+def bars(make_stimulus: Make) -> list[StimulusRow]:
     """ep1 passes at 0 under both, ep3 only away from the centre, sed at 0."""
     two, one = bar_profile(0.0), step_profile(0.0)
     return [
@@ -69,18 +69,18 @@ def bars(make_stimulus: Make) -> list[Stimulus]:
     ]  # fmt: skip
 
 
-def test_a_candidate_passes_at_one_receptor_under_every_step(steps: list[Stimulus]) -> None:
+def test_a_candidate_passes_at_one_receptor_under_every_step(steps: list[StimulusRow]) -> None:
     assert compare(steps, {}).candidates() == ["ep1"]
     assert compare(steps[::2], {}).candidates() == ["ep1", "sed"]
 
 
-def test_and_near_the_centre_under_every_bar(steps: list[Stimulus], bars: list[Stimulus]) -> None:
+def test_and_near_the_centre_under_every_bar(steps: list[StimulusRow], bars: list[StimulusRow]) -> None:
     assert compare(bars, {}).candidates() == ["ep1", "sed"]
     assert compare([*steps, *bars], {}).candidates() == ["ep1"]
 
 
 def test_each_condition_is_also_judged_alone(
-    steps: list[Stimulus], bars: list[Stimulus], make_stimulus: Make
+    steps: list[StimulusRow], bars: list[StimulusRow], make_stimulus: Make
 ) -> None:
     harder = make_stimulus("step:1", X, RECEPTORS, {"e11": at(GOOD, GOOD, GOOD)}, commanded=8.0)
     found = dict(compare([*steps, *bars, harder], {}).candidates_by_condition())
@@ -99,7 +99,7 @@ def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> 
     assert {row["shape_test"] for row in as_json(comparison, "x.html")["rows"]} == {None}
 
 
-def test_rows_hold_every_measure_at_every_receptor(steps: list[Stimulus]) -> None:
+def test_rows_hold_every_measure_at_every_receptor(steps: list[StimulusRow]) -> None:
     answer = as_json(compare(steps[:1], {}), "here.html")
     assert len(answer["rows"]) == 18 * 3
     row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", -1.0))
@@ -114,25 +114,25 @@ def test_rows_hold_every_measure_at_every_receptor(steps: list[Stimulus]) -> Non
     assert answer["report"] == "here.html"
 
 
-def test_thresholds_are_shown_from_2_to_15_percent(steps: list[Stimulus]) -> None:
+def test_thresholds_are_shown_from_2_to_15_percent(steps: list[StimulusRow]) -> None:
     rows = threshold_rows(compare(steps, {}))
     assert [row["threshold"] for row in rows] == [0.02, 0.03, 0.05, 0.08, 0.10, 0.15]
     assert all(len(row["counts"]) == 3 for row in rows)
 
 
-def recorded(afferent: Afferent, stimulus: Stimulus, positions: Array) -> Recording:
+def recorded(afferent: LinearAfferent, stimulus: StimulusRow, positions: Array) -> Recording:
     """Without noise."""
     rows = [(float(x), float(r), np.nan) for x, r in zip(positions, afferent.rate(stimulus, positions), strict=True)]
     return recording("made.csv", rows)
 
 
-def fitted(steps: list[Stimulus], afferent: Afferent, **options: bool) -> Comparison:
+def fitted(steps: list[StimulusRow], afferent: LinearAfferent, **options: bool) -> Comparison:
     positions = np.linspace(-1.5, 1.5, 16)
     return compare(steps, {s.shape: recorded(afferent, s, positions) for s in steps}, **options)
 
 
-def test_one_line_over_all_shapes(steps: list[Stimulus]) -> None:
-    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+def test_one_line_over_all_shapes(steps: list[StimulusRow]) -> None:
+    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
     (joint,) = fitted(steps, afferent).joints
     assert joint.title == "step:1, step:3, step:5 at 2.33 gwt"
     ep1 = MEASURES.index("ep1")
@@ -143,10 +143,10 @@ def test_one_line_over_all_shapes(steps: list[Stimulus]) -> None:
 
 
 def test_conditions_and_families_are_fitted_apart(
-    steps: list[Stimulus], bars: list[Stimulus], make_stimulus: Make
+    steps: list[StimulusRow], bars: list[StimulusRow], make_stimulus: Make
 ) -> None:
     harder = make_stimulus("step:1", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)}, commanded=8.0)
-    afferent = Afferent("ep1", 1, k=20.0, eps0=0.9)
+    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=0.9)
     everything = [*steps, *bars, harder]
     positions = np.linspace(-1.5, 1.5, 16)
     recordings = {s.shape: recorded(afferent, s, positions) for s in everything}
@@ -170,8 +170,8 @@ def test_measures_that_go_together_loosely_are_not_named(make_stimulus: Make) ->
     assert compare([make_stimulus("step:1", X, RECEPTORS, profiles)], {}).collinear()[0][1] == []
 
 
-def test_what_a_line_explains_is_of_the_scatter_about_the_mean(steps: list[Stimulus]) -> None:
-    (joint,) = fitted(steps, Afferent("ep1", 1, k=20.0, eps0=1.1)).joints
+def test_what_a_line_explains_is_of_the_scatter_about_the_mean(steps: list[StimulusRow]) -> None:
+    (joint,) = fitted(steps, LinearAfferent("ep1", 1, k=20.0, eps0=1.1)).joints
     pair = MEASURES.index("sed"), 0
     expected = 1 - joint.fit.rss[pair] / ((joint.rate - joint.rate.mean()) ** 2).sum()
     assert 0 < expected < 0.95
@@ -193,8 +193,8 @@ def test_a_receptor_that_covers_too_little_is_not_the_best(make_stimulus: Make) 
     assert (ep1, 0) in best_pairs(joint, joint.explained)
 
 
-def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
-    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+def test_rates_over_their_family_s_largest(steps: list[StimulusRow]) -> None:
+    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
     plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)
     largest = max(float(p.recording.rate.max()) for p in plain.overlays)
     assert max(float(p.recording.rate.max()) for p in normalised.overlays) == pytest.approx(1.0)
@@ -203,8 +203,8 @@ def test_rates_over_their_family_s_largest(steps: list[Stimulus]) -> None:
     np.testing.assert_allclose(normalised.overlays[0].r, plain.overlays[0].r, rtol=1e-9)
 
 
-def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[Stimulus]) -> None:
-    afferent = Afferent("ep1", 1, k=20.0, eps0=1.1)
+def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[StimulusRow]) -> None:
+    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
     found = recorded(afferent, steps[0], np.linspace(-1.5, 1.5, 16))
     known = zip(found.position_mm, found.rate, strict=True)
     wide = recording("wide.csv", [*((float(x), float(r), np.nan) for x, r in known), (9.0, 500.0, np.nan)])
@@ -213,7 +213,7 @@ def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[Stimulus])
     assert (row["positions"], round(row["k"], 6), round(row["eps0"], 6)) == (16, 20.0, 1.1)
 
 
-def test_twins_and_strays_are_refused(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_twins_and_strays_are_refused(steps: list[StimulusRow], make_stimulus: Make) -> None:
     twin = make_stimulus("step:1", X, RECEPTORS, {}, run="another")
     with raises(ComparisonError, "held_twice", run="run of step:1", other="another", held="step:1 at 2.33 gwt"):
         compare([*steps, twin], {})
@@ -221,7 +221,7 @@ def test_twins_and_strays_are_refused(steps: list[Stimulus], make_stimulus: Make
         compare(steps, {"bar:3": recording("x.csv", [(0.0, 1.0, np.nan)])})
 
 
-def test_a_synthetic_recording_says_what_it_is_and_follows_its_rule(steps: list[Stimulus], tmp_path: Path) -> None:
+def test_a_synthetic_recording_says_what_it_is_and_follows_its_rule(steps: list[StimulusRow], tmp_path: Path) -> None:
     afferent = afferent_for(steps, "ep1", 1, peak=50.0, silent=0.25)
     positions = np.linspace(-6, 2, 17)
     found = record(afferent, steps[0], positions, np.random.default_rng(0), repeats=4000, window_s=0.5)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, compare
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import Stimulus, StimulusMap
+from rig.compare.stimuli import StimulusMap, StimulusRow
 from rig.report.comparison_report import shape_figures, shown_measures, simulation_sections
 from rig.report.page_parts import PageFigure
 from rig.report.profile_figures import populations
@@ -29,7 +29,7 @@ MEASURES_SHOWN = ("ep1", "ep3", "sed")
 
 
 @pytest.fixture(scope="module")
-def comparison(make_stimulus: Callable[..., Stimulus]) -> Comparison:
+def comparison(make_stimulus: Callable[..., StimulusRow]) -> Comparison:
     """Steps and bars at two forces or depths each, ten receptors, every one recorded."""
     receptors = np.array(DEFAULT_X_MM)
     profile = np.exp(-((X[:, None] - receptors) ** 2)) - 0.4 * np.exp(-((X[:, None] - receptors + 2) ** 2)) + 0.5
@@ -152,7 +152,9 @@ def _shared(boxes: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.maximum(width, 0.0) * np.maximum(height, 0.0)
 
 
-def test_population_responses_are_images_of_receptors_and_positions(make_stimulus: Callable[..., Stimulus]) -> None:
+def test_population_responses_are_images_of_receptors_and_positions(
+    make_stimulus: Callable[..., StimulusRow],
+) -> None:
     receptors = np.array(DEFAULT_X_MM)
     both = np.add.outer(X, receptors)
     many = make_stimulus("step:1", X, receptors, {"ep1": np.abs(both), "e13": both})
@@ -176,7 +178,7 @@ def test_population_responses_are_images_of_receptors_and_positions(make_stimulu
 
 @pytest.mark.parametrize(("least", "cmap"), [(-0.04, "viridis"), (-0.06, "PuOr_r")])
 def test_a_little_of_the_other_sign_keeps_the_colours(
-    make_stimulus: Callable[..., Stimulus], least: float, cmap: str
+    make_stimulus: Callable[..., StimulusRow], least: float, cmap: str
 ) -> None:
     values = np.linspace(least, 1, 25)[:, None] * np.ones(3)
     stimulus = make_stimulus("step:1", X, np.array([-1.0, 0, 1]), {"ep1": values})
@@ -184,7 +186,7 @@ def test_a_little_of_the_other_sign_keeps_the_colours(
     assert mesh.get_cmap().name == cmap
 
 
-def _population(stimulus: Stimulus) -> PageFigure:
+def _population(stimulus: StimulusRow) -> PageFigure:
     return PageFigure("", populations(stimulus, ["ep1", "e13"]), "")
 
 

@@ -26,13 +26,13 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, compare
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import CONTROLS, Stimulus, StimulusMap
+from rig.compare.stimuli import CONTROLS, StimulusMap, StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.data.tables import spans
 from rig.plan.config import load_config
-from rig.plan.finger_model import Response, responses
+from rig.plan.finger_model import PredictedHold, responses
 from rig.report import (
     benchmark_page,
     coding_figures,
@@ -80,8 +80,8 @@ class World(NamedTuple):
 
     run: Run
     finger: Fingertip
-    found: list[Response]
-    human: list[Response]
+    found: list[PredictedHold]
+    human: list[PredictedHold]
     comparison: Comparison
     maps: list[StimulusMap]
     answer: AfferentVerdict
@@ -101,7 +101,7 @@ RATE = 40.0 + 20.0 * np.cos(POSITIONS)
 
 
 @pytest.fixture(scope="module")
-def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., Stimulus]) -> World:
+def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., StimulusRow]) -> World:
     found = responses(bar_run, finger)
     comparison = _comparison(make_stimulus)
     (answer,) = answers(comparison)
@@ -115,7 +115,7 @@ def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., Stimulus
     )  # fmt: skip
 
 
-def _comparison(make_stimulus: Callable[..., Stimulus]) -> Comparison:
+def _comparison(make_stimulus: Callable[..., StimulusRow]) -> Comparison:
     profile = 1.5 + np.cos(X[:, None] - RECEPTORS)
     both = np.sin(X[:, None] + RECEPTORS)
     made = [
@@ -341,11 +341,11 @@ def _force_depth(world: World, figure: Figure) -> Shown:
     yield high - low >= 0.05, True  # less would magnify the steps of the readings
 
 
-def _last(found: Sequence[Response]) -> list[Response]:
+def _last(found: Sequence[PredictedHold]) -> list[PredictedHold]:
     return sorted((one for one in found if one.last), key=lambda one: one.hold["x_mm"])
 
 
-def _contact(world: World, figure: Figure, found: Sequence[Response] | None = None) -> Shown:
+def _contact(world: World, figure: Figure, found: Sequence[PredictedHold] | None = None) -> Shown:
     above = [axes for axes in _panels(figure) if any(line.get_color() == "black" for line in axes.lines)]
     below = [axes for axes in _panels(figure) if axes not in above]
     last = _last(found or world.found)

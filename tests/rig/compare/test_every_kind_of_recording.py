@@ -14,7 +14,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import RunFolder
 from tests.error_codes import raises
@@ -187,7 +187,7 @@ def test_the_same_afferent_whatever_the_file(kind: Kind, tmp_path: Path) -> None
 
 
 @every_kind
-def test_mirrored_and_normalised(kind: Kind, tmp_path: Path, make_stimulus: Callable[..., Stimulus]) -> None:
+def test_mirrored_and_normalised(kind: Kind, tmp_path: Path, make_stimulus: Callable[..., StimulusRow]) -> None:
     found = read(kind, tmp_path, mirror=True)
     np.testing.assert_allclose(found.position_mm, [-1, -0.25, 0, 0.5], atol=1e-9)
     np.testing.assert_allclose(found.rate, [1, 12, 24, 6])

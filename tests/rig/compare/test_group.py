@@ -13,11 +13,11 @@ from rig.compare.group import Ranked, group_verdict, ranked, surfaces
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import Laid, answers, laid
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 X = np.linspace(-4, 4, 81)
 RECEPTORS = np.array([-1.0, 0.0, 1.0])
@@ -27,7 +27,7 @@ WIDTHS = {"ep1": 0.6, "sed": 1.0, "e22": 1.6}
 
 
 @pytest.fixture
-def stimulus(make_stimulus: Make) -> Stimulus:
+def stimulus(make_stimulus: Make) -> StimulusRow:
     profiles = {
         name: np.stack([np.exp(-(((X - at) / width) ** 2)) for at in RECEPTORS], axis=1)
         for name, width in WIDTHS.items()
@@ -35,7 +35,7 @@ def stimulus(make_stimulus: Make) -> Stimulus:
     return make_stimulus("bar:3", X, RECEPTORS, profiles)
 
 
-def pools(stimulus: Stimulus, truth: str, number: int, rng: np.random.Generator, presses: int = 5) -> list[Laid]:
+def pools(stimulus: StimulusRow, truth: str, number: int, rng: np.random.Generator, presses: int = 5) -> list[Laid]:
     found = []
     for _ in range(number):
         receptor, k, eps0 = int(rng.integers(3)), 60 * np.exp(0.3 * rng.normal()), 0.3 + 0.1 * rng.normal()
@@ -53,7 +53,7 @@ def as_recording(counts: Array) -> Recording:
     )
 
 
-def pool(stimulus: Stimulus, counts: Array) -> Laid:
+def pool(stimulus: StimulusRow, counts: Array) -> Laid:
     found = laid(compare([stimulus], {"bar:3": as_recording(counts)}).overlays, Form())
     assert found is not None
     return found
@@ -65,7 +65,7 @@ def row(rows: list[Ranked], name: str) -> Ranked:
 
 @pytest.mark.quick(rows=lambda number: number == 3)
 @pytest.mark.parametrize("number", [2, 3, 6])
-def test_the_truth_leads_and_its_population_is_found(stimulus: Stimulus, number: int) -> None:
+def test_the_truth_leads_and_its_population_is_found(stimulus: StimulusRow, number: int) -> None:
     """Seeded sample of studies/answers/group_coverage.py."""
     rng = np.random.default_rng(38)
     draws, inside, wrong, gain, threshold = 20, 0, 0, 0, 0
@@ -85,13 +85,13 @@ def test_the_truth_leads_and_its_population_is_found(stimulus: Stimulus, number:
     assert threshold >= 16
 
 
-def test_more_afferents_separate_what_one_cannot(stimulus: Stimulus) -> None:
+def test_more_afferents_separate_what_one_cannot(stimulus: StimulusRow) -> None:
     found = pools(stimulus, "sed", 8, np.random.default_rng(5), presses=1)
     few, many = row(ranked(found[:2]), "sed"), row(ranked(found), "sed")
     assert many.probability > 0.95 > few.probability
 
 
-def test_order_and_unit_of_a_measure_do_not_matter(stimulus: Stimulus) -> None:
+def test_order_and_unit_of_a_measure_do_not_matter(stimulus: StimulusRow) -> None:
     rng = np.random.default_rng(3)
     found = pools(stimulus, "ep1", 4, rng)
     forward, backward = ranked(found), ranked(found[::-1])
@@ -106,7 +106,7 @@ def test_order_and_unit_of_a_measure_do_not_matter(stimulus: Stimulus) -> None:
             assert one.fit.population.threshold == pytest.approx(1e-4 * before.fit.population.threshold, rel=1e-3)
 
 
-def test_a_surface_is_the_integral_of_the_likelihood(stimulus: Stimulus) -> None:
+def test_a_surface_is_the_integral_of_the_likelihood(stimulus: StimulusRow) -> None:
     """Over log|k| by Laplace and over ε₀ by quadrature, against adaptive quadrature of both."""
     (one,) = pools(stimulus, "sed", 1, np.random.default_rng(8))
     data, found = one.observed, surfaces(one)["sed"]
@@ -136,7 +136,7 @@ def test_a_surface_is_the_integral_of_the_likelihood(stimulus: Stimulus) -> None
     assert np.all(np.isfinite(others.log_mass))
 
 
-def test_a_measure_without_a_line_counts_as_a_constant(stimulus: Stimulus) -> None:
+def test_a_measure_without_a_line_counts_as_a_constant(stimulus: StimulusRow) -> None:
     rows = ranked(pools(stimulus, "sed", 3, np.random.default_rng(1)))
     flat = row(rows, "s11")
     assert flat.probability < 1e-6
@@ -147,7 +147,7 @@ def test_a_measure_without_a_line_counts_as_a_constant(stimulus: Stimulus) -> No
     ("what", "outcome"),
     [("one measure", "one measure"), ("noise", "several measures"), ("another shape", "nothing")],
 )
-def test_the_outcome(stimulus: Stimulus, what: str, outcome: str) -> None:
+def test_the_outcome(stimulus: StimulusRow, what: str, outcome: str) -> None:
     rng = np.random.default_rng(2)
     judged = {}
     for n in range(4):

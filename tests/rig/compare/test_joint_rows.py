@@ -13,13 +13,13 @@ from rig.compare.comparison_rows import as_json, fingers_as_json
 from rig.compare.make_verdict import answers, joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import fingers_sections
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
 
 Array = NDArray[np.float64]
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 Row = dict[str, Any]
 
 X = np.linspace(-3, 3, 61)
@@ -40,7 +40,7 @@ def profiles(place: float) -> dict[str, Array]:
 
 
 @pytest.fixture
-def stimulus(make_stimulus: Make) -> Stimulus:
+def stimulus(make_stimulus: Make) -> StimulusRow:
     """The middle finger, and what all three of the design say."""
     one = make_stimulus("step:1", X, np.array([0.0]), profiles(0.0))
     design = [make_stimulus("step:1", X, np.array([0.0]), profiles(u)).measures for u in (-1.0, 0.0, 1.0)]
@@ -56,7 +56,7 @@ def recorded(
     return recording("made.csv", rows, window_s)
 
 
-def compared(stimulus: Stimulus, found: Recording, plausible: PlausibleFingers | None = None) -> Comparison:
+def compared(stimulus: StimulusRow, found: Recording, plausible: PlausibleFingers | None = None) -> Comparison:
     return compare([stimulus], {"step:1": found}, plausible=plausible)
 
 
@@ -66,7 +66,7 @@ def of(rows: list[Row], measure: str) -> Row:
 
 @pytest.mark.parametrize("window_s", [1.0, None])
 def test_limits_are_those_of_the_answer_where_it_has_the_same_recordings(
-    stimulus: Stimulus, window_s: float | None
+    stimulus: StimulusRow, window_s: float | None
 ) -> None:
     comparison = compared(stimulus, recorded(0, window_s=window_s))
     (answer,) = answers(comparison)
@@ -88,26 +88,26 @@ def test_each_joint_fit_has_limits_of_its_own_recordings(make_stimulus: Make) ->
     assert as_json(both, "")["joint"][-len(as_json(alone, "")["joint"]) :] == as_json(alone, "")["joint"]
 
 
-def test_a_rate_that_falls_with_its_measure_has_limits_below_zero(stimulus: Stimulus) -> None:
+def test_a_rate_that_falls_with_its_measure_has_limits_below_zero(stimulus: StimulusRow) -> None:
     row = of(as_json(compared(stimulus, recorded(1, k=-40.0, eps0=1.1)), "")["joint"], "ep1")
     assert row["k_interval"][0] < -40 < row["k_interval"][1] < 0
     assert row["eps0_interval"][0] < 1.1 < row["eps0_interval"][1]
 
 
-def test_a_fit_that_is_rejected_has_no_limits(stimulus: Stimulus) -> None:
+def test_a_fit_that_is_rejected_has_no_limits(stimulus: StimulusRow) -> None:
     row = of(as_json(compared(stimulus, recorded(0)), "")["joint"], "e11")
     assert np.isfinite([row["k"], row["eps0"]]).all()
     assert (row["k_interval"], row["eps0_interval"]) == (None, None)
 
 
-def test_too_few_positions_have_no_limits(stimulus: Stimulus) -> None:
+def test_too_few_positions_have_no_limits(stimulus: StimulusRow) -> None:
     few = recording("few", [(x, float(n), np.nan) for x in (-1.0, -0.5, 0.0, 0.5) for n in (3 + 9 * (x == 0), 4)])
     rows = as_json(compared(stimulus, few), "")["joint"]
     assert rows
     assert {row["k_interval"] for row in rows} == {None}
 
 
-def test_on_plausible_fingers_limits_hold_where_those_of_one_finger_do_not(stimulus: Stimulus) -> None:
+def test_on_plausible_fingers_limits_hold_where_those_of_one_finger_do_not(stimulus: StimulusRow) -> None:
     """The claim is 95 %; docs/validation/comparison.md has 98 %. 30 draws have a standard error of 4 %."""
     held = np.zeros(2)
     for seed in range(30):
@@ -119,7 +119,7 @@ def test_on_plausible_fingers_limits_hold_where_those_of_one_finger_do_not(stimu
     assert held[0] < 0.6 * 30
 
 
-def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus: Stimulus) -> None:
+def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus: StimulusRow) -> None:
     comparison = compared(stimulus, recorded(5, TRUE_PLACE), RANGES)
     told = fingers_as_json(comparison)
     assert told == fingers_as_json(comparison)
@@ -135,7 +135,7 @@ def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus:
     }
 
 
-def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: Stimulus) -> None:
+def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: StimulusRow) -> None:
     known = replace(stimulus, on_fingers=stimulus.measures[None])
     ranges = PlausibleFingers("--fingers x.toml", {"tissue.epidermis_mm": (0.4, 0.4)}, "abc")
     row = of(fingers_as_json(compared(known, recorded(3), ranges))["fingers"]["joint"], "ep1")
@@ -144,7 +144,7 @@ def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: Stimulus) -> No
 
 
 @pytest.mark.parametrize("between", [True, False])
-def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: Stimulus, between: bool) -> None:
+def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: StimulusRow, between: bool) -> None:
     comparison = compared(replace(stimulus, interpolated=between), recorded(5), RANGES)
     (section,) = fingers_sections(comparison)
     assert section.rows == (("tissue.epidermis_mm", "0.3", "0.5"),)
@@ -156,7 +156,7 @@ def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: Stimulus,
     assert fingers_as_json(comparison)["fingers"]["interpolation_text"] == (HOW_MADE if between else None)
 
 
-def test_nothing_is_said_where_no_ranges_are_stated_or_nothing_was_recorded(stimulus: Stimulus) -> None:
+def test_nothing_is_said_where_no_ranges_are_stated_or_nothing_was_recorded(stimulus: StimulusRow) -> None:
     plain = compared(stimulus, recorded(6))
     assert fingers_sections(plain) == []
     assert fingers_as_json(plain) == {}

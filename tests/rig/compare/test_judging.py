@@ -14,14 +14,14 @@ from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers, laid
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.stimuli import CONTROLS, Stimulus
+from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import sentence
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 X = np.linspace(-4, 4, 81)
 RECEPTORS = np.array([-0.5, 0.0, 0.5])
@@ -40,20 +40,20 @@ def profiles(scale: float = 1.0, shift: float = 0.0) -> dict[str, Array]:
 
 
 @pytest.fixture
-def steps(make_stimulus: Make) -> list[Stimulus]:
+def steps(make_stimulus: Make) -> list[StimulusRow]:
     return [
         _controlled(make_stimulus(f"step:{n}", X, RECEPTORS, profiles(scale, shift)), scale)
         for n, scale, shift in (("1", 1.0, 0.0), ("3", 0.8, 0.1), ("5", 0.6, 0.2))
     ]
 
 
-def _controlled(stimulus: Stimulus, scale: float) -> Stimulus:
+def _controlled(stimulus: StimulusRow, scale: float) -> StimulusRow:
     displacement = scale * (peak(0.3, 1.6) + 0.15 * peak(-1.6, 0.5))
     controls = np.stack([scale * peak(0, 0.2), displacement, np.zeros_like(displacement), scale * peak(0, 0.3)])
     return replace(stimulus, controls=controls)
 
 
-def rates(stimulus: Stimulus, source: str = "ep1", receptor: int = 1, k: float = 50.0, eps0: float = 0.2) -> Array:
+def rates(stimulus: StimulusRow, source: str = "ep1", receptor: int = 1, k: float = 50.0, eps0: float = 0.2) -> Array:
     """(p,) mean rates at `POSITIONS`."""
     values = (
         stimulus.controls_at(POSITIONS)[CONTROLS.index(source)]
@@ -69,12 +69,12 @@ def counted(mean: Array, seed: int, presses: int = 5, window_s: float | None = 1
     return recording("synthetic.csv", rows, window_s)
 
 
-def answer(stimuli: Sequence[Stimulus], recordings: dict[str, Recording], **options: bool) -> AfferentVerdict:
+def answer(stimuli: Sequence[StimulusRow], recordings: dict[str, Recording], **options: bool) -> AfferentVerdict:
     (found,) = answers(compare(stimuli, recordings), Form(**options))
     return found
 
 
-def of_truth(stimuli: Sequence[Stimulus], seed: int = 0, **how: float) -> dict[str, Recording]:
+def of_truth(stimuli: Sequence[StimulusRow], seed: int = 0, **how: float) -> dict[str, Recording]:
     return {s.shape: counted(rates(s, **how), seed + n) for n, s in enumerate(stimuli)}  # type: ignore[arg-type]
 
 
@@ -85,7 +85,7 @@ def row(found: AfferentVerdict, name: str, receptor_mm: float | None = 0.0) -> P
 # --- what went wrong before ---
 
 
-def test_a_pair_whose_lack_of_fit_is_plain_is_not_in_the_set(steps: list[Stimulus]) -> None:
+def test_a_pair_whose_lack_of_fit_is_plain_is_not_in_the_set(steps: list[StimulusRow]) -> None:
     """(a) The set kept what five repeats reject at p < 0.001."""
     found = answer(steps, of_truth(steps))
     truth = row(found, "ep1")
@@ -126,7 +126,7 @@ def _measures(make_stimulus: Make, scale: float, shift: float) -> Array:
     return make_stimulus("step:1", X, RECEPTORS, profiles(scale, shift)).measures
 
 
-def test_table_sentence_and_json_are_of_one_set(steps: list[Stimulus]) -> None:
+def test_table_sentence_and_json_are_of_one_set(steps: list[StimulusRow]) -> None:
     """(c) The table said no of pairs that the sentence above it listed."""
     found = answer(steps[:1], of_truth(steps[:1], k=12.0))
     (told,) = answers_as_json([found])
@@ -141,7 +141,7 @@ def test_table_sentence_and_json_are_of_one_set(steps: list[Stimulus]) -> None:
     assert [len(one.eps) for one in found.rows] == [len(found.places.rate)] * len(found.rows)
 
 
-def test_the_answer_is_the_recording_s(steps: list[Stimulus]) -> None:
+def test_the_answer_is_the_recording_s(steps: list[StimulusRow]) -> None:
     """(d) The first verdicts ignored what was recorded."""
     one, other = answer(steps, of_truth(steps)), answer(steps, of_truth(steps, source="s11", eps0=0.1))
     assert one.headline is not None
@@ -150,7 +150,7 @@ def test_the_answer_is_the_recording_s(steps: list[Stimulus]) -> None:
     assert answers(compare(steps, {})) == ()
 
 
-def test_positions_are_those_that_were_used(steps: list[Stimulus]) -> None:
+def test_positions_are_those_that_were_used(steps: list[StimulusRow]) -> None:
     """(e) "On 58 positions", where 47 were used. Receptors at ±0.5 mm do not see positions near ±4 mm."""
     rows = [(float(x), 20.0 + n, np.nan) for x in (*POSITIONS, 3.6, -3.8) for n in range(3)]
     found = answer(steps[:1], {"step:1": recording("wide.csv", rows, 1.0)})
@@ -164,7 +164,7 @@ def test_positions_are_those_that_were_used(steps: list[Stimulus]) -> None:
 # --- controls ---
 
 
-def test_rates_made_by_a_control_are_explained_by_no_measure(steps: list[Stimulus]) -> None:
+def test_rates_made_by_a_control_are_explained_by_no_measure(steps: list[StimulusRow]) -> None:
     rng = np.random.default_rng(0)
     recordings = {}
     for stimulus in steps:
@@ -179,7 +179,7 @@ def test_rates_made_by_a_control_are_explained_by_no_measure(steps: list[Stimulu
     assert next(m for m in found.power.mimics if m.control.startswith("skin displacement")).probability > 0.8
 
 
-def test_where_noise_hides_it_the_power_is_told(steps: list[Stimulus]) -> None:
+def test_where_noise_hides_it_the_power_is_told(steps: list[StimulusRow]) -> None:
     """The skin moves nearly as ep1 does."""
     alike = [replace(s, controls=np.stack([s.measures[6] + 0.02 * peak(0, 1)] * len(CONTROLS))) for s in steps]
     found = answer(alike, of_truth(alike, source="skin displacement", k=20.0))
@@ -190,7 +190,7 @@ def test_where_noise_hides_it_the_power_is_told(steps: list[Stimulus]) -> None:
     assert found.power.detectable > 0.05
 
 
-def test_controls_are_marked_and_a_constant_is_one_of_them(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_controls_are_marked_and_a_constant_is_one_of_them(steps: list[StimulusRow], make_stimulus: Make) -> None:
     found = answer(steps, of_truth(steps))
     assert {one.name for one in found.controls} == {*CONTROLS, A_CONSTANT}
     assert {one.name for one in found.measures} == set(MEASURES)
@@ -205,7 +205,9 @@ def test_controls_are_marked_and_a_constant_is_one_of_them(steps: list[Stimulus]
 # --- what belongs together ---
 
 
-def test_one_afferent_is_fitted_once_over_all_that_was_recorded(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_one_afferent_is_fitted_once_over_all_that_was_recorded(
+    steps: list[StimulusRow], make_stimulus: Make
+) -> None:
     bar = _controlled(make_stimulus("bar:3.0", X, RECEPTORS, profiles(0.9, -0.2), kind="doi_mm", commanded=1.0), 1.0)
     found = answer([*steps, bar], of_truth([*steps, bar]))
     assert found.stimuli == ("bar:3.0 at 1 mm", *(f"step:{n} at 2.33 gwt" for n in "135"))
@@ -220,7 +222,7 @@ def test_one_afferent_is_fitted_once_over_all_that_was_recorded(steps: list[Stim
     assert together.freedom == (6.0, found.noise.freedom)
 
 
-def test_separate_fits_that_differ_are_found_out(steps: list[Stimulus]) -> None:
+def test_separate_fits_that_differ_are_found_out(steps: list[StimulusRow]) -> None:
     recordings = {s.shape: counted(rates(s, k=k), 3) for s, k in zip(steps, (30, 60, 90), strict=True)}
     together = answer(steps, recordings).together
     assert together is not None
@@ -230,11 +232,11 @@ def test_separate_fits_that_differ_are_found_out(steps: list[Stimulus]) -> None:
     assert together.ratio > 10
 
 
-def test_one_stimulus_has_nothing_to_differ_from(steps: list[Stimulus]) -> None:
+def test_one_stimulus_has_nothing_to_differ_from(steps: list[StimulusRow]) -> None:
     assert answer(steps[:1], of_truth(steps[:1])).together is None
 
 
-def test_normalised_rates_are_of_one_family_each(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_normalised_rates_are_of_one_family_each(steps: list[StimulusRow], make_stimulus: Make) -> None:
     bar = make_stimulus("bar:3.0", X, RECEPTORS, profiles(), kind="doi_mm", commanded=1.0)
     recordings = of_truth([*steps, bar])
     found = answers(compare([*steps, bar], recordings, normalise=True))
@@ -242,7 +244,9 @@ def test_normalised_rates_are_of_one_family_each(steps: list[Stimulus], make_sti
     assert all(one.noise.kind == "counts" for one in found)
 
 
-def test_a_recording_laid_over_two_forces_is_not_two_recordings(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_a_recording_laid_over_two_forces_is_not_two_recordings(
+    steps: list[StimulusRow], make_stimulus: Make
+) -> None:
     harder = make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0)
     found = answers(compare([*steps, harder], of_truth(steps)))
     assert [one.title for one in found] == [
@@ -250,7 +254,7 @@ def test_a_recording_laid_over_two_forces_is_not_two_recordings(steps: list[Stim
     ]  # fmt: skip
 
 
-def test_a_recording_can_be_of_one_condition(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stimulus: Make) -> None:
     """Two forces: one afferent, fitted over both."""
     harder = _controlled(make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0), 2.0)
     recordings = {
@@ -266,7 +270,7 @@ def test_a_recording_can_be_of_one_condition(steps: list[Stimulus], make_stimulu
         compare([steps[0], harder], {"step:1@9 gwt": counted(rates(steps[0]), 1)})
 
 
-def test_too_few_positions_say_nothing(steps: list[Stimulus]) -> None:
+def test_too_few_positions_say_nothing(steps: list[StimulusRow]) -> None:
     rows = [(float(x), 5.0, np.nan) for x in (-1, 0, 1, 2)]
     comparison = compare(steps[:1], {"step:1": recording("few", rows)})
     assert answers(comparison) == ()
@@ -276,7 +280,7 @@ def test_too_few_positions_say_nothing(steps: list[Stimulus]) -> None:
 # --- the rows ---
 
 
-def test_a_row_holds_what_figures_need(steps: list[Stimulus]) -> None:
+def test_a_row_holds_what_figures_need(steps: list[StimulusRow]) -> None:
     found = answer(steps, of_truth(steps))
     truth, places = row(found, "ep1"), found.places
     np.testing.assert_allclose(truth.predicted, np.maximum(0, truth.k * (truth.eps - truth.eps0)))
@@ -298,7 +302,7 @@ def test_a_row_holds_what_figures_need(steps: list[Stimulus]) -> None:
     assert 0.5 < once.ceiling < 1
 
 
-def test_the_form_is_kept(steps: list[Stimulus]) -> None:
+def test_the_form_is_kept(steps: list[StimulusRow]) -> None:
     found = answer(steps[:1], of_truth(steps[:1]), saturating=True, silent_at_rest=True)
     assert (found.saturating, found.silent_at_rest) == (True, True)
     assert all(not one.k <= 0 and not one.eps0 < 0 for one in found.rows)

@@ -7,11 +7,11 @@ import pytest
 
 from rig.compare.comparison import Comparison, compare, left_out_lines, left_out_rows
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 
 
 @pytest.fixture
-def judged(make_stimulus: Callable[..., Stimulus]) -> Callable[..., Comparison]:
+def judged(make_stimulus: Callable[..., StimulusRow]) -> Callable[..., Comparison]:
     """Positions −3 … 3 mm recorded under a step that was moved from 2 to −2 mm, at given receptors."""
 
     def make(receptors: list[float], positions: list[float], x_mm: list[float] | None = None) -> Comparison:
@@ -60,6 +60,6 @@ def test_only_some_and_only_every(judged: Callable[..., Comparison]) -> None:
     assert "from 1 to -2.5 mm" in every
 
 
-def test_nothing_recorded_leaves_nothing_out(make_stimulus: Callable[..., Stimulus]) -> None:
+def test_nothing_recorded_leaves_nothing_out(make_stimulus: Callable[..., StimulusRow]) -> None:
     found = compare([make_stimulus("step:1", np.array([0.0, 1.0]), np.array([0.0]), {})], {})
     assert (left_out_rows(found), left_out_lines(found)) == ([], [])

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, compare
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict, FittedPositions, LeftOut
 from rig.report import recording_sections, verdict_figures
 from rig.report.style import Plot
@@ -28,7 +28,7 @@ RATE = 40.0 + 20.0 * np.cos(POSITIONS)
 
 
 @pytest.fixture
-def comparison(make_stimulus: Callable[..., Stimulus]) -> Comparison:
+def comparison(make_stimulus: Callable[..., StimulusRow]) -> Comparison:
     profile = 1.5 + np.cos(X[:, None] - RECEPTORS)
     stimuli = [
         make_stimulus(shape, X, RECEPTORS, {"ep1": profile, "sed": profile**2}) for shape in ("step:1", "step:3")

@@ -21,7 +21,7 @@ from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.neo_file import BY_SUFFIX, OPEN_EPHYS, read_neo
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from tests.error_codes import raises
 from tests.rig.compare.test_every_kind_of_recording import SPIKES, STARTS, TIMES, WINDOW_S, journal
@@ -198,7 +198,7 @@ def read(file: str, columns: tuple[str, ...], run: Run) -> Recording:
 
 @every_format
 def test_the_same_comparison_whatever_the_format(
-    kind: Format, tmp_path: Path, make_stimulus: Callable[..., Stimulus], capfd: pytest.CaptureFixture[str]
+    kind: Format, tmp_path: Path, make_stimulus: Callable[..., StimulusRow], capfd: pytest.CaptureFixture[str]
 ) -> None:
     path = kind.write(tmp_path / kind.name)
     found = read(f"{path}#{kind.unit}", kind.columns, pulsed(tmp_path))

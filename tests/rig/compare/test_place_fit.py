@@ -11,7 +11,7 @@ from rig.compare.likelihood import Form
 from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation, place_lines, places_as_json
 from rig.compare.receptor_place import whereabouts
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import HEADER, place_section
 from sim.measures.measures import MEASURES
 
@@ -33,7 +33,7 @@ def response(indentor_mm: Array, x_mm: Array | float, depth_mm: Array | float) -
 
 
 @pytest.fixture
-def laid(make_stimulus: Callable[..., Stimulus]) -> Laid:
+def laid(make_stimulus: Callable[..., StimulusRow]) -> Laid:
     """Rates by `response` at a place, ± an sd, over a stimulus with receptors at every node of a range."""
 
     def make(

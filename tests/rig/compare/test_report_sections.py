@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import WHAT, measures_section, shape_sections
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.recording_sections import source_section, table_5_1
@@ -21,7 +21,7 @@ STEP = np.exp(-((X[:, None] - RECEPTORS) ** 2)) - 0.4 * np.exp(-((X[:, None] - R
 BAR = np.exp(-((X[:, None] - RECEPTORS - 1) ** 2)) + np.exp(-((X[:, None] - RECEPTORS + 1) ** 2))
 PLOT = Plot((1.0, 1.0), lambda figure: None)
 
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 
 def measured(factor: float = 50.0, name: str = "mine.csv") -> Recording:
@@ -32,7 +32,7 @@ def measured(factor: float = 50.0, name: str = "mine.csv") -> Recording:
 
 
 @pytest.fixture
-def steps(make_stimulus: Make) -> list[Stimulus]:
+def steps(make_stimulus: Make) -> list[StimulusRow]:
     """The source's steps at 8 gwt; ep1 has the recorded form, ep3 and s22 rise with it, SED is flat."""
     return [
         make_stimulus(
@@ -42,7 +42,7 @@ def steps(make_stimulus: Make) -> list[Stimulus]:
     ]
 
 
-def test_every_measure_is_defined_with_unit_sign_and_range(steps: list[Stimulus]) -> None:
+def test_every_measure_is_defined_with_unit_sign_and_range(steps: list[StimulusRow]) -> None:
     assert set(WHAT) == set(MEASURES)
     assert len(set(WHAT.values())) == len(MEASURES)
     section = measures_section(compare(steps, {}), young_mpa=0.2)
@@ -63,7 +63,7 @@ def test_what_is_of_the_other_sign_is_counted(make_stimulus: Make) -> None:
     assert next(row for row in section.rows if row[0] == "sp1")[-1] == "20 %"
 
 
-def test_the_page_says_which_file_fills_which_figure(steps: list[Stimulus]) -> None:
+def test_the_page_says_which_file_fills_which_figure(steps: list[StimulusRow]) -> None:
     section = source_section(compare(steps[:2], {"step:1": measured()}))
     here = {row[0]: row[3] for row in section.rows}
     assert list(here) == ["Fig. 5-8", "Fig. 5-9", "Fig. 5-12", "Fig. 5-13", "Table 5.1"]
@@ -89,7 +89,7 @@ def test_another_force_does_not_fill_a_figure(make_stimulus: Make) -> None:
     assert not section.figures
 
 
-def all_recorded(steps: list[Stimulus], make_stimulus: Make) -> Comparison:
+def all_recorded(steps: list[StimulusRow], make_stimulus: Make) -> Comparison:
     bars = [
         make_stimulus(
             f"bar:{w}", X, RECEPTORS, {"ep1": BAR, "ep3": BAR**2}, kind="doi_mm", commanded=1.0, run=f"b{w}"
@@ -100,7 +100,7 @@ def all_recorded(steps: list[Stimulus], make_stimulus: Make) -> Comparison:
     return compare([*steps, *bars], files)
 
 
-def test_recordings_fill_figures_and_table(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_recordings_fill_figures_and_table(steps: list[StimulusRow], make_stimulus: Make) -> None:
     comparison = all_recorded(steps, make_stimulus)
     section = source_section(comparison)
     assert {row[3] for row in section.rows} == {"filled: 1.csv, 3.csv, 5.csv", "filled: 5.csv, 3.csv", "filled"}
@@ -120,7 +120,7 @@ def test_recordings_fill_figures_and_table(steps: list[Stimulus], make_stimulus:
     assert float(table.rows[1][6]) < 1
 
 
-def test_the_shape_test_is_a_section_of_its_own(steps: list[Stimulus]) -> None:
+def test_the_shape_test_is_a_section_of_its_own(steps: list[StimulusRow]) -> None:
     drawn = PageFigure("SSRPs", PLOT, "")
     test, thresholds, collinear = shape_sections(compare(steps, {}), [drawn])
     assert test.title == "The shape test: a property of the simulation"
@@ -140,7 +140,7 @@ def test_the_shape_test_is_a_section_of_its_own(steps: list[Stimulus]) -> None:
 
 
 def test_what_chance_passes_is_said_beside_the_verdicts(
-    steps: list[Stimulus], make_stimulus: Make, monkeypatch: pytest.MonkeyPatch
+    steps: list[StimulusRow], make_stimulus: Make, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = [
         {"shape": "step:1", "condition": "8 gwt", "passes_by_chance": 0.0651},
@@ -156,7 +156,7 @@ def test_what_chance_passes_is_said_beside_the_verdicts(
     assert "random profiles" not in flat.text
 
 
-def test_conditions_are_listed_where_there_are_several(steps: list[Stimulus], make_stimulus: Make) -> None:
+def test_conditions_are_listed_where_there_are_several(steps: list[StimulusRow], make_stimulus: Make) -> None:
     other = make_stimulus("step:1", X, RECEPTORS, {"ep1": STEP}, run="light")
     test = shape_sections(compare([*steps, other], {}), [])[0]
     assert test.points == ("step:1 at 2.33 gwt: ep1", "step:1, step:3, step:5 at 8 gwt: ep1, ep3, s22")

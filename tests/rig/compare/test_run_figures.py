@@ -9,13 +9,13 @@ from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
 from rig.data import Run, RunFolder
-from rig.plan.finger_model import Response, responses
+from rig.plan.finger_model import PredictedHold, responses
 from rig.report.run_figures import contact_panels, force_depth, highest_pressure, presses
 from rig.report.style import ORANGE
 from sim.models.fingertip import Fingertip
 
 
-def drawn(found: list[Response]) -> Figure:
+def drawn(found: list[PredictedHold]) -> Figure:
     canvas = Figure()
     contact_panels([[one] for one in found], highest_pressure(found)).draw(canvas)
     return canvas

@@ -17,7 +17,7 @@ from rig.compare.profile_shape_test import (
     smooth_over_mm,
     smooth_profiles,
 )
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def test_under_bars_only_receptors_near_the_centre_count() -> None:
     assert near > 0.3
 
 
-def test_the_rows_of_a_comparison(make_stimulus: Callable[..., Stimulus]) -> None:
+def test_the_rows_of_a_comparison(make_stimulus: Callable[..., StimulusRow]) -> None:
     profile = smooth_profiles(X, 0.8, 1, rng())[0][:, None]
     step = make_stimulus("step:1", X, np.array([0.0]), {"ep1": profile})
     flat = make_stimulus("bar:3.0", X, np.array([0.0]), {})

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.compare.stimuli import Stimulus, on_widest_skin, stimuli
+from rig.compare.stimuli import StimulusRow, on_widest_skin, stimuli
 from rig.data import Run, read_run
 from rig.plan.config import load_config
 from rig.plan.finger_model import responses
@@ -15,7 +15,7 @@ from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-Make = Callable[..., Stimulus]
+Make = Callable[..., StimulusRow]
 
 RECEPTORS = np.array([-1.0, 0.0, 0.5])
 

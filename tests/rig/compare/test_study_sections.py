@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rig.compare.comparison import compare
-from rig.compare.stimuli import Stimulus
+from rig.compare.stimuli import StimulusRow
 from rig.report.page_parts import Section
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
@@ -37,7 +37,7 @@ def test_every_variant_and_force_has_a_row_and_a_column() -> None:
     assert ParameterVerdicts("x", 8.0, (), (), 0.0).row == ("x", "8", "none", "none", "0.00")
 
 
-def test_table_5_2_counts_cells(make_stimulus: Callable[..., Stimulus]) -> None:
+def test_table_5_2_counts_cells(make_stimulus: Callable[..., StimulusRow]) -> None:
     """ep1 passes at −1.0 only, under all three steps; the source has it there and at other receptors, too."""
     receptors = np.array(DEFAULT_X_MM)
     profile = np.where(receptors == -1.0, PEAK_THEN_DIP[:, None], 0.0)
@@ -52,7 +52,7 @@ def test_table_5_2_counts_cells(make_stimulus: Callable[..., Stimulus]) -> None:
     assert survivors_section(found).rows[-1] == ("everything above", "ep1")
 
 
-def test_table_5_2_has_its_limits(make_stimulus: Callable[..., Stimulus]) -> None:
+def test_table_5_2_has_its_limits(make_stimulus: Callable[..., StimulusRow]) -> None:
     receptors = np.array(DEFAULT_X_MM)
     profile = np.where(receptors == -1.0, PEAK_THEN_DIP[:, None], 0.0)
     found = compare([make_stimulus(f"step:{n}", X_MM, receptors, {"ep1": profile}) for n in "135"], {})
@@ -68,7 +68,7 @@ def test_table_5_2_has_its_limits(make_stimulus: Callable[..., Stimulus]) -> Non
     )
 
 
-def test_errors_of_the_shape_test(make_stimulus: Callable[..., Stimulus], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_errors_of_the_shape_test(make_stimulus: Callable[..., StimulusRow], monkeypatch: pytest.MonkeyPatch) -> None:
     """A profile with a peak and a deep enough dip is lost to some perturbations; a flat one gains little from 1 %."""
     monkeypatch.setattr(shape_test_errors, "DRAWS", 50)
     monkeypatch.setattr(shape_test_errors, "EACH", 5)

@@ -18,7 +18,7 @@ import pytest
 from rig.compare.comparison import Comparison, compare, left_out_rows
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
-from rig.compare.stimuli import Stimulus, stimuli
+from rig.compare.stimuli import StimulusRow, stimuli
 from rig.compare.wider_run import with_wider_runs
 from rig.data import Run, RunFolder
 from rig.errors import BadInputError
@@ -77,7 +77,7 @@ def _folder(shape: str, ends: tuple[float, float], path: Path) -> Run:
     return Run(RunFolder(path), start, None, {}, {}, {}, 0.0, 0.0)
 
 
-def _compared(found: list[Stimulus], run: Run, finger: Fingertip, to_mm: float) -> Comparison:
+def _compared(found: list[StimulusRow], run: Run, finger: Fingertip, to_mm: float) -> Comparison:
     rows = [(float(x), 10.0 + 5 * np.cos(x), np.nan) for x in np.linspace(-to_mm, to_mm, RECORDED)]
     comparison = compare(found, {found[0].shape: recording("mine.csv", rows)})
     return with_wider_runs(comparison, {found[0].run: (run, finger)})
@@ -85,7 +85,7 @@ def _compared(found: list[Stimulus], run: Run, finger: Fingertip, to_mm: float) 
 
 @pytest.mark.parametrize(("shape", "reach"), list(product(SHAPES, FROM_TO_MM)))
 def test_a_recommended_range_is_accepted(
-    shape: str, reach: str, make_stimulus: Callable[..., Stimulus], tmp_path: Path
+    shape: str, reach: str, make_stimulus: Callable[..., StimulusRow], tmp_path: Path
 ) -> None:
     run, one = _folder(shape, FROM_TO_MM[reach], tmp_path), SHAPES[shape]
     accepted: dict[str, bool] = {}
