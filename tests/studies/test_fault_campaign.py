@@ -387,7 +387,7 @@ def test_the_stored_tables_have_the_rows_that_a_summary_has() -> None:
 SAMPLED = 1
 """Of each bench, scenario and kind: few seconds of the suite. `make shake` does all on every bench."""
 PLAYED = dict.fromkeys(BENCHES, ("press",)) | {
-    "grbl": ("press", "hand"),
+    "grbl": ("press", "hand", "ramp"),
     "rtu": ("again",),
     "tcp": ("press", "resume"),
 }
