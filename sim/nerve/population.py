@@ -73,7 +73,7 @@ MOST_AFFERENTS = 2000
 
 
 @dataclass(frozen=True)
-class Afferent:
+class SimulatedAfferent:
     """One afferent with a receptor under the pad.
 
     Attributes
@@ -113,8 +113,12 @@ class Afferent:
         return path_m / self.velocity_m_s + self.receptor_delay_s
 
 
+Afferent = SimulatedAfferent
+"""TouchSim's name."""
+
+
 @dataclass(frozen=True)
-class Response:
+class PopulationResponse:
     """Spikes of a population at the electrode.
 
     Attributes
@@ -182,6 +186,10 @@ class Response:
                 code="no_window", begins_s=begin, ends_s=end,
             )  # fmt: skip
         return begin, end
+
+
+Response = PopulationResponse
+"""TouchSim's name."""
 
 
 class AfferentPopulation(Sequence[Afferent]):
