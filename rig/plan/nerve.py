@@ -26,7 +26,7 @@ from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import spikes_of
 from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
-from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
+from sim.nerve.skin import SkinUnderIndentor, Signal, table_of_presses
 from sim.nerve.staircase import Staircase
 
 Array = NDArray[np.float64]
@@ -208,7 +208,7 @@ class _Walk:
         self._contact_mm, self._bias_mm, self._true_x_mm = None, [], None
 
 
-class DepthTable(NamedTuple):
+class MeasureTable(NamedTuple):
     """Measures of all afferents against the depth over one place."""
 
     depths_mm: Array
@@ -289,7 +289,7 @@ def tables_of(
     finger: Fingertip,
     afferents: AfferentPopulation,
     told: Told = lambda done, of: None,
-) -> dict[tuple[str, float, float], DepthTable]:
+) -> dict[tuple[str, float, float], MeasureTable]:
     """Return the measures of all afferents at every place of a run."""
     deepest: dict[tuple[str, float, float], float] = {}
     for visit in found.visits:
@@ -304,7 +304,7 @@ def tables_of(
         z_mm = finger.config.receptor_plane_mm + along_mm if along_mm and Z in shape.axes else None
         presses = table_of_presses(finger, shapes[name], deepest_mm, shape.lateral_mm(x_mm), z_mm)
         fields = finger.fields(presses, points)
-        tables[place] = DepthTable(
+        tables[place] = MeasureTable(
             np.array([one.doi_mm for one in presses]), np.array([afferents.measure(one.measures) for one in fields])
         )
     return tables

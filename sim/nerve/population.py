@@ -58,8 +58,8 @@ HUMAN_PATH_M = 0.65
 AT_THE_RECEPTOR_S = (0.001, 0.002)
 """Range of the delay between the membrane of the receptor and its fiber (s)."""
 
-SENSITIVITY_SD = math.log(2.0)
-"""Standard deviation of the logarithm of the sensitivity: a factor of 2."""
+SENSITIVITY_SD = math.log(3.0)
+"""Standard deviation of the logarithm of the sensitivity, a factor of 3, with which the gains of the classes were fitted."""
 
 PAD_SHARE = 0.7
 """Radius of the pad, as a share of the half-width of the finger at the receptor plane."""
@@ -73,7 +73,7 @@ MOST_AFFERENTS = 2000
 
 
 @dataclass(frozen=True)
-class Afferent:
+class SimulatedAfferent:
     """One afferent with a receptor under the pad.
 
     Attributes
@@ -113,8 +113,12 @@ class Afferent:
         return path_m / self.velocity_m_s + self.receptor_delay_s
 
 
+Afferent = SimulatedAfferent
+"""TouchSim's name."""
+
+
 @dataclass(frozen=True)
-class Response:
+class PopulationResponse:
     """Spikes of a population at the electrode.
 
     Attributes
@@ -182,6 +186,10 @@ class Response:
                 code="no_window", begins_s=begin, ends_s=end,
             )  # fmt: skip
         return begin, end
+
+
+Response = PopulationResponse
+"""TouchSim's name."""
 
 
 class AfferentPopulation(Sequence[Afferent]):

@@ -17,7 +17,7 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import Table, Visits, WantedSpikes, run_spikes, visits_of
+from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visits_of
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -50,7 +50,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
         near = {place: np.exp(-0.1 * (np.array([one.x_mm for one in afferents]) - place[1]) ** 2)
                 for place in {visit.place for visit in found.visits}}  # fmt: skip
         return {
-            place: Table(depths, np.array([
+            place: MeasureTable(depths, np.array([
                 afferents.measure(dict.fromkeys(MEASURES, 120 * depth ** 2 * share)) for depth in depths
             ]))
             for place, share in near.items()
