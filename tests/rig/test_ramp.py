@@ -197,6 +197,16 @@ def test_the_depth_is_corrected_for_the_compliance_of_the_rig(spring: Make) -> N
     assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.004)
 
 
+def test_the_stage_gets_a_limit_one_increment_below_the_ramp(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring(soft_trip_n=0.1)
+    engine = bench.ready()
+    limits_mm: list[float] = []
+    monkeypatch.setattr(engine, "limit_depth", limits_mm.append)
+    ramp(engine, **SLOW, hold_s=0.0)
+    lowest_mm = CONTACT_MM - 0.8 - bench.settings.habits.increment_mm
+    assert limits_mm[-1] == pytest.approx(lowest_mm, abs=0.005)
+
+
 def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
     """It reads zero for 0.06 mm below the contact, and shows each force 0.2 s after it was there."""
     bench = FaultyBench(tmp_path, {"force": {"latency_s": 0.2}, "limits": {"soft_trip_n": SOFT_TRIP_N}})
