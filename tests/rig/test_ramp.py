@@ -15,6 +15,7 @@ from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
 from rig.engine.limits import RAMP_MARGIN, RampBound, Stopping
+from rig.engine.press import Unchanged
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
@@ -195,6 +196,29 @@ def test_the_depth_is_corrected_for_the_compliance_of_the_rig(spring: Make) -> N
     bench = spring(settings=settings, soft_trip_n=0.1)
     done = ramp(bench.ready(), **SLOW, hold_s=0.0)
     assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.004)
+
+
+def test_the_stage_gets_a_limit_one_increment_below_the_ramp(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = spring(soft_trip_n=0.1)
+    engine = bench.ready()
+    limits_mm: list[float] = []
+    monkeypatch.setattr(engine, "limit_depth", limits_mm.append)
+    ramp(engine, **SLOW, hold_s=0.0)
+    lowest_mm = CONTACT_MM - 0.8 - bench.settings.habits.increment_mm
+    assert limits_mm[-1] == pytest.approx(lowest_mm, abs=0.005)
+
+
+@pytest.mark.parametrize(
+    ("gone_mm", "rise_gwt", "change_gwt", "too_long"),
+    [(0.11, 1.0, 0.0, True), (0.11, 1.0, 0.004, True), (0.11, 1.0, 0.006, False), (0.09, 1.0, 0.0, False),
+     (0.11, 0.19, 0.0, False)],
+)  # fmt: skip
+def test_a_reading_stays_only_past_its_age_and_a_tenth_of_it(
+    gone_mm: float, rise_gwt: float, change_gwt: float, too_long: bool
+) -> None:
+    unchanged = Unchanged(0.01, 0.1)
+    assert not unchanged.too_long(2.0, -1.0, 2.0)
+    assert unchanged.too_long(2.0 + change_gwt, -1.0 - gone_mm, 2.0 + rise_gwt) is too_long
 
 
 def test_a_late_sensor_is_no_frozen_one(tmp_path: Path) -> None:
