@@ -132,6 +132,12 @@ class Motion:
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
             raise recast(InterruptedMotionError, error) from error
+        except RigError:
+            raise
+        except Exception:  # an error in this program or in a driver
+            with suppress(RigError):
+                self._come_to_rest(seen, halt)
+            raise
 
     def _check(
         self,

@@ -148,6 +148,33 @@ def test_homing_that_was_ended_is_held_and_not_trusted(watched: Callable[..., Wa
     assert engine.state is State.TRIPPED
 
 
+@pytest.mark.parametrize("motion", [*MOTIONS, "ramp"])
+def test_an_error_in_the_program_ends_the_motion(
+    watched: Callable[..., Watched], motion: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = watched()
+    engine = bench.ready()
+    looks: list[float] = []
+
+    def broken() -> float | None:
+        looks.append(bench.clock.monotonic_s())
+        if len(looks) > 2:
+            raise ZeroDivisionError
+        return 0.0
+
+    def ramp(engine: Engine) -> None:
+        engine.go_to_height(1.9, 0.1, ramp=lambda force_gwt: None)
+
+    monkeypatch.setattr(engine.sensing, "glance_gwt", broken)
+    with pytest.raises(ZeroDivisionError):
+        (MOTIONS | {"ramp": ramp})[motion](engine)
+    assert len(looks) == 3
+    bench.clock.wait_s(0.1)  # after a stop in homing the last step is on its way
+    at_rest = bench.pose
+    bench.clock.wait_s(2.0)
+    assert bench.pose == at_rest
+
+
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_a_sensor_that_falls_silent_on_the_way_trips(motion: str) -> None:
     """Away from the finger it goes to the end of the way first; there nothing says that it is lifted."""

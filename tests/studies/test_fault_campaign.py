@@ -191,21 +191,26 @@ def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("mechanics", "cell", "struck_gwt", "spared"),
+    ("scenario", "mechanics", "cell", "struck_gwt", "spared"),
     [
-        ("none", "reads 0.1", 0.0, True),
-        ("z runs on", "none", 0.0, True),
-        ("z travels 2", "frozen", 0.0, True),
-        ("z travels 2", "frozen", 8.0, False),
-        ("z travels 2", "late", 0.0, False),
-        ("z travels 0.8", "frozen", 0.0, False),
-        ("none", "reads 0.5", 0.0, False),
-        ("none", "frozen", 0.0, False),
-        ("z stalls", "saturated", 0.0, False),
+        ("press", "none", "reads 0.1", 0.0, True),
+        ("press", "z runs on", "none", 0.0, True),
+        ("press", "z travels 2", "frozen", 0.0, True),
+        ("press", "z travels 2", "frozen", 8.0, False),
+        ("press", "z travels 2", "late", 0.0, False),
+        ("press", "z travels 0.8", "frozen", 0.0, False),
+        ("press", "none", "reads 0.5", 0.0, False),
+        ("press", "none", "frozen", 0.0, False),
+        ("press", "z stalls", "saturated", 0.0, False),
+        ("press", "z travels 2", "reads 0.5", 0.0, False),
+        ("ramp", "z travels 2", "reads 0.5", 0.0, True),
+        ("ramp", "z travels 2", "saturated", 0.0, True),
+        ("ramp", "z travels 2", "late", 0.0, False),
+        ("ramp", "none", "reads 0.5", 0.0, False),
     ],
 )
-def test_what_is_spared(mechanics: str, cell: str, struck_gwt: float, spared: bool) -> None:
-    record = {**FINE, "mechanics": mechanics, "cell": cell, "struck_gwt": struck_gwt}
+def test_what_is_spared(scenario: str, mechanics: str, cell: str, struck_gwt: float, spared: bool) -> None:
+    record = {**FINE, "scenario": scenario, "mechanics": mechanics, "cell": cell, "struck_gwt": struck_gwt}
     assert (exemption_of(record) is not None) is spared
 
 
