@@ -204,7 +204,7 @@ def test_what_a_case_breaks(changed: Record, found: list[str]) -> None:
         ("press", "z stalls", "saturated", 0.0, False),
         ("press", "z travels 2", "reads 0.5", 0.0, False),
         ("ramp", "z travels 2", "reads 0.5", 0.0, True),
-        ("ramp", "z travels 2", "saturated", 0.0, True),
+        ("ramp", "z travels 2", "saturated", 0.0, False),
         ("ramp", "z travels 2", "late", 0.0, False),
         ("ramp", "none", "reads 0.5", 0.0, False),
     ],

@@ -22,8 +22,8 @@ TOUCH_GWT = 0.05
 DRAG_MM = 0.003
 """A step of the stage: less is no motion sideways."""
 BOUND_GWT = bound_gwt()
-HALF = ("reads 0.5", "saturated")
-"""Cells that read low, and must stay within the bound alone and in a press by increments."""
+HALF = "reads 0.5"
+"""A cell that must stay within the bound alone, and in a press by increments."""
 
 
 def claim_of(at: FinalPosition | None) -> Claim:
@@ -72,7 +72,7 @@ BYPASSED = Exemption(
     "a cell that is bypassed, on a carriage that goes farther than told", "a mechanical stop at the deepest DOI"
 )
 FAST_AND_LOW = Exemption(
-    "in a ramp, a cell that reads low, on a carriage that goes farther than told",
+    "in a ramp, a cell that reads half, on a carriage that goes farther than told",
     "increments instead of a ramp; a mechanical stop at the deepest DOI",
 )
 EXEMPTIONS = (LOW, UNCOMMANDED, BYPASSED, FAST_AND_LOW)
@@ -91,7 +91,7 @@ def exemption_of(record: Mapping[str, Any]) -> Exemption | None:
     in_air = record["struck_gwt"] < TOUCH_GWT
     if record["cell"] == "frozen" and in_air and record["mechanics"] in GOES_FARTHER:
         return BYPASSED
-    if record["scenario"] == "ramp" and record["cell"] in HALF and record["mechanics"] in GOES_FARTHER:
+    if record["scenario"] == "ramp" and record["cell"] == HALF and record["mechanics"] in GOES_FARTHER:
         return FAST_AND_LOW
     return None
 
