@@ -26,7 +26,7 @@ from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import spikes_of
 from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
-from sim.nerve.skin import SkinUnderIndentor, Signal, table_of_presses
+from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.staircase import Staircase
 
 Array = NDArray[np.float64]
