@@ -59,7 +59,7 @@ AT_THE_RECEPTOR_S = (0.001, 0.002)
 """Range of the delay between the membrane of the receptor and its fiber (s)."""
 
 SENSITIVITY_SD = math.log(3.0)
-"""Standard deviation of the logarithm of the sensitivity, a factor of 3, with which the gains of the classes were fitted."""
+"""Standard deviation of the logarithm of the sensitivity: a factor of 3, as when the gains were fitted."""
 
 PAD_SHARE = 0.7
 """Radius of the pad, as a share of the half-width of the finger at the receptor plane."""
