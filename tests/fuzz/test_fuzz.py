@@ -1,8 +1,8 @@
 """Every file that the program reads, and every reply of a device: a success, or its own error with a code.
 
-In the suite a quarter of a thousand inputs for each quick reader, fewer for slow ones, and all that once failed; the
-whole thousand is a study. `make shake` runs a million (tests/fuzz/campaign.py). The program reads in this process
-here; limits of time and memory are the campaign's.
+In the suite a thousand inputs for each quick reader, fewer for slow ones, and all that once failed. `make shake` runs
+a million (tests/fuzz/campaign.py). The program reads in this process here; limits of time and memory are the
+campaign's.
 """
 
 import math
@@ -31,19 +31,14 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-SHARES = {"a quarter": 4, "all": 1}
-
-
-@pytest.mark.quick(rows=lambda name, share: share == "a quarter")
-@pytest.mark.parametrize("share", SHARES)
 @pytest.mark.parametrize("name", EVERY)
-def test_a_reader_ends_well(name: str, share: str, here: Path) -> None:
+def test_a_reader_ends_well(name: str, here: Path) -> None:
     target = Target(name, here / "files")
     for example in target.examples:
         assert target.failure(example) == ""
         assert name in NOT_READ or target.succeeded
     failed = {}
-    for seed in range(math.ceil(EVERY[name].in_suite / SHARES[share])):
+    for seed in range(EVERY[name].in_suite):
         if what := target.failure(target.mutated(seed)):
             failed[seed] = what
     assert failed == {}
