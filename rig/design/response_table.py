@@ -56,7 +56,7 @@ class ResponseTable:
 
     `values` (fingers, presses, candidates, nodes), x varying fastest over nodes; measures have the signs of `shown`.
     `about` (presses, 5) are contact height above the apex (mm), force (gwt), depth (mm), contact area (mm²) and peak
-    pressure (MPa) on the configured finger. Presses that no model solves are NaN.
+    pressure, as in `Prediction`, on the configured finger. Presses that no model solves are NaN.
     """
 
     presses: tuple[PossiblePress, ...]

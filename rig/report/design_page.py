@@ -134,8 +134,8 @@ def confusion(outcome: Confusion) -> Plot:
         shown = axes.imshow(100 * outcome.matrix, vmin=0, vmax=100, cmap="Blues")
         axes.set_xticks(range(n), outcome.candidates, rotation=60, ha="right")
         axes.set_yticks(range(n), outcome.candidates)
-        axes.set_xlabel("most probable")
-        axes.set_ylabel("true")
+        axes.set_xlabel("most probable candidate (1)")
+        axes.set_ylabel("true candidate (1)")
         for row in range(n):
             for column in range(n):
                 share = 100 * outcome.matrix[row, column]
@@ -164,7 +164,7 @@ def growth(found: Design) -> Plot:
         axes = figure.subplots()
         axes.plot([0, *number], [0.0, *(step.bits for step in steps)], "o-", color=BLUE, ms=3, lw=1)
         axes.axhline(np.log2(len(found.request.candidates)), color=GREY, lw=0.8, ls="--")
-        axes.set_xlabel("presses")
+        axes.set_xlabel("number of presses (1)")
         axes.set_ylabel("information (bits)")
         axes.set_ylim(0, None)
 

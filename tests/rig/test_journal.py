@@ -203,8 +203,8 @@ def test_the_file_is_only_appended_to(path: Path, clock: VirtualClock) -> None:
 def test_every_stream_of_a_run_says_its_units() -> None:
     for keys in STREAMS.values():
         for key, unit in keys.items():
-            suffix = key.rsplit("_", 1)[-1]
-            if suffix in ("mm", "gwt", "s") and "_" in key:
+            suffix = "mm/s" if key.endswith("_mm_s") else key.rsplit("_", 1)[-1]
+            if suffix in ("mm", "gwt", "s", "mm/s") and "_" in key:
                 assert unit == suffix, key
             else:
                 assert unit == "", key

@@ -31,11 +31,15 @@ from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.data.tables import spans
+from rig.design.choose import AddedPresses, ChosenPresses
+from rig.design.confusion import Confusion
+from rig.design.design import Design, DesignRequest
 from rig.plan.config import load_config
 from rig.plan.finger_model import PredictedHold, responses
 from rig.report import (
     benchmark_page,
     coding_figures,
+    design_page,
     identification_page,
     profile_figures,
     run_figures,
@@ -64,7 +68,7 @@ ROOT = Path(__file__).parents[3]
 Array = NDArray[np.float64]
 
 UNITS = frozenset({
-    "mm", "s", "min", "gwt", "kPa", "%", "MB", "1/mm", "cycles/mm", "impulses/s", "strain",
+    "mm", "s", "min", "gwt", "kPa", "%", "MB", "bits", "1/mm", "cycles/mm", "impulses/s", "strain",
     "pseudo-units", "pseudo-units³", "1/pseudo-unit", "unit of the recording", "standard deviations", "1",
 })  # fmt: skip
 """What brackets at the end of a label may hold; strain and 1 declare a number."""
@@ -89,6 +93,7 @@ class World(NamedTuple):
     deflections: tuple[list[Deflection], list[Deflection]]
     speed: list[dict[str, Any]]
     coding: dict[str, Any]
+    design: Design
 
 
 # --- worlds ---
@@ -111,7 +116,28 @@ def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., Stimulus
     large = [replace(one, result=human.indent("bar:3.0", one.result.x_mm, doi_mm=0.4)) for one in found]
     return World(
         bar_run, finger, found, large, comparison, _maps(comparison), answer, _identified(), _deflections(), _speed(),
-        _coding(),
+        _coding(), _design(),
+    )  # fmt: skip
+
+
+def _design() -> Design:
+    """Two designs of three candidates at two durations; six experiments each, of which some fail."""
+    candidates = ("ep1", "sed", "mean")
+
+    def confusion(name: str, minutes: float, wrong: int) -> Confusion:
+        truth = np.tile([0, 1, 2], 2)
+        evidence = 9.0 * np.eye(3)[np.where(np.arange(6) < wrong, (truth + 1) % 3, truth)]
+        return Confusion(name, minutes, 4, 3, candidates, truth, evidence, np.full(6, 8.0))
+
+    steps = (AddedPresses((0, 1), 0.5), AddedPresses((2,), 0.9))
+    outcomes = [confusion(name, t, n) for name, t, n in (
+        ("designed", 5.0, 2), ("designed", 10.0, 1), ("random presses", 5.0, 4), ("random presses", 10.0, 3),
+    )]  # fmt: skip
+    of_no_figure: Any = None
+    return Design(
+        DesignRequest(candidates, minutes=10.0), of_no_figure, of_no_figure,
+        ChosenPresses(np.array([1, 1, 1]), ("bar:3.0",), steps, 0.9, np.zeros(3)), (), of_no_figure,
+        tuple(outcomes), outcomes[0], 3, None, 1,
     )  # fmt: skip
 
 
@@ -605,6 +631,33 @@ def _cost(world: World, figure: Figure) -> Shown:
         yield _lines(axes, marker="o")[0], (list(rows), list(rows.values()))
 
 
+def _failures(world: World, figure: Figure) -> Shown:
+    failed, kept = _panels(figure)
+    for one, other, name in zip(
+        _lines(failed, marker="o"), _lines(kept, marker="o"), world.design.names, strict=True
+    ):
+        mine = [world.design.at(name, minutes) for minutes in (5.0, 10.0)]
+        yield one, ([5.0, 10.0], [100 * m.failed.mean() for m in mine])
+        yield other, ([5.0, 10.0], [100 * m.kept.mean() for m in mine])
+    yield [text.get_text() for text in failed.get_legend().get_texts()], world.design.names
+
+
+def _confusion(world: World, figure: Figure) -> Shown:
+    axes = _panels(figure)[0]
+    matrix = world.design.outcome.matrix
+    yield _image(axes), 100 * matrix
+    for ticks in (axes.get_xticklabels(), axes.get_yticklabels()):
+        yield [tick.get_text() for tick in ticks], ["ep1", "sed", "mean"]
+    shown = {(int(t.get_position()[1]), int(t.get_position()[0])): t.get_text().split()[0] for t in axes.texts}
+    yield set(shown.items()), {((i, j), f"{100 * matrix[i, j]:.0f}") for i, j in np.argwhere(matrix > 0).tolist()}
+
+
+def _growth(world: World, figure: Figure) -> Shown:
+    axes = _panels(figure)[0]
+    yield _lines(axes, marker="o")[0], ([0, 2, 3], [0.0, 0.5, 0.9])
+    yield _lines(axes, ls="--")[0][1], [np.log2(3)] * 2
+
+
 def _decoded(world: World, figure: Figure) -> Shown:
     skin, energy = _panels(figure)
     given = world.coding["decoded"]
@@ -763,6 +816,9 @@ FIGURES: dict[str, Row] = {
     "identification_page.presses_over_time": Row(_identification("Each press"), _over_time),
     "identification_page.marginals": Row(_identification("Before"), _marginals),
     "identification_page.correlations": Row(_identification("Correlations"), _correlations),
+    "design_page.curves": Row(_bare(lambda w: design_page.curves(w.design)), _failures),
+    "design_page.confusion": Row(_bare(lambda w: design_page.confusion(w.design.outcome)), _confusion),
+    "design_page.growth": Row(_bare(lambda w: design_page.growth(w.design)), _growth),
     "benchmark_page.pareto": Row(_titled("Error against time", lambda w: benchmark_page.figures(w.speed)), _pareto),
     "benchmark_page.cost_against_nodes": Row(_titled("Cost", lambda w: benchmark_page.figures(w.speed)), _cost),
     "coding_figures.decoded_figure": Row(

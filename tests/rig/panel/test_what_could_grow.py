@@ -14,6 +14,7 @@ CONTAINERS = {"list", "dict", "set", "deque", "Counter", "defaultdict", "Ordered
               "ThreadPoolExecutor"}  # fmt: skip
 HAS_AN_END = {
     "rig/panel/connections.py _waiting": "half of the descriptors",
+    "rig/panel/connections.py _unwatched": "those accepted in a quarter of a second",
     "rig/panel/connections.py _complete": "part of those that wait",
     "rig/panel/connections.py _guests": "MOST_GUESTS",
     "rig/panel/connections.py _holders": "MOST_HOLDERS",
