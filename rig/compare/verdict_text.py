@@ -1,6 +1,7 @@
 """A verdict in words, and a paragraph on methods for a paper."""
 
 from collections.abc import Sequence
+from itertools import groupby
 
 import numpy as np
 
@@ -53,11 +54,14 @@ def sentences(answer: AfferentVerdict) -> list[str]:
 
 
 def listed(rows: Sequence[PairRow]) -> str:
-    """Return pairs as text, e.g. "ep1 at −1.25 and −1 mm, sed at 0 mm", in the order of the rows."""
+    """Return pairs as text, e.g. "ep1 and e11 at −1.25 and −1 mm, sed at 0 mm", in the order of the rows."""
     names = dict.fromkeys(row.name for row in rows)
     places = {name: sorted(row.receptor_mm for row in rows if row.name == name and row.receptor_mm is not None)
               for name in names}  # fmt: skip
-    return ", ".join(f"{name} at {_and(list(map(in_mm, at)))} mm" if at else name for name, at in places.items())
+    return ", ".join(
+        f"{_and(list(alike))} at {_and(list(map(in_mm, at)))} mm" if at else ", ".join(alike)
+        for at, alike in groupby(names, places.get)
+    )
 
 
 def percent(share: float) -> str:

@@ -189,10 +189,11 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
                       fontsize=7, va="center", annotation_clip=False)  # fmt: skip
     axes.set_yticks(range(len(ranked)), [named(row) for row in ranked], fontsize=7.5)
     axes.set_ylim(len(ranked) - 0.4, -0.6)
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
-    axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
-    axes.xaxis.set_minor_locator(NullLocator())
+    if any(row.lack_of_fit > 0 for row in ranked):  # none is, where an afferent was silent
+        axes.set_xscale("log")
+        axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+        axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axes.xaxis.set_minor_locator(NullLocator())
     axes.axvline(1.0, color=GREY, lw=0.8, ls=DOTTED)
     axes.set_xlabel("misfit over noise, lack-of-fit F (1)", fontsize=8)
     axes.tick_params(axis="x", labelsize=7.5, which="both")

@@ -141,7 +141,7 @@ def _design() -> Design:
     )  # fmt: skip
 
 
-def _comparison(make_stimulus: Callable[..., StimulusRow]) -> Comparison:
+def _comparison(make_stimulus: Callable[..., StimulusRow], rate: Array = RATE) -> Comparison:
     profile = 1.5 + np.cos(X[:, None] - RECEPTORS)
     both = np.sin(X[:, None] + RECEPTORS)
     made = [
@@ -153,7 +153,7 @@ def _comparison(make_stimulus: Callable[..., StimulusRow]) -> Comparison:
         replace(one, controls=control, pressure=np.outer(np.arange(1.0, 34.0), np.ones(9)) * k)
         for k, one in enumerate(made, 1)
     ]
-    rows = [(float(x), float(rate), 5.0) for x, rate in zip(POSITIONS, RATE, strict=True)]
+    rows = [(float(x), float(rate), 5.0) for x, rate in zip(POSITIONS, rate, strict=True)]
     return compare(stimuli, {shape: recording("made.csv", rows) for shape in ("step:1", "step:3", "step:5")})
 
 
@@ -881,6 +881,15 @@ def test_it_shows_its_table(name: str, world: World, drawn: Drawn) -> None:
             assert got == table
         else:
             np.testing.assert_allclose(np.asarray(got, dtype=float), np.asarray(table, dtype=float), atol=1e-9)
+
+
+def test_a_silent_afferent_has_all_figures_without_a_warning(make_stimulus: Callable[..., StimulusRow]) -> None:
+    (silent,) = answers(_comparison(make_stimulus, 0.0 * RATE))
+    for section in answer_sections([silent], "no offset", recorded=True):
+        for figure in section.figures:
+            canvas = Figure(figsize=figure.plot.size, layout=figure.plot.layout)
+            figure.plot.draw(canvas)
+            canvas.draw_without_rendering()
 
 
 @pytest.mark.parametrize("name", FIGURES)

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
-from rig.compare.verdict_text import sentence
+from rig.compare.verdict_text import listed, sentence
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
 
@@ -309,3 +311,15 @@ def test_the_form_is_kept(steps: list[StimulusRow]) -> None:
     plain = answer(steps[:1], of_truth(steps[:1]))
     assert any(one.eps0 < 0 for one in plain.rows)
     assert {one.saturation for one in plain.rows} == {0.0}
+
+
+def test_names_at_the_same_places_share_them() -> None:
+    def row(name: str, receptor_mm: float | None) -> Any:
+        return SimpleNamespace(name=name, receptor_mm=receptor_mm)
+
+    rows = [row(name, x) for x in (0.5, -0.5) for name in ("ep1", "sed")]
+    rows += [row("e11", 0.5), row("ep3", 0.5), row("ep3", 0.0), row("skin pressure", None), row("mean", 0.5)]
+    assert (
+        listed(rows)
+        == "ep1 and sed at −0.5 and 0.5 mm, e11 at 0.5 mm, ep3 at 0 and 0.5 mm, skin pressure, mean at 0.5 mm"
+    )
