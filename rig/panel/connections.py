@@ -139,6 +139,7 @@ class Connections:
         self._begun: set[asyncio.Task[Any]] = set()
         self._spare: list[int] = []
         self._stops, self._open, self._serving, self._crowded = 0, False, False, False
+        self._scarce_until_s = -1.0
 
     def begin(self, **of_the_server: Any) -> None:
         """Accept connections in the running loop; of_the_server: arguments of the server's protocol."""
@@ -186,6 +187,7 @@ class Connections:
             try:
                 self._spare.append(os.open(os.devnull, os.O_RDONLY))
             except OSError:
+                self._scarce_until_s = self._clock.monotonic_s() + HEADER_S
                 if not self._give_way():
                     return
 
@@ -205,16 +207,19 @@ class Connections:
     def _accept(self) -> None:
         self._crowded, pending = False, self._is_pending()
         for _ in range(1 if pending else _ACCEPTED_AT_ONCE):
+            if self._stops and self._clock.monotonic_s() < self._scarce_until_s and not self._give_way():
+                self._accept_later()  # The descriptors that are free are those of a stop.
+                return
             try:
                 end, _address = self._listener.accept()
             except (BlockingIOError, InterruptedError, ConnectionAbortedError):
                 self._watch()
                 return
             except OSError:  # No descriptor is left.
+                self._scarce_until_s = self._clock.monotonic_s() + HEADER_S
                 if self._give_way() or self._release(_SPARE_FOR_STOP):
                     continue
-                self._loop.remove_reader(self._listener)
-                self._loop.call_later(_AGAIN_S, self._accept_again)
+                self._accept_later()
                 return
             end.setblocking(False)
             if len(self._waiting) >= self._most_waiting:
@@ -225,6 +230,10 @@ class Connections:
         self._crowded = not pending
         if pending:
             self._watch()
+
+    def _accept_later(self) -> None:
+        self._loop.remove_reader(self._listener)
+        self._loop.call_later(_AGAIN_S, self._accept_again)
 
     def _accept_again(self) -> None:
         if self._open:
