@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -119,7 +119,7 @@ class FinishedRun:
         """Duration on the clock of the run (s)."""
         return self.run.duration_s
 
-    @property
+    @cached_property
     def ending(self) -> Ending | None:
         """Ending, unless the run ended normally."""
         if self.complete and self.problem is None:

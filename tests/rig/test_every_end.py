@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ import rig.session.session as sessions
 from rig.data.journal import Journal, read_journal
 from rig.devices.base import ForceReading
 from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, KnownContact
+from rig.session import early_ending
 from sim.models.fingertip import Fingertip
 from tests.preloaded import Popen
 from tests.program import Ended, Program
@@ -176,6 +178,8 @@ def test_every_end_says_where_the_indentor_is_and_how_to_go_on(
     end = ENDS[name]
     command = _written(tmp_path, end)
     patch = striking(end.strike)
+    free_mb = count(1000)
+    patch.setattr(early_ending, "free_space", lambda folder: f"{next(free_mb)} MB free")
     ended = rig(*command, *(["--json"] if as_json else []))
     patch.undo()
     assert ended.code == end.code, ended.err
