@@ -1102,7 +1102,7 @@ class NotSeparatedJson(Output):
 
 
 class SampleSizeJson(Output):
-    """Experiments with so many fibers: share with the truth and at most one other candidate in the set, and alone."""
+    """Experiments with several fibers: share in which the set is the truth alone, or the truth and one other."""
 
     session_s: float
     presses: int
@@ -1131,7 +1131,7 @@ class DesignJson(Output):
     presses: list[DesignedPressJson]
     information_bits: float
     effective_draws: Ratio
-    """Of the true candidate's evidence, in nine of ten experiments at least."""
+    """Effective number of draws behind the evidence of the true candidate; nine of ten experiments have more."""
     outcomes: list[DesignOutcomeJson]
     confusion: ConfusionJson
     not_separated: list[NotSeparatedJson]

@@ -104,7 +104,9 @@ def _add(
     from rig.plan.nerve import run_spikes
 
     with busy(f"spikes of {len(afferents)} afferents …", as_json=as_json, size=len(afferents) * run.end_s) as now:
-        record = run_spikes(run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, told=now.at)
+        record = run_spikes(
+            run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at
+        )
     with busy("writing the spikes …", as_json=as_json, quick=True):
         files, missing = export_spikes(run, record)
     if missing:

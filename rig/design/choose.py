@@ -65,7 +65,7 @@ class ChosenPresses:
     shapes: tuple[str, ...]
     steps: tuple[AddedPresses, ...]
     bits: float
-    told: Array  # (presses,) what one more of each would add (bits)
+    added_bits: Array  # (presses,) what one more of each would add (bits)
     exchanged: int = 0
 
 
@@ -198,11 +198,11 @@ class PressChooser:
         bits = 0.0
         while True:
             sums = self._data.sums(repeats, sets)
-            told = information_bits(
+            added_bits = information_bits(
                 self.model, self._bins, sums, self.log_rate, self.draws, likelihood, self._particles(sets),
                 self._chance, mine,
             )  # fmt: skip
-            added = self._best(told / cost, mine, repeats, room, batch)
+            added = self._best(added_bits / cost, mine, repeats, room, batch)
             if not added:
                 break
             for k in added:
@@ -213,7 +213,7 @@ class PressChooser:
             grown.append(AddedPresses(tuple(added), bits))
             progress(len(grown), steps)
         used = tuple(shape for shape in shapes if repeats[self._of_shape == shape].any())
-        return ChosenPresses(repeats, used, tuple(grown), self.bits(repeats), told)
+        return ChosenPresses(repeats, used, tuple(grown), self.bits(repeats), added_bits)
 
     def _particles(self, sets: int) -> int:
         return self.effort.particles if sets >= self.effort.sets else self.effort.particles // 2
@@ -238,29 +238,29 @@ class PressChooser:
         self, chosen: ChosenPresses, minutes: float, progress: Callable[[int, int], None]
     ) -> ChosenPresses:
         """Replace presses that tell little by others, as long as the information grows on the same data."""
-        repeats, bits, exchanged, told = chosen.repeats.copy(), chosen.bits, 0, chosen.told
+        repeats, bits, exchanged, added_bits = chosen.repeats.copy(), chosen.bits, 0, chosen.added_bits
         mine = np.flatnonzero(np.isin(self._of_shape, list(chosen.shapes)))
         for n in range(self.effort.exchanges):
             progress(n, self.effort.exchanges)
             # Presses that would tell least if made once more are most likely to be missed least.
             made = np.flatnonzero(repeats)
-            least = made[np.argsort(told[made] / self.times.press_s[made])[:_TRIED_OUT]]
+            least = made[np.argsort(added_bits[made] / self.times.press_s[made])[:_TRIED_OUT]]
             without = np.array([self.bits(_with(repeats, k, -1)) for k in least])
             out = int(least[np.argmax(without)])
             base = _with(repeats, out, -1)
             sums = self._data.sums(base, self.effort.sets)
-            told = information_bits(
+            added_bits = information_bits(
                 self.model, self._bins, sums, self.log_rate, self.draws, self._likelihood(sums),
                 self.effort.particles, self._chance, mine,
             )  # fmt: skip
             room = self._room_s(chosen.shapes, minutes) - float(self.times.press_s @ base)
-            into = self._best(told / self.times.press_s, mine, base, room, 3)
+            into = self._best(added_bits / self.times.press_s, mine, base, room, 3)
             tried = {k: self.bits(_with(base, k, 1)) for k in into}
             best = max(tried, key=tried.__getitem__, default=out)
             if not tried or tried[best] <= bits or best == out:
                 break
             repeats, bits, exchanged = _with(base, best, 1), tried[best], exchanged + 1
-        return ChosenPresses(repeats, chosen.shapes, chosen.steps, bits, told, exchanged)
+        return ChosenPresses(repeats, chosen.shapes, chosen.steps, bits, added_bits, exchanged)
 
 
 def _unseen(done: int, total: int) -> None:

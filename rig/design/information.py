@@ -121,9 +121,9 @@ def information_bits(
             level = np.minimum(level, bins.per_dispersion - 1) + bins.per_dispersion * draws.level[fiber][:, None]
             mean[row], scatter[row] = _mean_and_scatter(level, bins)
         total += _mutual(p, mean, scatter / np.float32(particles))
-    told = np.zeros(log_rate.shape[2])
-    told[every] = total / sets
-    return told
+    bits_of_press = np.zeros(log_rate.shape[2])
+    bits_of_press[every] = total / sets
+    return bits_of_press
 
 
 def _without_time(sums: CountSums) -> CountSums:

@@ -30,7 +30,7 @@ from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.staircase import Staircase
 
 Array = NDArray[np.float64]
-Told = Callable[[int, int], None]
+Progress = Callable[[int, int], None]
 
 PIECE_S = 120.0
 """Duration for which spikes are computed at once (s). It bounds the memory, whatever the run's duration."""
@@ -223,7 +223,7 @@ def run_spikes(
     *,
     seed: int = 0,
     path_m: float = PATH_M,
-    told: Told = lambda done, of: None,
+    show_progress: Progress = lambda done, of: None,
 ) -> SpikeRecord:
     """Return the spikes of a population during a run, at the electrode.
 
@@ -241,8 +241,8 @@ def run_spikes(
         Seed of the population, which is recorded.
     path_m : float, optional
         Nerve between the fingertip and the electrode (m).
-    told : callable, optional
-        Called as ``told(done, of)`` with numbers of places and then of pieces of the run.
+    show_progress : callable, optional
+        Called as ``show_progress(done, of)`` with numbers of places and then of pieces of the run.
 
     Returns
     -------
@@ -254,11 +254,11 @@ def run_spikes(
     ModelRangeError
         If the finger model cannot press that deep, at a place, or is of tissue that stiffens.
     """
-    tables = tables_of(run, found, finger, afferents, told)
+    tables = tables_of(run, found, finger, afferents, show_progress)
     pieces = list(_pieces(run.end_s))
     spikes: list[list[Array]] = [[] for _ in afferents]
     for number, (first_s, begin_s, end_s) in enumerate(pieces):
-        told(number, len(pieces))
+        show_progress(number, len(pieces))
         depths = _depths(found, first_s, end_s)
         if not depths:
             continue
@@ -275,7 +275,7 @@ def run_spikes(
             if spikes[k] and len(own) and len(spikes[k][-1]):  # of two pieces, which know nothing of each other
                 own = own[own >= spikes[k][-1][-1] + model.membrane.refractory_s]
             spikes[k].append(own)
-    told(len(pieces), len(pieces))
+    show_progress(len(pieces), len(pieces))
     trains = [
         _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
         for afferent, mine in zip(afferents, spikes, strict=True)
@@ -288,7 +288,7 @@ def tables_of(
     found: Visits,
     finger: Fingertip,
     afferents: AfferentPopulation,
-    told: Told = lambda done, of: None,
+    show_progress: Progress = lambda done, of: None,
 ) -> dict[tuple[str, float, float], MeasureTable]:
     """Return the measures of all afferents at every place of a run."""
     deepest: dict[tuple[str, float, float], float] = {}
@@ -298,7 +298,7 @@ def tables_of(
     shapes = {name: from_copy(run.folder.path, name) for name, _, _ in deepest}
     tables = {}
     for number, (place, deepest_mm) in enumerate(deepest.items()):
-        told(number, len(deepest))
+        show_progress(number, len(deepest))
         name, x_mm, along_mm = place
         shape = parse_shape(shapes[name])
         z_mm = finger.config.receptor_plane_mm + along_mm if along_mm and Z in shape.axes else None

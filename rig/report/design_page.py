@@ -186,7 +186,7 @@ def _press_rows(found: Design) -> tuple[tuple[str, ...], ...]:
                 signed(press.x_mm),
                 as_number(press.target),
                 str(made.count(k)),
-                as_number(max(float(found.chosen.told[k]), 0.0), 2),
+                as_number(max(float(found.chosen.added_bits[k]), 0.0), 2),
             )
         )
     return tuple(rows)

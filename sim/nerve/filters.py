@@ -1,6 +1,6 @@
 """Filters of receptor signals on an even time grid, exact for signals that are linear between samples."""
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,8 +56,11 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float) -> Array:
     return np.maximum(0.0, drive - share * (drive - fading(drive, tau_s, step_s)))
 
 
-def rate_low_pass(signal: Array, frequency_hz: float, step_s: float) -> Array:
-    """Return dm/dt through a Butterworth low-pass of third order.
+def derivative_low_pass(signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2]) -> Array:
+    """Return dm/dt or d²m/dt² through a Butterworth low-pass of third order: a sum over poles of memories that fade.
+
+    At a pole −λ with residue r the low-pass of dm/dt is r times the memory, that of d²m/dt² is −λ r times it. The
+    rest adds up to 0, since the residues do.
 
     Parameters
     ----------
@@ -67,40 +70,13 @@ def rate_low_pass(signal: Array, frequency_hz: float, step_s: float) -> Array:
         Corner frequency, at which the filter passes 0.707 (Hz).
     step_s : float
         Time between samples (s).
+    derivative : {1, 2}
+        Which derivative.
 
     Returns
     -------
     ndarray of shape (…, n_samples)
-        The filtered first derivative (1/s).
-    """
-    return _low_pass(signal, frequency_hz, step_s, 1)
-
-
-def acceleration_low_pass(signal: Array, frequency_hz: float, step_s: float) -> Array:
-    """Return d²m/dt² through a Butterworth low-pass of third order.
-
-    Parameters
-    ----------
-    signal : ndarray of shape (…, n_samples)
-        The signal m; it is 0 before the first sample.
-    frequency_hz : float
-        Corner frequency, at which the filter passes 0.707 (Hz).
-    step_s : float
-        Time between samples (s).
-
-    Returns
-    -------
-    ndarray of shape (…, n_samples)
-        The filtered second derivative (1/s²).
-    """
-    return _low_pass(signal, frequency_hz, step_s, 2)
-
-
-def _low_pass(signal: Array, frequency_hz: float, step_s: float, derivative: int) -> Array:
-    """Return the low-pass of the first or second derivative, a sum over the poles −λ of memories that fade.
-
-    At a pole with residue r the low-pass of dm/dt is r times the memory, that of d²m/dt² is −λ r times it. What the
-    poles leave over adds up to 0, since the residues do.
+        The filtered derivative (1/s or 1/s²).
     """
     corner = 2 * np.pi * frequency_hz
     total = np.zeros(signal.shape)

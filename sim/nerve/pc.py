@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import acceleration_low_pass, adapted
+from sim.nerve.filters import adapted, derivative_low_pass
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -63,6 +63,6 @@ class PC:
 
     def current(self, signal: Signal, sensitivity: Array) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
-        x = np.asarray(sensitivity)[:, None] * acceleration_low_pass(signal.value, self.corner_hz, signal.step_s)
+        x = np.asarray(sensitivity)[:, None] * derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 2)
         drive = adapted(np.maximum(0.0, x), self.slow_share, self.slow_tau_s, signal.step_s)
         return self.most * drive / (self.most + drive)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import adapted, rate_low_pass
+from sim.nerve.filters import adapted, derivative_low_pass
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -65,6 +65,6 @@ class RA:
 
     def current(self, signal: Signal, sensitivity: Array) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
-        x = np.asarray(sensitivity)[:, None] * rate_low_pass(signal.value, self.corner_hz, signal.step_s)
+        x = np.asarray(sensitivity)[:, None] * derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 1)
         drive = adapted(np.where(x > 0, x, -self.falling * x), self.slow_share, self.slow_tau_s, signal.step_s)
         return self.most * drive / (self.most + drive)

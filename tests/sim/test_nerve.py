@@ -11,7 +11,7 @@ from scipy.signal import butter, lsim
 
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
-from sim.nerve.filters import acceleration_low_pass, adapted, fading, rate_low_pass
+from sim.nerve.filters import adapted, derivative_low_pass, fading
 from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
 from sim.nerve.models import BUILT_IN, spikes_of
 from sim.nerve.skin import LEVELS, Signal, SkinUnderIndentor
@@ -66,8 +66,8 @@ def butterworth(derivative: int) -> Array:
     [
         (lambda m: fading(m, 0.02, 1e-3), lambda: of([0.02, 0], [0.02, 1])),
         (lambda m: fading(m, np.inf, 1e-3), lambda: BENT),
-        (lambda m: rate_low_pass(m, 120.0, 1e-3), lambda: butterworth(1)),
-        (lambda m: acceleration_low_pass(m, 120.0, 1e-3), lambda: butterworth(2)),
+        (lambda m: derivative_low_pass(m, 120.0, 1e-3, 1), lambda: butterworth(1)),
+        (lambda m: derivative_low_pass(m, 120.0, 1e-3, 2), lambda: butterworth(2)),
         (
             lambda m: adapted(np.abs(m), 0.0, 0.02, 1e-3),
             lambda: np.abs(BENT),

@@ -123,8 +123,8 @@ def test_the_posterior_is_updated_press_by_press(table: ResponseTable, times: Pr
         assert now.probabilities.sum() == pytest.approx(1.0)
     assert now.probabilities[0, 1] > 0.9
     assert now.sums.repeats.sum() == len(press)
-    told = now.information_bits(64, np.random.default_rng(0))
+    added_bits = now.information_bits(64, np.random.default_rng(0))
     before = CandidatePosterior.before(MODEL, chooser.draws, chooser.log_rate).information_bits(
         64, np.random.default_rng(0)
     )
-    assert told.max() < before.max()
+    assert added_bits.max() < before.max()
