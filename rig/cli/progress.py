@@ -84,9 +84,9 @@ class _Between(Activity):
 
     @property
     def line(self) -> str:
-        """Current indentation, step and time left."""
+        """Finished indentations, current step and time left."""
         run = self._run
-        return f"{len(run.finished)} of {run.total}, {run.where}, {run.now or 'starting'}, {run.left}"
+        return f"{len(run.finished)} of {run.total}, {run.now or run.where}, {run.left}"
 
 
 def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iterator[T]:
