@@ -23,6 +23,10 @@ from rig.errors import RigError
 
 LOOK_S = 0.01
 ANSWER_S = 5.0
+REPORT_S = 60.0
+"""Longest time that a run writes its report after its last answer (s)."""
+GONE = ("ended", "broken_off")
+"""Codes of a control socket that is closed."""
 PROGRAM = ["-m", "rig"]
 
 ROWS = {
@@ -377,7 +381,7 @@ class BlueskyBench:
             status.end(problem)
         return status
 
-    def _asked(self, order: Mapping[str, Any]) -> Exception | None:
+    def _asked(self, order: Mapping[str, Any]) -> PressFailedError | None:
         """Send an order, again while the last one is about to end; return why it is refused."""
         deadline_s = self._clock.monotonic_s() + ANSWER_S
         while True:
@@ -396,9 +400,20 @@ class BlueskyBench:
             threading.Thread(target=_heard, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:
-        if self._status is not None:
-            self._stop()
-        elif self._asked({"what": "leave"}) is not None and self._process.poll() is None:
+        """End the run; one that answers no more is about to end by itself, and gets the time to write its report."""
+        code = ""
+        try:
+            if self._status is not None:
+                self._stop()
+            elif problem := self._asked({"what": "leave"}):
+                code = problem.code
+        except ControlError as error:
+            code = error.code
+        if not code:
+            return
+        try:
+            self._process.wait(REPORT_S if code in GONE else 0.0)
+        except subprocess.TimeoutExpired:
             self._process.terminate()  # pauses at the next safe point, and ends there
 
 

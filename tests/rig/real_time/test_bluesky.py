@@ -14,7 +14,7 @@ import pytest
 import rig.bluesky
 from rig.bench.served import ServedBench
 from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, PressFailedError, indent
-from rig.control.client import announced
+from rig.control.client import Announced, ControlError, announced
 from rig.data import read_run
 from rig.data.run import Following
 from rig.transport import open_port
@@ -257,6 +257,38 @@ def _ends(
 def _during_the_hold(act: Callable[[BlueskyBench, Engine], None], bench: BlueskyBench, engine: Engine) -> None:
     until(lambda: _of(bench.journalled, "hold_start"))
     act(bench, engine)
+
+
+@pytest.mark.parametrize("pressing", [False, True])
+def test_a_run_that_ends_by_itself_is_not_terminated(
+    pressing: bool, engine: Engine, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where signals cannot be handled, a termination would cost the end of its journal."""
+    terminated = list[object]()
+    options: dict[str, Any] = {**PRESS, "presses": 1, "speed": 50.0 if pressing else None, "virtual": True}
+    with BlueskyBench(**options, out=tmp_path / "runs") as bench:
+        monkeypatch.setattr(bench._process, "terminate", lambda: terminated.append(0))
+        if pressing:
+            during = threading.Thread(target=_during_the_hold, args=(_ended_unseen, bench, engine))
+            during.start()
+            bench.press.set({"force_gwt": 2.33, "hold_s": 60.0})
+            during.join()
+            monkeypatch.setattr(Announced, "say_stop", _no_answer)
+        else:
+            _ended_unseen(bench, engine)
+        monkeypatch.setattr(Announced, "ask", _no_answer)
+    run = read_run(bench.folder.path)
+    assert terminated == []
+    assert run.stop is not None
+
+
+def _ended_unseen(bench: BlueskyBench, engine: Engine) -> None:
+    (one,) = (one for one in announced() if one.run == str(bench.folder.path))
+    one.say_stop()
+
+
+def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
+    raise ControlError("process {pid} has ended", code="ended", pid=one.pid)
 
 
 GIVES_ORDERS = """\
