@@ -129,12 +129,15 @@ class Samples:
         return (self.newest() + 1) * self._period_s
 
     def grams(self, number: int) -> float:
-        """Return one sample; NaN with a dead cell."""
+        """Return one sample; NaN with a dead cell. A force that is not fresh is not kept: it may be known later."""
         grams = self._grams.get(number)
         if grams is None:
-            if len(self._grams) >= _SAMPLES_KEPT:
-                self._grams.clear()
-            grams = self._grams[number] = self._load.force_n(self._instant_s(number)) / GWT_N
+            instant_s = self._instant_s(number)
+            grams = self._load.force_n(instant_s) / GWT_N
+            if self._load.fresh(instant_s):
+                if len(self._grams) >= _SAMPLES_KEPT:
+                    self._grams.clear()
+                self._grams[number] = grams
         return grams
 
     def steady(self, number: int, count: int, band_g: float) -> bool:

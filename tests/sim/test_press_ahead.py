@@ -10,10 +10,13 @@ import pytest
 
 from sim.carriage import Carriage, Placement, Pose, Screws, Truth
 from sim.config import FingertipConfig
+from sim.devices.clock import VirtualClock
+from sim.devices.line import Load, Samples
 from sim.models.fingertip import Fingertip
 from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
 from sim.serve.prefetch import STALE_S, PressAhead
 from sim.serve.real_time_loop import WallScheduler
+from sim.units import GWT_N
 from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
@@ -239,3 +242,16 @@ def test_a_finger_slower_than_the_samples_gives_late_forces_and_does_not_give_up
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
     with raises(FingerNotLoadedError, "not_loaded", problem_code="no_such"):
         PressProcess(FingertipConfig(), "spoon")
+
+
+def test_a_sample_that_is_solved_after_it_was_asked_for_is_right_from_then_on() -> None:
+    """At rest there is nothing to solve ahead, so the first sample behind a motion is known a few ms late."""
+    solved, clock = dict[float, float](), VirtualClock()
+    load = Load(lambda t_s: solved.get(t_s, 1.0), lambda t_s: t_s in solved)
+    samples = Samples(clock, load, 0.05)
+    clock.wait_s(0.101)
+    assert samples.grams(2) * GWT_N == pytest.approx(1.0)
+    solved[0.1] = 2.0
+    assert samples.grams(2) * GWT_N == pytest.approx(2.0)
+    solved[0.1] = 3.0
+    assert samples.grams(2) * GWT_N == pytest.approx(2.0)  # a sample is taken once
