@@ -33,7 +33,13 @@ NEAR: dict[str, Any] = {
     "stage": {"kind": "grbl"},
     "frame": {"pad_centre_x_mm": -3.0, "pad_y_mm": -2.0, "apex_z_mm": -4.0},
     "force": {"kind": "mtsics", "baud": 115200, "sample_period_s": 0.02},
-    "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
+    "habits": {
+        "clearance_mm": 0.4,
+        "descent_speed_mm_s": 2.0,
+        "approach_speed_mm_s": 2.0,
+        "press_speed_mm_s": 2.0,
+        "settle_readings": 5,
+    },
     "virtual": {"indentor": "bar:3.0"},
 }
 FAST = ("$110=3000", "$111=3000", "$112=3000", "$120=500", "$121=500", "$122=500", "$24=600", "$25=3000", "$26=10")
