@@ -119,6 +119,28 @@ REAL_TIME = (
     "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
+# Files of these that workers take whole: their tests share what takes seconds to make, or are short. Of the others,
+# most of whose time is waiting, a worker takes one test at a time (tests/dealt_out.py).
+TOGETHER = (
+    "panel/",
+    "portable/",
+    "rig/real_time/test_bluesky.py",
+    "rig/test_control_socket.py",
+    "rig/test_grbl_conformance.py",
+    "rig/test_identification_mistakes.py",
+    "rig/panel/test_posts.py",
+    "rig/test_ownership.py",
+    "rig/test_run_owner.py",
+    "rig/test_same_numbers.py",
+    "rig/test_stop_from_another_thread.py",
+    "rig/test_stop_switch.py",
+    "rig/test_transport.py",
+    "sim/",
+    "test_preloaded.py",
+    "test_third_party_device.py",
+    "test_wheel.py",
+)
+
 # Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
 OTHER_ATTACKS = (
     *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
@@ -251,21 +273,44 @@ STUDIES = (
 # Begun first, so that what comes last is short and all workers end together; what waits for real time is dealt out
 # among what computes, so that not all wait at once.
 LONG = (
-    "test_adding_a_part.py",
+    "portable/test_without_posix.py",
+    "rig/real_time/test_bluesky.py",
+    "test_third_party_device.py",
+    "test_wheel.py",
+    "test_preloaded.py",
     "rig/real_time/test_asked_from_elsewhere.py",
     "rig/real_time/test_stopped_from_elsewhere.py",
-    "rig/real_time/test_keys_of_a_terminal.py",
-    "rig/compare/test_on_fingers.py",
+    "rig/test_kills.py",
+    "rig/real_time/test_run_on_wires.py",
     "test_gallery.py",
+    "test_adding_a_part.py",
+    "rig/real_time/test_keys_of_a_terminal.py",
+    "rig/real_time/test_by_hand_commands.py",
+    "rig/real_time/test_panel_by_hand.py",
+    "rig/real_time/test_calibrate.py",
+    "rig/real_time/test_stop_key_on_wires.py",
+    "rig/test_stopping_needs_nothing.py",
+    "rig/compare/test_study_on_a_cluster.py",
+    "sim/test_results.py",
+    "rig/real_time/test_init_finds_devices.py",
+    "rig/real_time/test_by_hand_process.py",
+    "rig/test_tmcl_client.py",
+    "rig/test_zaber_client.py",
+    "rig/test_standa_client.py",
+    "rig/real_time/test_panel_served.py",
+    "rig/test_modbus_counterparties.py",
+    "rig/real_time/test_bench_verbs.py",
+    "rig/real_time/test_lsl_inlet.py",
+    "rig/test_resume.py",
+    "rig/test_release.py",
+    "rig/compare/test_on_fingers.py",
     "studies/test_fault_campaign.py",
     "test_site.py",
     "rig/test_find.py",
     "studies/test_finite_strain.py",
     "studies/test_allowed_page.py",
-    "rig/real_time/test_calibrate.py",
     "studies/test_strangers_are_met.py",
     "sim/test_hard_cases.py",
-    "rig/real_time/test_run_on_wires.py",
     "rig/test_frozen.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
@@ -273,29 +318,21 @@ LONG = (
     "rig/test_stop_button.py",
     "rig/test_every_block.py",
     "rig/compare/test_comparison_figures.py",
-    "rig/test_modbus_counterparties.py",
     "sim/test_strain_map.py",
     "rig/test_every_end.py",
-    "rig/compare/test_study_on_a_cluster.py",
     "sim/test_own_finger.py",
     "panel/test_accessible.py",
-    "rig/real_time/test_by_hand_commands.py",
-    "rig/real_time/test_by_hand_process.py",
     "sim/test_speed_and_error.py",
     "sim/test_identification_forces.py",
     "rig/identify/test_identified_finger_in_a_run.py",
     "rig/real_time/test_identify_a_random_finger.py",
-    "rig/test_stopping_needs_nothing.py",
     "rig/test_how_it_ends.py",
     "sim/test_patches.py",
     "rig/real_time/test_jog_command.py",
-    "test_third_party_device.py",
     "sim/oracles/test_halfspace.py",
     "rig/test_grbl_conformance.py",
     "sim/oracles/test_round_contact.py",
     "sim/test_any_point.py",
-    "rig/test_kills.py",
-    "test_wheel.py",
     "sim/test_press_ahead.py",
     "sim/test_moduli.py",
     "sim/test_uncondensed.py",
@@ -342,6 +379,16 @@ def _signals_as_in_the_foreground() -> None:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Deal out the tests that wait one by one, where `--dist loadfile` is asked for."""
+    if config.option.dist != "loadfile":
+        return None
+    from tests.dealt_out import Dealt  # xdist is there
+
+    return Dealt(config, log, REAL_TIME, TOGETHER)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

@@ -6,13 +6,14 @@ They are forked from a Python that has it hidden (tests/preloaded.py), but for t
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ import pytest
 from rig.data import read_run
 from rig.plan.config import Config
 from rig.transport import open_port
+from sim import compiling
 from tests.preloaded import Popen
 from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL, WHOLE
 from tests.waiting import DEADLINE_S, gathered, until
@@ -31,7 +33,13 @@ NEAR: dict[str, Any] = {
     "stage": {"kind": "grbl"},
     "frame": {"pad_centre_x_mm": -3.0, "pad_y_mm": -2.0, "apex_z_mm": -4.0},
     "force": {"kind": "mtsics", "baud": 115200, "sample_period_s": 0.02},
-    "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
+    "habits": {
+        "clearance_mm": 0.4,
+        "descent_speed_mm_s": 2.0,
+        "approach_speed_mm_s": 2.0,
+        "press_speed_mm_s": 2.0,
+        "settle_readings": 5,
+    },
     "virtual": {"indentor": "bar:3.0"},
 }
 FAST = ("$110=3000", "$111=3000", "$112=3000", "$120=500", "$121=500", "$122=500", "$24=600", "$25=3000", "$26=10")
@@ -64,6 +72,23 @@ from rig.cli import main
 rig.cli.compare.stimulus_maps = lambda *_: []
 main()
 """
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _machine_code() -> None:
+    """As on Windows, the contact's loops are looked for in the user's cache, where compiling them takes a minute."""
+    here = compiling._folder()
+    if here is None:
+        return
+    there = compiling.cache_dir() / here.name
+    for loops in here.iterdir():
+        if not (there / loops.name).exists():
+            there.mkdir(mode=0o700, parents=True, exist_ok=True)
+            part = there / f"{loops.name}.{os.getpid()}"
+            shutil.copytree(loops, part)
+            with suppress(OSError):  # another process was first
+                part.rename(there / loops.name)
+            shutil.rmtree(part, ignore_errors=True)
 
 
 @pytest.fixture(autouse=True)

@@ -203,6 +203,7 @@ def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Finger
     assert one.get_aspect() == 1.0
 
 
+@pytest.mark.quick(rows=lambda shape: shape in ("sphere:2", "flat"))
 @pytest.mark.parametrize("shape", ["bar:3.0", "line", "sphere:2", "flat", "grating:0.5,1.2,turn_deg=30"])
 def test_every_kind_of_shape_can_be_drawn(halfspace: Fingertip, shape: str) -> None:
     plot = contacts_from_below([halfspace.indent(shape, doi_mm=0.2)], [shape])

@@ -3,6 +3,7 @@
 import sys
 from dataclasses import replace
 from datetime import UTC, datetime
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,15 @@ from rig.engine import Target, indent, verbs
 from rig.units import GWT_N
 from tests.error_codes import raises
 
-pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+pytestmark = pytest.mark.skipif(find_spec("pynwb") is None, reason="needs pynwb: pip install 'indentation-rig[nwb]'")
+pynwb: Any = None
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _imported() -> None:
+    """For the tests alone: it takes a second and more, in every process that collects them."""
+    global pynwb
+    import pynwb
 
 
 @pytest.fixture

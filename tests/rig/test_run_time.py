@@ -354,6 +354,7 @@ SHOWN = {
 }
 
 
+@pytest.mark.quick(rows=lambda folder: folder not in ("old", "old, resumed"))
 def test_every_place_counts_from_the_start_of_the_run(folder: Path) -> None:
     true_s = _true_s(folder)
     assert true_s

@@ -27,12 +27,16 @@ def run(rig: Rig) -> None:
         rig.indent(force_gwt=2.33, hold_s=0.3)
         rig.indent(doi_mm=0.4, increments=2, hold_s=0.1)
 """
+ONE_EACH = SCRIPT.replace("    rig.indent(force", "    if x_mm < 0: rig.indent(force").replace(
+    "    rig.indent(doi", "    if x_mm > 0: rig.indent(doi"
+)
+"""One press by force and one by depth: enough where all must be equal."""
 FORCE_TOLERANCE_GWT = 0.05  # a force is held to this, whatever the devices
 
 
-def _holds(folder: Path, finger: Fingertip, tables: dict[str, Any]) -> Run:
+def _holds(folder: Path, finger: Fingertip, tables: dict[str, Any], source: str = ONE_EACH) -> Run:
     path = folder / "press.py"
-    path.write_text(SCRIPT, encoding="utf-8")
+    path.write_text(source, encoding="utf-8")
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
     done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
@@ -103,7 +107,7 @@ def test_equal_steps_and_counts_leave_nothing_to_differ(
             assert [mine[key] for key in keys] == pytest.approx([other[key] for key in keys], abs=1e-9)
 
 
-def test_other_steps_and_counts_differ_by_them_and_no_more(grbl: Run, finger: Fingertip, tmp_path: Path) -> None:
+def test_other_steps_and_counts_differ_by_them_and_no_more(finger: Fingertip, tmp_path: Path) -> None:
     """1000 pulses a mm, z running against its axis, and counts of 0.02 g.
 
     Depth: half a step of each stage, and what each touch-off may miss, which is the depth that hides below half a
@@ -118,7 +122,7 @@ def test_other_steps_and_counts_differ_by_them_and_no_more(grbl: Run, finger: Fi
     drives = {"x": {"device_id": 1, "pulses_per_rev": 1000}, "z": {"device_id": 2, "pulses_per_rev": 1000}}
     tables["stage"] |= {"drives": drives, "resolution_mm": 0.001}
     tables["force"] |= {"resolution_gwt": 0.02}
-    modbus = _holds(tmp_path, finger, tables)
+    grbl, modbus = (_holds(tmp_path, finger, each, SCRIPT) for each in ({}, tables))
     hidden_mm = (0.01 / 9) ** (2 / 3)
     depth_mm = 0.5 / 400 + 0.5 / 1000 + hidden_mm + 0.01
     for run, count_gwt in ((grbl, 0.01), (modbus, 0.02)):

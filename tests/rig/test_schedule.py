@@ -322,6 +322,7 @@ def test_the_contact_time_is_that_of_the_readings(done: FinishedRun) -> None:
     assert total_s > 10.0
 
 
+@pytest.mark.quick(rows=lambda stream, nth: stream in ("rest", "sample"))
 @pytest.mark.parametrize(
     ("stream", "nth"), [("hold_end", 1), ("rest", 2), ("precondition_hold_end", 2), ("sample", -20)]
 )

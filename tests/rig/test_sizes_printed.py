@@ -145,6 +145,7 @@ PRINTS: dict[str, Prints] = {
 }
 
 
+@pytest.mark.quick(rows=lambda prints, shape: shape == "sphere:4" or prints == "run, resume, identify: request")
 @pytest.mark.parametrize("shape", SHAPES)
 @pytest.mark.parametrize("prints", PRINTS)
 def test_a_plan_or_a_press_has_radius_and_width(

@@ -7,12 +7,12 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.study import dask_cluster as cluster_module
 from rig.study.exceptions import WorkersError
 from rig.study.parallel import spread
 from tests.error_codes import raises
@@ -20,12 +20,12 @@ from tests.preloaded import Popen
 from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until
 
-distributed: Any = pytest.importorskip(
-    "distributed", reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
-)
-
-# a client's sockets are closed by the garbage collector
+# distributed is imported by the tests alone, since every worker collects this file; a client's sockets are closed by
+# the garbage collector
 pytestmark = [
+    pytest.mark.skipif(
+        find_spec("distributed") is None, reason="needs dask.distributed: pip install 'indentation-rig[cluster]'"
+    ),
     pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning"),
     pytest.mark.timeout(5 * DEADLINE_S),
 ]
@@ -88,7 +88,9 @@ class Cluster:
         self.workers.append(self._start([sys.executable, "-c", code, self.address, *options]))
 
     def client(self) -> Any:
-        client = distributed.Client(self.address, timeout=DEADLINE_S)
+        from distributed import Client
+
+        client = Client(self.address, timeout=DEADLINE_S)
         client.wait_for_workers(len(self.workers), timeout=DEADLINE_S)
         return client
 
@@ -182,18 +184,20 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
     ids=["without the program", "of another version"],
 )
 def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
+    from rig.study import dask_cluster
+
     cluster.add_worker(code)
     out, err = (program := start_study(study, "--scheduler", cluster.address)).communicate(timeout=2 * DEADLINE_S)
     told = json.loads(out)
     assert (program.returncode, told["code"]) == (2, "other_program")
-    for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, cluster_module.program()):
+    for named in (f"--scheduler {cluster.address}: ", "tcp://127.0.0.1:", has, dask_cluster.program()):
         assert named in told["error_text"]
     assert beside_progress(err) == f"rig: {told['error_text']}\n"
     assert not list(study.glob("study.csv*"))
 
 
 def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_module, "_PATIENCE_S", 2)
+    monkeypatch.setattr("rig.study.dask_cluster._PATIENCE_S", 2)
     cluster.add_worker()
     cluster.client().close()
     with raises(WorkersError, "no_workers", scheduler=cluster.address):
@@ -202,6 +206,6 @@ def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeyp
 
 @pytest.mark.parametrize("address", ["nowhere://", "tcp://127.0.0.1:9"])
 def test_a_cluster_that_is_not_there(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_module, "_PATIENCE_S", 0.5)
+    monkeypatch.setattr("rig.study.dask_cluster._PATIENCE_S", 0.5)
     with raises(WorkersError, "no_answer", scheduler=address):
         list(spread(abs, [1], scheduler=address))

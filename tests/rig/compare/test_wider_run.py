@@ -83,6 +83,7 @@ def _compared(found: list[StimulusRow], run: Run, finger: Fingertip, to_mm: floa
     return with_wider_runs(comparison, {found[0].run: (run, finger)})
 
 
+@pytest.mark.quick(rows=lambda shape, reach: list(SHAPES).index(shape) == list(FROM_TO_MM).index(reach))
 @pytest.mark.parametrize(("shape", "reach"), list(product(SHAPES, FROM_TO_MM)))
 def test_a_recommended_range_is_accepted(
     shape: str, reach: str, make_stimulus: Callable[..., StimulusRow], tmp_path: Path

@@ -69,6 +69,7 @@ def test_without_the_file_nothing_has_a_band(program: Program, files: Files) -> 
     assert "force_band_gwt" not in program("check", script, "--json").json["steps"][0]
 
 
+@pytest.mark.quick(rows=lambda relaxation: relaxation == SERIES)
 @pytest.mark.parametrize("relaxation", [(), SERIES], ids=["elastic", "relaxing"])
 def test_what_a_run_finds_lies_in_the_band(
     program: Program,

@@ -31,7 +31,13 @@ from tests.waiting import DEADLINE_S, gathered, until
 NEAR = {
     "frame": {"pad_centre_x_mm": -3.0, "pad_y_mm": -2.0, "apex_z_mm": -4.0},
     "force": {"baud": 115200, "sample_period_s": 0.02},
-    "habits": {"clearance_mm": 0.4, "approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "settle_readings": 5},
+    "habits": {
+        "clearance_mm": 0.4,
+        "descent_speed_mm_s": 2.0,
+        "approach_speed_mm_s": 2.0,
+        "press_speed_mm_s": 2.0,
+        "settle_readings": 5,
+    },
 }
 FAST = (b"$110=3000", b"$111=3000", b"$112=3000", b"$120=500", b"$121=500", b"$122=500", b"$24=600", b"$25=3000",
         b"$26=10")  # fmt: skip

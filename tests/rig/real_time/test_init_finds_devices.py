@@ -47,6 +47,10 @@ def serve() -> Iterator[Serve]:
         bench.close()
 
 
+# Ports are asked one by one: each stage and each sensor on both ways, each stage beside two of the three.
+@pytest.mark.quick(
+    rows=lambda stage, force: force == "mtsics" or (force == "net_ft") == (stage in ("zaber", "standa"))
+)
 @pytest.mark.parametrize(("stage", "force"), PAIRS)
 def test_the_devices_are_found_and_the_file_is_right(
     stage: str, force: str, serve: Serve, program: Program, tmp_path: Path
