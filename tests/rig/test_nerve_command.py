@@ -209,10 +209,16 @@ def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
     _same(record, lambda k: read_spike_times(path, run, str(k)))
 
 
-def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord) -> None:
+@pytest.mark.parametrize("silent", [1, 3])
+def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord, silent: int) -> None:
+    """One afferent of three is silent, or all are: inspectors fail on a column without any spike."""
     pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
     inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
-    path = export_nwb(_with_pulses(run), record)
+    trains = [replace(one, spike_s=np.empty(0)) if k < silent else one for k, one in enumerate(record.trains)]
+    path = export_nwb(_with_pulses(run), replace(record, trains=tuple(trains)))
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        file = io.read()
+        assert (file.units is None, file.notes.endswith("no table of units")) == (silent == 3, silent == 3)
     assert pynwb.validate(path=str(path)) in ([], ([], 0))
     found = inspector.inspect_nwbfile(nwbfile_path=str(path))
     # what nobody did, nowhere, is left out; a number may be 0 or 1 by chance
