@@ -21,7 +21,9 @@ from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visit
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.nerve.models import AfferentModel, spikes_of
 from sim.nerve.population import AfferentPopulation
+from sim.nerve.skin import Signal
 from tests.error_codes import raises
 from tests.program import Program
 
@@ -124,6 +126,22 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
     assert alone.trains[0].spike_s == pytest.approx(first.trains[2].spike_s, abs=1e-9)
     other = _spikes(run, config, finger, seed=1)
     assert other.trains[0].spike_s.tolist() != first.trains[0].spike_s.tolist()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_every_afferent_and_piece_has_its_own_noise(
+    run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = []
+
+    def spy(model: AfferentModel, signal: Signal, sensitivity: list[float], given: list[list[int]]) -> Any:
+        seeds.extend(map(tuple, given))
+        return spikes_of(model, signal, sensitivity, given)
+
+    monkeypatch.setattr("rig.plan.nerve.spikes_of", spy)
+    monkeypatch.setattr("rig.plan.nerve.PIECE_S", 10.0)
+    _spikes(run, config, finger, "SA1@0,SA1@0,RA@0")
+    assert len(set(seeds)) == len(seeds) > 3
 
 
 @pytest.mark.usefixtures("cheap")
