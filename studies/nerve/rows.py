@@ -613,12 +613,12 @@ def entrainment(scenes: Scenes) -> Iterator[Row]:
         gains, i0, i1 = gains[reached], i0[reached], i1[reached]
         ratios.append(float(np.median(i1 / i0)))
         lowest.append(float(i0.min()))
-        levels = np.geomspace(1, 4, 65)  # 32 in an octave; the plateau ends at the last level inside
+        levels = np.geomspace(1, 4, 17)
         per_cycle = []
         for level in levels:
             trains = fired(model, vibrated(skin, 40.0, np.minimum(i1 * level, 450.0), 1.0), gains, seed, SETTLED_S)
             per_cycle.append(counts(trains, SETTLED_S + 0.1, SETTLED_S + 0.9) / 32)
-            if level == levels[8]:
+            if level == levels[2]:
                 phases = [np.exp(2j * np.pi * 40.0 * t[t > SETTLED_S + 0.1]) for t in trains]
                 strengths.append(float(np.median([abs(p.mean()) for p in phases])))
         inside = np.abs(np.array(per_cycle) - 1) <= 0.05
