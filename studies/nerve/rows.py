@@ -245,27 +245,6 @@ def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = 
     return all_counts[1:] - all_counts[:1].mean(axis=1, keepdims=True)
 
 
-def largest_sd(runs: Array) -> list[float]:
-    """Return the largest standard deviation over depths and sites, of each seed.
-
-    The largest of many estimates from a few trials is too large by chance. So depth and site are chosen on one half
-    of the trials and their deviation is estimated from the other, both ways.
-
-    Parameters
-    ----------
-    runs : ndarray of shape (n_seeds, n_afferents, n_depths, n_trials, n_sites)
-        Impulses in each trial.
-
-    Returns
-    -------
-    list of float
-        Root of the variance, averaged over afferents and both ways.
-    """
-    halves = [runs[:, :, :, k::2].var(axis=3, ddof=1).mean(axis=1).reshape(len(runs), -1) for k in (0, 1)]
-    found = [other[:, one.mean(axis=0).argmax()] for one, other in (halves, halves[::-1])]
-    return [float(value) for value in np.sqrt(np.mean(found, axis=0))]
-
-
 def pin(scenes: Scenes) -> Iterator[Row]:
     """Tests 2 to 4: fields, impulses at their center, and their spread."""
     place_mm2 = float(np.diff(SITES_MM)[0] ** 2)
@@ -320,7 +299,8 @@ def pin(scenes: Scenes) -> Iterator[Row]:
                     bool(np.mean(gains_up) <= 2.5 and top[:, 1].mean() > 0.5),
                 )
             )
-        worst = largest_sd(all_runs)
+        sd = all_runs.std(axis=3, ddof=1)
+        worst = sd.mean(axis=1).max(axis=(1, 2)).tolist()
         rows[4].append(
             Row(f"4, {name}", stimulus, "sd < 1 impulse", f"largest {over_seeds(worst)}", bool(max(worst) < 1))
         )

@@ -13,7 +13,7 @@ from sim.nerve.stimulus import Stimulus
 from studies.nerve import beside_touchsim
 from studies.nerve.loop import Judged, first_repeats, interval, share
 from studies.nerve.loop import cells as cells_of_loop
-from studies.nerve.rows import Row, _line, _log, _power, aic, largest_sd, over_seeds, rate_errors, variation
+from studies.nerve.rows import Row, _line, _log, _power, aic, over_seeds, rate_errors, variation
 from studies.nerve.scenes import held
 from studies.nerve.table import CAUSES, FITTED, cells, parameters
 from studies.registry import read_table
@@ -48,16 +48,6 @@ def test_the_right_form_has_the_least_criterion(form: Callable[..., Array], star
     rate = form(v, 12.0, 0.6) + 0.01 * np.sin(9 * v)
     found = {one.__name__: aic(one, start, v, rate) for one in (_log, _power, _line)}
     assert min(found, key=found.__getitem__) == form.__name__
-
-
-def test_the_largest_deviation_is_not_that_of_the_luckiest_site() -> None:
-    """All of 2000 sites have a deviation of 1, but the largest estimate from six trials is far above it."""
-    runs = np.random.default_rng(0).normal(size=(5, 3, 20, 6, 100))
-    assert largest_sd(runs) == pytest.approx([1.0] * 5, abs=0.6)
-    assert np.mean(largest_sd(runs)) == pytest.approx(1.0, abs=0.2)
-    assert runs.std(axis=3, ddof=1).mean(axis=1).max() > 1.5
-    runs[:, :, 7, :, 33] *= 3
-    assert np.mean(largest_sd(runs)) == pytest.approx(3.0, abs=0.6)
 
 
 # --- the loop ---
