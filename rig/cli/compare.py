@@ -440,7 +440,8 @@ def _print(
     out.print(", ".join(f"{with_size(one.indentor)} at {one.condition}" for one in comparison.stimuli))
     for answer in verdicts:
         out.print(f"answer      {sentence(answer)}")
-        out.print(f"positions   {positions(answer)}")
+        if answer.outcome != "silent":
+            out.print(f"positions   {positions(answer)}")
     for line in place_lines(at):
         out.print(f"place       {line}")
     for line in [] if verdicts else left_out_lines(comparison):

@@ -18,7 +18,7 @@ from rig.data import Run
 from rig.errors import BadInputError
 from rig.report.group_page import GroupPage, write_group_page
 
-_SILENT = "it is silent at every position"
+_SILENT = "it hardly fired"
 _TOO_FEW = "the runs cover too few of its positions"
 
 
@@ -62,13 +62,12 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
         for name, recordings in found.items():
             comparison = compare(of.stimuli, recordings)
             compared.append(comparison)
-            if not any(one.rate.any() for one in recordings.values()):
-                left_out[name] = _SILENT
-                continue
             (overlays,) = afferents(comparison)
             pool, verdict = laid(overlays, Form()), answers(comparison)
             if pool is None or not verdict:
                 left_out[name] = _TOO_FEW
+            elif verdict[0].outcome == "silent":
+                left_out[name] = _SILENT
             else:
                 judged[name] = pool, verdict[0]
         group = group_verdict(judged)

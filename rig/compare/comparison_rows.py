@@ -14,7 +14,7 @@ from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.profile_shape_test import THRESHOLDS
 from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
-from rig.compare.verdict import AfferentVerdict, Limits, PairRow, Together, six_digits
+from rig.compare.verdict import AfferentVerdict, Limits, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.plan.config import unit
 from sim.measures.measures import MEASURES
@@ -226,7 +226,7 @@ def _as_json(answer: AfferentVerdict) -> dict[str, Any]:
         "next": _pair(following) if following else None,
         "next_is_worse_by": six_digits(answer.worse_by),
         "ceiling": {"share": six_digits(answer.ceiling), "source": answer.ceiling_from},
-        "together": _together(answer.together, measure_unit(answer.closest.name)),
+        "together": _together(answer),
         "power": {
             "detectable_misfit": six_digits(answer.power.detectable),
             "mimics": [
@@ -271,9 +271,11 @@ def _intervals(answer: AfferentVerdict, name: str) -> dict[str, Any]:
     return {"measure": name, "unit": measure_unit(name), **limits}
 
 
-def _together(found: Together | None, unit: str) -> dict[str, Any] | None:
+def _together(answer: AfferentVerdict) -> dict[str, Any] | None:
+    found = answer.together
     if found is None:
         return None
+    unit = measure_unit(answer.closest.name)
     separate = [
         {
             "stimulus": one.stimulus,

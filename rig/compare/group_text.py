@@ -54,7 +54,7 @@ def sentences_of_group(verdict: GroupVerdict) -> list[str]:
 
 
 def in_short(verdict: AfferentVerdict) -> str:
-    """Return the verdict on one afferent as a line of a table."""
+    """Return the verdict on one afferent that was not silent as a line of a table."""
     inside = f"{len({row.name for row in verdict.set})} measures in the set"
     controls = ", ".join(dict.fromkeys(row.name for row in verdict.controls_in_set))
     found = {

@@ -24,6 +24,9 @@ Flags = NDArray[np.bool_]
 FEWEST_REPEATED = 3
 """Degrees of freedom within positions from which the noise is estimated from repeats."""
 
+FEWEST_SPIKES = 5
+"""Number of spikes in all windows together from which measures are compared, as for a χ² test (Cochran 1954)."""
+
 _HALF_A_SPIKE = 0.5
 _LEAST_NOISE = 1e-6  # relative to the largest rate, so that data without noise can be fitted
 _NEIGHBOURS_COUNT = 18 / 35  # degrees of freedom per position of (½, −1, ½) differences (Gasser et al. 1986)
@@ -56,6 +59,17 @@ class Observed:
         if self.kind == "sd":
             return np.asarray(self.sd**-2)
         return self.exposure_s if self.kind == "counts" else self.presses
+
+    @property
+    def spikes(self) -> int | None:
+        """Number of spikes in all windows together; None where only rates are known."""
+        return round(float((self.rate * self.exposure_s).sum())) if self.kind == "counts" else None
+
+    @property
+    def silent(self) -> bool:
+        """Whether the afferent hardly fired, so that its recording cannot support any verdict."""
+        spikes = self.spikes
+        return not self.rate.any() if spikes is None else spikes < FEWEST_SPIKES
 
     @cached_property
     def _half(self) -> Array:

@@ -1,6 +1,7 @@
 """Verdicts from recordings: every candidate is fitted once to one afferent, tested, and used for prediction."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from itertools import groupby
 from typing import NamedTuple
 
@@ -103,12 +104,10 @@ def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> 
     pool = laid(overlays, form, with_fingers=plausible is not None)
     if pool is None:
         return None
-    judged, data = _judged(pool), pool.observed
-    order = np.argsort(judged.fit.found.total, kind="stable")
-    rows = [_row(judged, int(n), plausible) for n in order]
+    data = pool.observed
     noise = data.noise
     repeated = noise.source == "repeats"
-    return AfferentVerdict(
+    silent = AfferentVerdict(
         title=", ".join(overlay.stimulus.title for overlay in overlays),
         stimuli=tuple(overlay.stimulus.title for overlay in overlays),
         recordings=tuple(overlay.recording.name for overlay in overlays),
@@ -118,14 +117,26 @@ def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> 
         recorded=len(pool.used),
         left_out=_left_out(overlays, pool.used, comparison.wider),
         noise=noise,
-        ceiling=by_repeats(data) if repeated else by_monotone(judged.fit.eps, data),
+        ceiling=np.nan,
         ceiling_from="repeats" if repeated else "monotone",
-        rows=tuple(rows),
-        together=_together(judged, [overlay.stimulus.title for overlay in overlays]),
-        power=_power(judged),
+        rows=(),
+        together=None,
+        power=Power(np.nan, ()),
         saturating=form.saturating,
         silent_at_rest=form.silent_at_rest,
         fingers=len(pool.candidates.eps),
+        spikes=data.spikes,
+    )
+    if data.silent:
+        return silent
+    judged = _judged(pool)
+    order = np.argsort(judged.fit.found.total, kind="stable")
+    return replace(
+        silent,
+        ceiling=by_repeats(data) if repeated else by_monotone(judged.fit.eps, data),
+        rows=tuple(_row(judged, int(n), plausible) for n in order),
+        together=_together(judged, list(silent.stimuli)),
+        power=_power(judged),
     )
 
 
@@ -154,7 +165,7 @@ def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = Fa
     None if the pair's own fit is rejected, and with too few positions.
     """
     pool = laid(joint.overlays, Form(), with_fingers=with_fingers)
-    if pool is None or not pairs:
+    if pool is None or not pairs or pool.observed.silent:
         return [None] * len(pairs)
     data, receptor_mm = pool.observed, joint.overlays[0].stimulus.receptor_mm
     number = {(one.name, one.receptor_mm): n for n, one in enumerate(pool.named)}

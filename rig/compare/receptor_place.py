@@ -214,9 +214,12 @@ def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
 def whereabouts(
     overlays: Sequence[Overlay], where: PlaceRange, form: Form, measures: Sequence[str] = MEASURES
 ) -> ReceptorLocation | None:
-    """Return the receptor location of one afferent, from stimuli with receptors at every node, or None."""
+    """Return the receptor location of one afferent, from stimuli with receptors at every node.
+
+    None if too few positions are covered, or the afferent hardly fired.
+    """
     data = _data(overlays, where)
-    if data is None:
+    if data is None or data.observed.silent:
         return None
     rows = [_row(data, MEASURES.index(name), form) for name in measures]
     return ReceptorLocation(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
-Outcome = Literal["explained", "not beyond controls", "nothing"]
+Outcome = Literal["explained", "not beyond controls", "nothing", "silent"]
 
 LEVEL = 0.05
 """p below which a fit is rejected, and a pair leaves the model confidence set. Not corrected for many pairs."""
@@ -137,7 +137,7 @@ class AfferentVerdict:
 
     `recorded` counts positions in the files, `places` holds those that are used. `ceiling` is the share of variance
     that a model can explain, by split halves of repeats or, as an upper bound, by the best monotone function of any
-    candidate.
+    candidate. `rows` are empty for an afferent that was silent: nothing was compared.
     """
 
     title: str
@@ -155,6 +155,8 @@ class AfferentVerdict:
     saturating: bool = False
     silent_at_rest: bool = False
     fingers: int = 1
+    spikes: int | None = None
+    """Number of spikes in all windows together, if spikes were counted."""
 
     @property
     def measures(self) -> list[PairRow]:
@@ -179,13 +181,15 @@ class AfferentVerdict:
     @property
     def outcome(self) -> Outcome:
         """Outcome; "explained" requires a measure, and no control, in the set."""
+        if not self.rows:
+            return "silent"
         if not self.set:
             return "nothing"
         return "not beyond controls" if self.controls_in_set else "explained"
 
     @property
     def closest(self) -> PairRow:
-        """Maximum-likelihood measure, rejected or not."""
+        """Maximum-likelihood measure, rejected or not; a silent afferent has none."""
         return self.measures[0]
 
     @property

@@ -6,6 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from rig.compare.candidate_measures import DISCREPANCY, OF_THE_MESH, SEEN
+from rig.compare.likelihood import FEWEST_SPIKES
 from rig.compare.model_confidence_set import BLOCK, BLOCKS, DRAWS, HARDLY
 from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
 from sim.measures.measures import MEASURES
@@ -19,6 +20,8 @@ FROM = {
 
 def sentence(answer: AfferentVerdict) -> str:
     """Return the verdict in one sentence."""
+    if answer.outcome == "silent":
+        return _silent(answer)
     best = answer.headline
     if best is None:
         row = answer.closest
@@ -40,8 +43,20 @@ def sentence(answer: AfferentVerdict) -> str:
     )
 
 
+def _silent(answer: AfferentVerdict) -> str:
+    if answer.spikes is None:
+        return "There is no verdict: the recorded rate is 0 at every position."
+    spikes = {0: "no spike", 1: "one spike"}.get(answer.spikes, f"only {answer.spikes} spikes")
+    return (
+        f"There is no verdict: this recording has {spikes} in the windows of all presses together, and a verdict "
+        f"needs at least {FEWEST_SPIKES}."
+    )
+
+
 def sentences(answer: AfferentVerdict) -> list[str]:
     """Return further sentences, most important first."""
+    if answer.outcome == "silent":
+        return [positions(answer)]
     further = [
         _next(answer),
         _controls(answer),
@@ -166,7 +181,9 @@ def positions(answer: AfferentVerdict) -> str:
 
 
 def methods(answer: AfferentVerdict) -> str:
-    """Return a paragraph on data, methods and result."""
+    """Return a paragraph on data, methods and result; of a silent afferent, the result alone."""
+    if answer.outcome == "silent":
+        return _silent(answer)
     return " ".join(
         [
             _data(answer),

@@ -23,7 +23,7 @@ from rig.plan.finger_model import FingerModel, Predictions, from_copy
 from rig.plan.plan import Plan, Planner
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Walk
-from rig.protocol.handlers import Patience
+from rig.protocol.handlers import Patience, SilentScriptError, impatient
 from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
 from rig_shared.user_files import read_bytes, read_text
@@ -192,8 +192,9 @@ class _Planned:
         parameters = _ranged(self._script.parameters, low, high)
         rig, walk = self._rig(parameters)
         try:
-            self._script.run(rig)
-        except _REFUSED:
+            with impatient():
+                self._script.run(rig)
+        except (*_REFUSED, SilentScriptError):
             return walk.x_mm
         return None
 

@@ -161,6 +161,8 @@ def export_nwb(run: Run, spikes: SpikeRecord | None = None) -> Path:
 def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
     began = datetime.fromtimestamp(run.start["unix_s"] - run.start["t_s"], UTC)
     description = f"{run.start['title']}. {run.start['source']}".strip()
+    fired = spikes is not None and any(len(one.spike_s) for one in spikes.trains)
+    silent = "" if spikes is None or fired else "; no afferent fired, so there is no table of units"
     file = pynwb.NWBFile(
         session_description=description if spikes is None else f"{SYNTHETIC}. {description}",
         identifier=run.start["uid"] if spikes is None else f"synthetic {run.start['uid']}",
@@ -168,7 +170,7 @@ def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
         file_create_date=began,
         session_id=printable(run.folder.path.name),
         protocol=run.start["protocol"],
-        notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}",
+        notes=f"virtual bench: {run.start['virtual']}; complete: {run.complete}{silent}",
         subject=_subject(run, pynwb) if spikes is None else _subject(run, pynwb) or _model_subject(pynwb),
         **({} if spikes is None else {"experiment_description": SYNTHETIC, "keywords": ["synthetic", "simulation"]}),
     )
@@ -177,7 +179,8 @@ def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
     _add_indentations(run, file)
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
-    if spikes is not None:
+    if fired:
+        assert spikes is not None
         _add_spikes(run, spikes, file, pynwb)
     return file
 

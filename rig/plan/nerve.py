@@ -223,6 +223,7 @@ def run_spikes(
     *,
     seed: int = 0,
     path_m: float = PATH_M,
+    step_s: float = MOST_STEP_S,
     show_progress: Progress = lambda done, of: None,
 ) -> SpikeRecord:
     """Return the spikes of a population during a run, at the electrode.
@@ -241,6 +242,8 @@ def run_spikes(
         Seed of the population, which is recorded.
     path_m : float, optional
         Nerve between the fingertip and the electrode (m).
+    step_s : float, optional
+        Time between samples of the signals (s). Default: that of the integrator.
     show_progress : callable, optional
         Called as ``show_progress(done, of)`` with numbers of places and then of pieces of the run.
 
@@ -259,10 +262,10 @@ def run_spikes(
     spikes: list[list[Array]] = [[] for _ in afferents]
     for number, (first_s, begin_s, end_s) in enumerate(pieces):
         show_progress(number, len(pieces))
-        depths = _depths(found, first_s, end_s)
+        depths = _depths(found, first_s, end_s, step_s)
         if not depths:
             continue
-        samples = math.ceil((end_s - first_s) / MOST_STEP_S)
+        samples = math.ceil((end_s - first_s) / step_s)
         for k, afferent in enumerate(afferents):
             value = np.zeros((1, samples))
             for place, at, depth in depths:
@@ -270,7 +273,7 @@ def run_spikes(
                 skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, k : k + 1])
                 value[0, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1]))[:, 0]
             model = afferents.models[afferent.model]
-            (own,) = spikes_of(model, Signal(MOST_STEP_S, value), [afferent.sensitivity], [[afferent.seed, number]])
+            (own,) = spikes_of(model, Signal(step_s, value), [afferent.sensitivity], [[afferent.seed, number]])
             own = own[first_s + own >= begin_s] + first_s
             if spikes[k] and len(own) and len(spikes[k][-1]):  # of two pieces, which know nothing of each other
                 own = own[own >= spikes[k][-1][-1] + model.membrane.refractory_s]
@@ -280,7 +283,7 @@ def run_spikes(
         _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
         for afferent, mine in zip(afferents, spikes, strict=True)
     ]
-    return SpikeRecord(tuple(trains), seed, path_m, MOST_STEP_S)
+    return SpikeRecord(tuple(trains), seed, path_m)
 
 
 def tables_of(
@@ -317,14 +320,16 @@ def _pieces(end_s: float) -> Iterator[tuple[float, float, float]]:
         yield max(begin_s - HISTORY_S, 0.0), begin_s, min(begin_s + PIECE_S, end_s + _AFTER_S)
 
 
-def _depths(found: Visits, first_s: float, end_s: float) -> list[tuple[tuple[str, float, float], int, Array]]:
+def _depths(
+    found: Visits, first_s: float, end_s: float, step_s: float
+) -> list[tuple[tuple[str, float, float], int, Array]]:
     """Return the place, the first sample and the depths of each visit between two times."""
     depths = []
     for visit in found.visits:
-        a = max(math.ceil((float(visit.path.times_s[0]) - first_s) / MOST_STEP_S), 0)
-        b = math.ceil((min(float(visit.path.times_s[-1]), end_s) - first_s) / MOST_STEP_S)
+        a = max(math.ceil((float(visit.path.times_s[0]) - first_s) / step_s), 0)
+        b = math.ceil((min(float(visit.path.times_s[-1]), end_s) - first_s) / step_s)
         if a < b:
-            depths.append((visit.place, a, visit.path.depth_mm(first_s + MOST_STEP_S * np.arange(a, b))))
+            depths.append((visit.place, a, visit.path.depth_mm(first_s + step_s * np.arange(a, b))))
     return depths
 
 

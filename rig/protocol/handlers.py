@@ -201,6 +201,8 @@ if sys.platform == "win32":
         if _watches:
             _watches[-1].set(seconds)
 else:
+    _handlers: list[Callable[[int, FrameType | None], None]] = []
+    """Those of the scripts under way; without one an alarm would end the program."""
 
     @contextmanager
     def _alarms() -> Iterator[None]:
@@ -209,12 +211,15 @@ else:
 
         before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
         left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm set by the caller
+        _handlers.append(too_long)
         try:
             yield
         finally:
+            _handlers.pop()
             signal.signal(signal.SIGALRM, before)
             if left_s:
-                _set_alarm(max(left_s - (time.monotonic() - began_s), 1e-3))
+                signal.setitimer(signal.ITIMER_REAL, max(left_s - (time.monotonic() - began_s), 1e-3))
 
     def _set_alarm(seconds: float) -> None:
-        signal.setitimer(signal.ITIMER_REAL, seconds)
+        if _handlers:
+            signal.setitimer(signal.ITIMER_REAL, seconds)

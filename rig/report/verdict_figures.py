@@ -189,7 +189,7 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
                       fontsize=7, va="center", annotation_clip=False)  # fmt: skip
     axes.set_yticks(range(len(ranked)), [named(row) for row in ranked], fontsize=7.5)
     axes.set_ylim(len(ranked) - 0.4, -0.6)
-    if any(row.lack_of_fit > 0 for row in ranked):  # none is, where an afferent was silent
+    if any(row.lack_of_fit > 0 for row in ranked):  # none is, if every rate is the same
         axes.set_xscale("log")
         axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
         axes.xaxis.set_major_formatter(StrMethodFormatter("{x:g}"))

@@ -50,6 +50,8 @@ def _of(answer: AfferentVerdict, answers: Sequence[AfferentVerdict]) -> str:
 
 
 def _sections(answer: AfferentVerdict, frame: str, of: str) -> list[Section]:
+    if answer.outcome == "silent":
+        return [Section(f"Verdicts{of}", sentence(answer))]
     besides = (*sentences(answer), *_other_measure(answer), _WOULD_CHANGE[answer.outcome])
     return [
         Section(f"Verdicts{of}", sentence(answer), figures=(_verdict(answer, frame, of),)),

@@ -24,7 +24,7 @@ FIELDS_MM2 = {"SA1": (5.1, 6.0, 7.1, 8.0, 8.8), "RA": (5.5, 8.1, 13.0, 18.0, 22.
 PIN_UM = (50, 100, 200, 350, 500)
 """Depths of the pin beyond the surrounding plate (µm)."""
 
-RA_THRESHOLDS = {"amplitude_mm": (0.05, 1.65), "speed_mm_s": (0.4, 39.0)}
+RA_THRESHOLDS = {"amplitude_mm": (0.05, 1.65), "speed_mm_s": (0.4, 39.3)}
 """Extreme thresholds of 39 RA units; Knibestöl (1973)."""
 PC_RAMP_THRESHOLDS = {"amplitude_mm": (0.0, 1.95), "speed_mm_s": (0.5, 19.6)}
 """The same of 10 PC units; the smallest amplitude was below 0.05 mm."""

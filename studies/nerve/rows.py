@@ -10,6 +10,8 @@ from scipy.optimize import curve_fit
 
 from rig.compare.example import recorded
 from sim.nerve.models import AfferentModel
+from sim.nerve.population import DENSITY_PER_CM2, Pad
+from sim.nerve.population import population as drawn_population
 from sim.nerve.skin import Signal, SkinUnderIndentor
 from sim.nerve.stimulus import Stimulus
 from studies.nerve import published as pub
@@ -737,15 +739,36 @@ def slow_adaptation(scenes: Scenes) -> Iterator[Row]:
     )
 
 
-def population(_: Scenes) -> Iterator[Row]:
-    """Test 18: densities and velocities of a drawn population, which this study does not draw."""
+PRINTED_M_S = {"RA": (55.3, 3.4), "PC": (46.9, 3.6)}
+"""Mean conduction velocity and its printed ± (m/s); Knibestöl (1973)."""
+
+
+def population(scenes: Scenes) -> Iterator[Row]:
+    """Test 18: densities and conduction velocities of drawn populations."""
+    area_cm2 = Pad.of(scenes.finger).area_cm2
+    off: list[float] = []
+    velocity: dict[str, list[float]] = {name: [] for name in PRINTED_M_S}
+    for seed, (density, known) in zip(SEEDS, DENSITY_PER_CM2.items(), strict=True):
+        drawn = drawn_population(scenes.finger, density, seed)
+        for name, per_cm2 in known.items():
+            mine = [one for one in drawn if one.model == name]
+            # The number on a pad of a third of a square centimeter is whole: three afferents cannot be within 10 %.
+            off.append(max(abs(len(mine) - per_cm2 * area_cm2) - 0.5, 0.0) / (per_cm2 * area_cm2))
+            if name in velocity:
+                velocity[name] += [one.velocity_m_s for one in mine]
+    means = {name: float(np.mean(some)) for name, some in velocity.items()}
+    inside = all(abs(means[name] - mean) <= error for name, (mean, error) in PRINTED_M_S.items())
     yield Row(
         "18, all",
-        "drawn population",
-        "densities, conduction velocities",
-        NOTHING,
-        None,
-        remark="not counted: this study places each receptor under the probe",
+        f"{len(DENSITY_PER_CM2)} densities drawn on the pad of {area_cm2:.2f} cm²",
+        "densities ± 10 %; velocities "
+        + ", ".join(f"{k} {m:g} ± {e:g}" for k, (m, e) in PRINTED_M_S.items())
+        + " m/s",
+        f"densities off by {100 * max(off):.0f} % beyond rounding to whole afferents; velocities "
+        + ", ".join(f"{name} {mean:.1f}" for name, mean in means.items())
+        + " m/s",
+        bool(max(off) <= 0.1 and inside),
+        remark="drawn from these numbers",
     )
 
 

@@ -15,12 +15,17 @@ EXAMPLES = ROOT / "examples" / "tutorial"
 NOT_RUN = {
     "tutorial": ["make setup", ". .venv/bin/activate", "cp examples/tutorial/synthetic_afferent.csv ."]
 }  # what every test run begins with
-PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding")
+PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding", "nerve")
+SECTIONS = {"nerve": "## From a protocol to a verdict"}
+"""Headings of the sections that are followed, of pages that are not followed as a whole."""
 
 
 def blocks(page: str) -> list[tuple[str, str]]:
     """What its fences say they hold, and what they hold."""
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
+    if page in SECTIONS:
+        text = text.partition(f"\n{SECTIONS[page]}\n")[2].partition("\n## ")[0]
+        assert text
     return re.findall(r"^```([^\n]*)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
@@ -30,7 +35,7 @@ def test_a_page_can_be_followed_literally(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     shutil.copy(EXAMPLES / "synthetic_afferent.csv", tmp_path)
-    not_run = []
+    not_run, run_folder = [], ""
     for kind, text in blocks(page):
         language, _, file = kind.partition(" ")
         if file:
@@ -39,7 +44,10 @@ def test_a_page_can_be_followed_literally(
         for line in text.splitlines():
             if line.startswith("python "):
                 runpy.run_path(line.removeprefix("python "), run_name="__main__")
+            elif line.startswith("RUN=$(ls -d "):
+                (run_folder,) = expanded(line.removeprefix("RUN=$(ls -d ").removesuffix(")"))
             elif line.startswith("rig "):
+                line = line.replace("$RUN", run_folder)
                 ended = program(*(found for word in shlex.split(line)[1:] for found in expanded(word)))
                 assert ended.code == (2 if language == "fails" else 0), f"{line}: {ended.err}"
                 assert language != "fails" or "30" in ended.complaint

@@ -21,7 +21,9 @@ from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visit
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.nerve.models import AfferentModel, spikes_of
 from sim.nerve.population import AfferentPopulation
+from sim.nerve.skin import Signal
 from tests.error_codes import raises
 from tests.program import Program
 
@@ -127,6 +129,22 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
 
 
 @pytest.mark.usefixtures("cheap")
+def test_every_afferent_and_piece_has_its_own_noise(
+    run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seeds = []
+
+    def spy(model: AfferentModel, signal: Signal, sensitivity: list[float], given: list[list[int]]) -> Any:
+        seeds.extend(map(tuple, given))
+        return spikes_of(model, signal, sensitivity, given)
+
+    monkeypatch.setattr("rig.plan.nerve.spikes_of", spy)
+    monkeypatch.setattr("rig.plan.nerve.PIECE_S", 10.0)
+    _spikes(run, config, finger, "SA1@0,SA1@0,RA@0")
+    assert len(set(seeds)) == len(seeds) > 3
+
+
+@pytest.mark.usefixtures("cheap")
 def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger: Fingertip) -> None:
     """Each spike comes in a visit or shortly after it, later by the delay; the receptor under the bar fires."""
     found = visits_of(run, config)
@@ -209,10 +227,16 @@ def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
     _same(record, lambda k: read_spike_times(path, run, str(k)))
 
 
-def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord) -> None:
+@pytest.mark.parametrize("silent", [1, 3])
+def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord, silent: int) -> None:
+    """One afferent of three is silent, or all are: inspectors fail on a column without any spike."""
     pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
     inspector: Any = pytest.importorskip("nwbinspector", reason="needs nwbinspector: pip install nwbinspector")
-    path = export_nwb(_with_pulses(run), record)
+    trains = [replace(one, spike_s=np.empty(0)) if k < silent else one for k, one in enumerate(record.trains)]
+    path = export_nwb(_with_pulses(run), replace(record, trains=tuple(trains)))
+    with pynwb.NWBHDF5IO(path, "r") as io:
+        file = io.read()
+        assert (file.units is None, file.notes.endswith("no table of units")) == (silent == 3, silent == 3)
     assert pynwb.validate(path=str(path)) in ([], ([], 0))
     found = inspector.inspect_nwbfile(nwbfile_path=str(path))
     # what nobody did, nowhere, is left out; a number may be 0 or 1 by chance

@@ -13,7 +13,10 @@ from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
 from sim.nerve.filters import adapted, derivative_low_pass, fading
 from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
-from sim.nerve.models import BUILT_IN, spikes_of
+from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
+from sim.nerve.pc import PC
+from sim.nerve.ra import RA
+from sim.nerve.sa1 import SA1
 from sim.nerve.skin import LEVELS, Signal, SkinUnderIndentor
 from sim.nerve.stimulus import Stimulus, Vibration
 from tests.error_codes import raises
@@ -110,6 +113,26 @@ def test_noise_grows_with_the_root_of_the_step() -> None:
 
 def test_without_a_current_there_is_no_spike() -> None:
     assert len(spikes(np.zeros(20001), 1e-3, Membrane(0.02, 0.002, 2.0), 4, np.random.default_rng(3))) == 0
+
+
+_STEP_S, _TAU_S = 1e-4, 0.2
+_AT_S = np.arange(0.0, 1.6, _STEP_S)
+STEADY: dict[str, tuple[AfferentModel, Array]] = {
+    "SA1": (SA1(weights=(0.0, 0.0, 0.0, 1.0), threshold=0.0, slow_tau_s=_TAU_S), np.full(len(_AT_S), 3.0)),
+    "RA": (RA(slow_tau_s=_TAU_S, most=1e9), 3.0 * _AT_S),
+    "PC": (PC(slow_tau_s=_TAU_S, most=1e9, corner_hz=100.0), 1.5 * _AT_S**2),
+}
+"""Each class without saturation, with a short time constant, and a signal that drives it with 3 at all times."""
+
+
+@pytest.mark.parametrize("name", STEADY)
+def test_the_slow_threshold_of_a_class_follows_a_share_of_its_drive(name: str) -> None:
+    model, value = STEADY[name]
+    (found,) = model.current(Signal(_STEP_S, value[None]), np.array([1.0]))
+    share = model.slow_share  # type: ignore[attr-defined]
+    for at_s in (0.1, 0.2, 0.4, 1.5):
+        expected = 3.0 * (1 - share * (1 - np.exp(-at_s / _TAU_S)))
+        assert found[round(at_s / _STEP_S)] == pytest.approx(expected, rel=0.02)
 
 
 # --- stimulus and skin ---

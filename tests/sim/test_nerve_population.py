@@ -72,6 +72,11 @@ def test_an_afferent_depends_on_seed_class_and_number_only(flat: Fingertip) -> N
     assert [one.name for one in together] == ["RA-1", "RA-2", "RA-3", "RA-4", "SA1-1", "SA1-2", "SA1-3"]
 
 
+def test_every_afferent_has_its_own_noise(flat: Fingertip) -> None:
+    drawn = [one for seed in (3, 4) for one in draw(flat, "5xSA1,5xRA,2xPC", seed)]
+    assert len({one.seed for one in drawn}) == len(drawn)
+
+
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
 def test_a_population_has_the_published_density_and_room_between(flat: Fingertip, density: str) -> None:
     """Row 18 of the published tests: densities within 10 %, and no two afferents of a class too close."""

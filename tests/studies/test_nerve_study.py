@@ -1,12 +1,18 @@
 """The study of published tests of afferents: what it scores with."""
 
+import sys
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.compare.recordings.recording import recording
 from sim.nerve.models import BUILT_IN
+from sim.nerve.stimulus import Stimulus
+from studies.nerve import beside_touchsim
+from studies.nerve.loop import Judged, first_repeats, interval, share
+from studies.nerve.loop import cells as cells_of_loop
 from studies.nerve.rows import Row, _line, _log, _power, aic, over_seeds, rate_errors, variation
 from studies.nerve.scenes import held
 from studies.nerve.table import CAUSES, FITTED, cells, parameters
@@ -42,6 +48,48 @@ def test_the_right_form_has_the_least_criterion(form: Callable[..., Array], star
     rate = form(v, 12.0, 0.6) + 0.01 * np.sin(9 * v)
     found = {one.__name__: aic(one, start, v, rate) for one in (_log, _power, _line)}
     assert min(found, key=found.__getitem__) == form.__name__
+
+
+# --- the loop ---
+
+
+def test_a_shorter_run_has_the_first_repeats() -> None:
+    rows = [(float(x), float(n), np.nan) for n in range(10) for x in (0.4, -0.4)]
+    found = first_repeats(recording("synthetic.csv", rows, 0.5), 3)
+    assert (found.position_mm.tolist(), found.window_s) == ([-0.4, 0.4], 0.5)
+    assert [one.tolist() for one in found.repeats] == [[0, 1, 2]] * 2
+
+
+def test_shares_have_the_interval_of_wilson() -> None:
+    assert interval(8, 10) == pytest.approx((0.490, 0.943), abs=1e-3)
+    assert (share([]), share([True] * 10), share([False] * 10)) == ("–", "100 (72 to 100)", "0 (0 to 28)")
+
+
+def test_afferents_without_a_verdict_count_in_no_share() -> None:
+    found = [Judged("silent", False, 0), Judged("explained", True, 2), Judged("nothing", False, 0)]
+    number, silent, contains, nothing, control, size = cells_of_loop(found)
+    assert (number, silent, size) == ("3", "1", "1.0")
+    assert [one.split()[0] for one in (contains, nothing, control)] == ["50", "50", "0"]
+
+
+# --- TouchSim ---
+
+
+def test_without_touchsim_the_reason_is_printed(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "touchsim", None)
+    beside_touchsim.main()
+    assert capsys.readouterr().out == f"{beside_touchsim.MISSING}\n"
+
+
+def test_both_programs_have_the_same_stimulus() -> None:
+    stimulus = Stimulus.ramp(0.5, 10.0, 0.8, begins_s=0.05, away_mm=0.1)
+    depth = beside_touchsim.trace(stimulus, 1.0)
+    assert (len(depth), depth.min(), depth.max()) == (5000, 0.0, pytest.approx(0.5))
+    assert depth[1000] == pytest.approx(float(stimulus.depth_mm(0.2)))
+    pins = beside_touchsim.bar_pins()
+    assert np.ptp(pins, axis=0) + beside_touchsim.PIN_MM == pytest.approx(beside_touchsim.BAR_MM)
 
 
 def test_a_failure_has_its_cause_and_a_pass_none() -> None:

@@ -170,7 +170,9 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
         spikes, pulses = _read_csv(path, columns)
     if not len(spikes):
         raise RecordingError(
-            "{path}: contains no spikes; at least one spike time is required", code="no_spikes", path=str(path)
+            "{path}: contains no spikes; at least one spike time is required",
+            code="no_spikes",
+            path=f"{path}#{unit}" if unit else str(path),
         )
     if len(pulses):
         return _on_the_runs_clock(path, spikes, pulses, run)

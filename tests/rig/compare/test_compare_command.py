@@ -293,6 +293,28 @@ def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
     assert (code, err) == (2, "rig: u.nwb: 2 units; use SHAPE=u.nwb#UNIT with UNIT one of 4, 9\n")
 
 
+def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, bar_run: Run) -> None:
+    """One spike, outside all windows: one line on the terminal, "silent" in JSON, one section on the page."""
+    with h5py.File("u.nwb", "w") as file:
+        file["units/id"] = [4, 9]
+        file["units/spike_times"] = [1.0]
+        file["units/spike_times_index"] = [1, 1]
+    run = ("compare", bar_run.folder.path, "--window-s", "0,0.4", "--out", "a.html")
+    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#4", "--json")
+    (verdict,) = json.loads(out)["answers"]
+    assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
+    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#4")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:]] == ["answer", "shape", "report"]
+    assert verdict["answer_text"] in out
+    page = Path("a.html").read_text(encoding="utf-8")
+    assert verdict["answer_text"] in page
+    assert "Recorded over predicted" not in page
+    code, out, err = command(*run, "--recorded", "bar:3.0=u.nwb#9", "--json")
+    assert (code, json.loads(out)["code"]) == (2, "no_spikes")
+    assert "u.nwb#9" in err
+
+
 @pytest.fixture
 def afferents(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
     """A table of three synthetic afferents, one of them silent."""

@@ -19,6 +19,7 @@ from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import listed, sentence
+from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
 
@@ -150,6 +151,41 @@ def test_the_answer_is_the_recording_s(steps: list[StimulusRow]) -> None:
     assert other.headline is not None
     assert (one.headline.name, other.headline.name) == ("ep1", "s11")
     assert answers(compare(steps, {})) == ()
+
+
+HARDLY_FIRED = {
+    "no spike": (0, 1.0, 0),
+    "one spike": (1, 1.0, 1),
+    "four spikes in windows of half a second": (4, 0.5, 4),
+    "rates that are all zero": (0, None, None),
+}
+"""Spikes, window (s), and the number of spikes that the verdict states."""
+
+
+@pytest.mark.parametrize("name", HARDLY_FIRED)
+def test_an_afferent_that_hardly_fired_has_no_verdict(name: str, steps: list[StimulusRow]) -> None:
+    spikes, window_s, stated = HARDLY_FIRED[name]
+    found = answer(steps, {"step:1": _fired(spikes, window_s), "step:3": _fired(0, window_s)})
+    assert (found.outcome, found.spikes) == ("silent", stated)
+    assert found.set == found.controls_in_set == found.measures == []
+    (as_json,) = answers_as_json([found])
+    assert as_json["outcome"] == "silent"
+    assert (as_json["set"], as_json["rows"], as_json["intervals"], as_json["headline"]) == ([], [], [], None)
+    assert (as_json["answer_text"], "\n" in as_json["answer_text"]) == (sentence(found), False)
+    assert not set(as_json["answer_text"].replace(".", "").split()) & {*MEASURES, *CONTROLS}
+    (section,) = answer_sections([found], "no offset", recorded=True)
+    assert (section.text, section.figures, section.rows) == (sentence(found), (), ())
+
+
+def _fired(spikes: int, window_s: float | None) -> Recording:
+    rows = [(float(x), 0.0, np.nan) for x in POSITIONS for _ in range(3)]
+    rows[20] = (rows[20][0], spikes / (window_s or 1.0), np.nan)
+    return recording("synthetic.csv", rows, window_s)
+
+
+def test_from_five_spikes_on_measures_are_compared(steps: list[StimulusRow]) -> None:
+    found = answer(steps, {"step:1": _fired(5, 1.0)})
+    assert (found.outcome, found.spikes, len(found.measures)) == ("not beyond controls", 5, 3 * len(MEASURES))
 
 
 def test_positions_are_those_that_were_used(steps: list[StimulusRow]) -> None:

@@ -1,6 +1,7 @@
 """The place of a receptor, on measures that are known at every place."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -139,6 +140,12 @@ def test_only_what_the_run_covers_counts(laid: Laid) -> None:
     assert with_offset is not None
     assert with_offset.where.x_mm[1] < 0.0
     assert whereabouts(laid(0.0, 0.8, pressed=np.array([0.0, 0.1])), WHERE, Form()) is None
+
+
+def test_an_afferent_that_hardly_fired_has_no_place(laid: Laid) -> None:
+    (overlay,) = laid(0.2, 0.7)
+    rows = [(float(x), 0.0, 0.01) for x in POSITIONS]
+    assert whereabouts([replace(overlay, recording=recording("mine.csv", rows))], WHERE, Form(), ("ep1",)) is None
 
 
 def test_every_measure_has_its_row(laid: Laid) -> None:
