@@ -215,7 +215,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         if not keep_on():
             raise self._stopped()
         begun_s, lasts_s = self._clock.monotonic_s(), cycles * period_s
-        self._command(f"move sin {amplitude} {period_s * 1000:.1f} {cycles}")
+        period_ms = f"{period_s * 1000:.1f}".removesuffix(".0")
+        self._command(f"move sin {amplitude} {period_ms} {cycles}")
         what = f"the vibration over {cycles} cycles"
 
         def look() -> tuple[Reply, bool]:

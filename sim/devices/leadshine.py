@@ -14,7 +14,7 @@ from math import sqrt
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.planner import ConstantAcceleration, HalfSine, Piece, Track
+from sim.devices.grbl.planner import ConstantAcceleration, Piece, Sine, Track
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
 
@@ -88,9 +88,12 @@ class DriveAxis:
     def oscillate(self, amplitude: float, period_s: float, halves: int, now_s: float) -> None:
         """Swing in half cycles of a sine between the position at rest and one at twice the amplitude from it."""
         path = _Path(self._track.position_at(now_s)[0], now_s)
-        half = HalfSine(period_s / 2, period_s / 2, abs(amplitude))
-        for number in range(halves):
-            path.run(-amplitude if number % 2 else amplitude, [half])
+        half_s = period_s / 2
+        if self._track.has_play:  # No axis may reverse within a piece.
+            for number in range(halves):
+                path.run(-amplitude if number % 2 else amplitude, [Sine(half_s, half_s, abs(amplitude))])
+        else:
+            path.run(amplitude, [Sine(halves * half_s, half_s, abs(amplitude))])
         self._follow(path, now_s)
 
     def end_at(self, t_s: float) -> None:
@@ -118,7 +121,7 @@ class _Path:
         self.position, self._t_s = position, t_s
         self.pieces: list[Piece] = []
 
-    def run(self, direction: float, ramps: Sequence[ConstantAcceleration | HalfSine]) -> None:
+    def run(self, direction: float, ramps: Sequence[ConstantAcceleration | Sine]) -> None:
         sign = 1.0 if direction >= 0 else -1.0
         for ramp in ramps:
             if ramp.duration_s > 0:

@@ -239,9 +239,9 @@ class VirtualZaberAxis:
             raise CommandRejected("BADDATA")
         self._begin()
         self._brake(inf)
-        period_s, halves = period_ms / 1000, int(min(2 * count, LONGEST_SINE))
-        self._axis.oscillate(-amplitude, period_s, halves, self._now_s)
-        self._sine = self._now_s, period_s
+        period_s, halves, now_s = period_ms / 1000, int(min(2 * count, LONGEST_SINE)), self._now_s
+        self._axis.oscillate(-amplitude, period_s, halves, now_s)
+        self._sine = now_s, period_s
         self._tell_end()
 
     def _end_sine(self) -> None:

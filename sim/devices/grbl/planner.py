@@ -12,7 +12,7 @@ from math import ceil, cos, floor, inf, pi, sin, sqrt
 
 # --- motion ---
 #
-# Motion is stored as pieces of constant acceleration, and half cycles of a sine, exact at any time.
+# Motion is stored as pieces of constant acceleration, or of a sine, exact at any time.
 
 Vec = tuple[float, float, float]
 Counts = tuple[int, int, int]
@@ -38,15 +38,15 @@ class ConstantAcceleration:
         return (self.v0 + 0.5 * self.accel * tau_s) * tau_s
 
     def speed_at(self, tau_s: float) -> float:
-        return self.v0 + self.accel * tau_s
+        return max(self.v0 + self.accel * tau_s, 0.0)
 
     def until(self, tau_s: float) -> "ConstantAcceleration":
         return ConstantAcceleration(tau_s, self.v0, self.accel)
 
 
 @dataclass(frozen=True, slots=True)
-class HalfSine:
-    """Half a cycle of a sine, from one turning point to the other, of which duration_s are left."""
+class Sine:
+    """A sine from one turning point, in duration_s; half_s: from one turning point to the other."""
 
     duration_s: float
     half_s: float
@@ -62,8 +62,8 @@ class HalfSine:
     def speed_at(self, tau_s: float) -> float:
         return self.amplitude_mm * pi / self.half_s * sin(pi * tau_s / self.half_s)
 
-    def until(self, tau_s: float) -> "HalfSine":
-        return HalfSine(tau_s, self.half_s, self.amplitude_mm)
+    def until(self, tau_s: float) -> "Sine":
+        return Sine(tau_s, self.half_s, self.amplitude_mm)
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ class Piece:
     """One such piece in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
 
     t0_s: float
-    ramp: ConstantAcceleration | HalfSine
+    ramp: ConstantAcceleration | Sine
     origin: Vec
     slope: Vec
     done_mm: float = 0.0
@@ -125,16 +125,21 @@ class Track:
         return (round(x), round(y), round(z))
 
     def speed_at(self, t_s: float) -> float:
-        """Return the speed along the path in mm/s."""
+        """Return the speed along the path in mm/s; negative on the way back of a sine."""
         piece = self.piece_at(t_s) if t_s < self.end_s else None
         if piece is None or t_s >= piece.t1_s:
             return 0.0
-        return max(piece.ramp.speed_at(t_s - piece.t0_s), 0.0)
+        return piece.ramp.speed_at(t_s - piece.t0_s)
 
     def piece_at(self, t_s: float) -> Piece | None:
         """Return the last piece that began by t_s."""
         index = bisect_right(self._starts, t_s) - 1
         return self._pieces[index] if index >= 0 else None
+
+    @property
+    def has_play(self) -> bool:
+        """Whether a nut is behind its screw on the way up."""
+        return self._has_play
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
         """Replace all motion after t_s by pieces, after which the carriage rests at `rest`."""
