@@ -374,8 +374,10 @@ class Engine:
         """Journal a reading of a motion. Raises InterruptedMotionError if that fails: first the motion must end."""
         if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact.begin()
+        glanced = self.sensing.glanced
+        also = {} if glanced is None else glanced.also
         try:
-            self._record_sample(press, phase, force_gwt, doi_mm, record=self._journalled)
+            self._record_sample(press, phase, force_gwt, doi_mm, also=also, record=self._journalled)
         except RecordError as error:
             raise recast(InterruptedMotionError, error) from error
 

@@ -334,7 +334,7 @@ RELAXED_TO = 0.6
 
 @dataclass(frozen=True)
 class VibrationBound:
-    """Force limits of a vibration about a preload, for F ∝ d^1.5 through depth and force there, measured or predicted.
+    """Force limits of a vibration about a preload, for F ∝ d^1.5 through its depth and force.
 
     The stage swings between two positions and ends by itself. In whatever phase it is halted, it goes no deeper than
     the preload and the amplitude, because it brakes at least as hard as the sine does. So the distance in which it

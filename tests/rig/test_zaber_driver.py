@@ -307,10 +307,10 @@ def test_a_device_without_checksums_is_refused() -> None:
 
 # --- a sine ---
 #
-# Zaber ASCII protocol manual, `move sin amplitude period [count]`: the amplitude is half of the peak-to-peak distance,
-# in microsteps; a positive one begins at the lowest count. The period is in ms, by 0.1, from 0.2 on. Both ends must
-# lie within the limits. Without a count the sine lasts until another motion or a stop pre-empts it; `move sin stop`
-# ends it with its cycle. Speed and acceleration follow from amplitude and period, whatever `accel` is.
+# Zaber ASCII protocol manual, `move sin amplitude period [count]`: the amplitude is half of the peak-to-peak
+# distance, in microsteps; a positive one begins at the lowest count. The period is in ms, by 0.1, from 0.2 on. Both
+# ends must lie within the limits. Without a count the sine lasts until another motion or a stop pre-empts it;
+# `move sin stop` ends it with its cycle. Speed and acceleration follow from amplitude and period alone.
 
 
 def at_2_5_mm(**tables: Any) -> Bench:
