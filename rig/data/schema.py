@@ -20,7 +20,7 @@ PRESS_STREAMS = {
         "stop_mm": "mm",
     },
     "vibrate": {
-        "index": "", "frequency_hz": "Hz", "amplitude_um": "µm", "cycles": "", "preload_mm": "mm",
+        "index": "", "frequency_hz": "1/s", "amplitude_um": "µm", "cycles": "", "preload_mm": "mm",
         "measured_gwt": "gwt", "trip_gwt": "gwt", "bound_gwt": "gwt", "stop_mm": "mm",
     },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},

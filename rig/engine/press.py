@@ -212,9 +212,9 @@ class Press:
     def vibrate(self, target: Target, bound: VibrationBound) -> Hold:
         """Vibrate about the present depth, and journal this as a hold, whose readings are those of the vibration.
 
-        The stage first goes up by the amplitude. Each reading is compared with the trip of the vibration as it
-        arrives, then journalled. A vibration also trips if no reading arrives, and at one that is too small for a
-        finger.
+        The stage first goes up by the amplitude, and at the end down to the preload again. Each reading is compared
+        with the trip of the vibration as it arrives, then journalled. A vibration also trips if no reading arrives,
+        and at one that is too small for a finger.
         """
         preload_mm = self._doi_mm
         self._refuse_too_deep(preload_mm + bound.vibration.amplitude_mm)
@@ -228,7 +228,8 @@ class Press:
         engine, vibration = self._engine, bound.vibration
         readings, times = list[float](), list[float]()
         safe_point(engine)
-        engine.go_to_height(engine.height_mm + vibration.amplitude_mm, self._speed)
+        height_mm = engine.height_mm
+        engine.go_to_height(height_mm + vibration.amplitude_mm, self._speed)
         engine.limit_depth(engine.height_mm - 2 * vibration.amplitude_mm - self._habits.increment_mm)
         engine.trips.move_at("vibration", bound.trip_gwt)
         data = {
@@ -243,8 +244,10 @@ class Press:
         engine.record(self.id.stream("vibrate"), {**data, **limits})
         engine.vibrate(vibration, self._each_of_vibration(bound, readings, times))
         safe_point(engine)  # A pause ends the vibration.
-        self._force_gwt = self._read("vibrate")
-        return [*readings, self._force_gwt], [*times, engine.clock.monotonic_s()]
+        while (left_mm := engine.height_mm - height_mm) > 1e-9:
+            engine.go_to_height(engine.height_mm - min(left_mm, self._habits.increment_mm), self._speed)
+        self._force_gwt = self._read("hold")
+        return readings or [self._force_gwt], times or [engine.clock.monotonic_s()]
 
     def _each_of_vibration(
         self, bound: VibrationBound, readings: list[float], times: list[float]
@@ -429,7 +432,7 @@ class Press:
         hold_s: float,
         held: Callable[[Target, float], tuple[list[float], list[float]]] | None = None,
     ) -> Hold:
-        """Journal a hold; held: what is done instead of a hold at rest, about the present depth."""
+        """Journal a hold; held: what is done instead of a hold at rest; it ends at the present depth."""
         engine, clock = self._engine, self._engine.clock
         about = {"index": self.id.index, "hold": hold}
         pulse(engine, self.id, "hold_start")
@@ -445,7 +448,7 @@ class Press:
         lasted_s = clock.monotonic_s() - start
         pulse(engine, self.id, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
-        doi = round(self._doi_mm, 6) if held is None else begin["doi_mm"]
+        doi = round(self._doi_mm, 6)
         data = {
             **about,
             **ramp,

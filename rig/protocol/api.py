@@ -248,9 +248,9 @@ class Rig:
         """Find contact, press by increments to a preload, vibrate about it in a sine, and lift to clearance.
 
         The press to the preload measures the stiffness. Then the stage goes up by the amplitude and swings down and
-        up, in whole cycles, as many as come nearest to the duration. It counts the cycles itself, and ends at the
-        upper end. A vibration trips at a force such that it comes to rest within the trip and the overshoot of a
-        press.
+        up, in whole cycles, as many as come nearest to the duration. It counts the cycles itself, ends at the upper
+        end, and returns to the preload. A vibration trips at a force such that it comes to rest within the trip and
+        the overshoot of a press.
 
         Parameters
         ----------
