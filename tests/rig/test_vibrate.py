@@ -12,6 +12,7 @@ import pytest
 
 from rig.devices.base import StageError
 from rig.devices.registry import BUILT_IN, StageKind, find
+from rig.devices.zaber import ZaberAxis
 from rig.engine import LimitError, NotReadyError, RecordError, RunAborted, Target, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.corridor import PRINTED_MM
@@ -203,6 +204,15 @@ def test_the_carriage_stays_within_the_amplitude_about_the_preload(
     margin_mm = faulty.config.stage.resolution_mm + PRINTED_MM
     assert max(depths) == pytest.approx(begun["preload_mm"] + sine.amplitude_mm, abs=margin_mm)
     assert min(depths) == pytest.approx(begun["preload_mm"] - sine.amplitude_mm, abs=margin_mm)
+
+
+def test_the_stage_gets_a_limit_one_increment_below_the_lower_end(
+    faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    limits_mm: list[float] = []
+    monkeypatch.setattr(faulty.engine, "limit_depth", limits_mm.append)
+    _vibrate(faulty)
+    assert limits_mm[-1] == pytest.approx(PREDICTED.contact_mm - 0.86 - 0.05 - 0.05, abs=0.006)
 
 
 def test_the_press_measures_again_each_time(faulty: FaultyBench) -> None:
@@ -397,8 +407,11 @@ def test_a_stall_ends_it(faulty: FaultyBench, flag: str) -> None:
     assert not faulty.stage.homed
 
 
+@pytest.mark.parametrize("watched_by", ["the driver", "the engine"])
 @pytest.mark.parametrize("goes_mm", [0.5, -0.5])
-def test_a_carriage_that_leaves_its_way_is_stopped(faulty: FaultyBench, goes_mm: float) -> None:
+def test_a_carriage_that_leaves_its_way_is_stopped(
+    faulty: FaultyBench, goes_mm: float, watched_by: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The device was commanded by another program, and reports no interruption."""
 
     def stray() -> None:
@@ -406,11 +419,25 @@ def test_a_carriage_that_leaves_its_way_is_stopped(faulty: FaultyBench, goes_mm:
         z._go([(z.carriage_at(faulty.clock.monotonic_s()) - 400 * goes_mm, 200.0)], 2000.0)
 
     _in_the_vibration(faulty, stray)
+    if watched_by == "the engine":
+        monkeypatch.setattr(ZaberAxis, "_refuse_off_its_way", lambda axis, *_: None)
     with pytest.raises((StageError, TripError)) as caught:
         _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0), Target("doi_mm", 0.5))
-    assert caught.value.code in ("not_there", "off_its_way", "strayed")
+    assert caught.value.code == {"the driver": "not_there", "the engine": "off_its_way"}[watched_by]
     gone_mm = abs(faulty.height_mm - (PREDICTED.contact_mm - 0.5))
     assert gone_mm < 0.2 or faulty.height_mm > 0
+
+
+def test_an_error_in_the_program_ends_it(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken() -> float:
+        raise ZeroDivisionError
+
+    _in_the_vibration(faulty, lambda: monkeypatch.setattr(faulty.engine.sensing, "glance_gwt", broken))
+    with pytest.raises(ZeroDivisionError):
+        _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0))
+    at_mm = faulty.height_mm
+    faulty.clock.wait_s(1.0)
+    assert faulty.height_mm == at_mm
 
 
 @pytest.mark.parametrize("goes_on", [True, False])
