@@ -1,17 +1,18 @@
 """Simulated sessions in which the adaptive rule chooses press by press, on fibers that are not among its draws."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
 
 from rig.design.adaptive import AdaptiveRule, Choice, Counted
 from rig.design.confusion import LEFT_OVER
-from rig.design.counts import TEN_MINUTES_S, draw_counts
+from rig.design.counts import TEN_MINUTES_S, CountModel, draw_counts
 from rig.design.fibers import draw_fibers, relative_rates
 from rig.design.posterior import in_set
+from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 
 Array = NDArray[np.float64]
@@ -42,34 +43,39 @@ class Session(NamedTuple):
         return int(self.probability.argmax()) == self.truth
 
 
-@dataclass(frozen=True)
-class AdaptiveSessions:
-    """Sessions of a rule on fresh fibers."""
-
-    rule: AdaptiveRule
-    table: ResponseTable
-
-    def simulated(self, sets: int, seed: int, numbers: Sequence[int]) -> list[Session]:
-        """Return some of so many sessions, in which each candidate is true in turn."""
-        model = self.rule.prior.model
-        fibers = draw_fibers(sets, self.table, model.unknowns, seed, evenly=False)
-        truth = np.arange(sets) % len(self.rule.candidates)
-        rates = np.stack([relative_rates(self.table, name, fibers) for name in self.rule.candidates])
+def simulated(
+    table: ResponseTable,
+    times: PressTimes,
+    model: CountModel,
+    candidates: Sequence[str],
+    minutes: float,
+    sets: int,
+    seed: int,
+    numbers: Sequence[int],
+) -> list[Session]:
+    """Return some of so many sessions, in which each candidate is true in turn."""
+    with threadpool_limits(1):
+        rule = AdaptiveRule.of(table, candidates, model, times, minutes)
+        fibers = draw_fibers(sets, table, model.unknowns, seed, evenly=False)
+        truth = np.arange(sets) % len(candidates)
+        rates = np.stack([relative_rates(table, name, fibers) for name in candidates])[truth, np.arange(sets)]
         gain = model.draw_gains(sets, np.random.default_rng([seed, 1]))
-        mean = model.window_s * gain[:, None] * rates[truth, np.arange(sets)]
+        mean = model.window_s * gain[:, None] * rates
         dispersion = model.unknowns.dispersions[fibers.level]
         return [
-            self._session(int(truth[s]), mean[s], float(fibers.drift[s]), float(dispersion[s]), [seed, 2, s])
+            _session(rule, int(truth[s]), mean[s], float(fibers.drift[s]), float(dispersion[s]), [seed, 2, int(s)])
             for s in numbers
         ]
 
-    def _session(self, truth: int, mean: Array, drift: float, dispersion: float, seed: list[int]) -> Session:
-        chance = np.random.default_rng(seed)
-        rule = self.rule
-        posterior, state = rule.replayed([])
-        while isinstance(choice := rule.chosen(posterior, state), Choice):
-            at_s = state.elapsed_s + choice.seconds - float(rule.times.press_s[choice.press])
-            tau = (at_s - 30 * rule.minutes) / TEN_MINUTES_S
-            count = draw_counts(mean[[choice.press]] * np.exp(drift * tau), dispersion, chance)[0]
-            posterior, state = rule.updated(posterior, state, Counted(choice.press, float(count)))
-        return Session(truth, posterior.probabilities[0], len(state.made), choice.reason, state.elapsed_s / 60)
+
+def _session(
+    rule: AdaptiveRule, truth: int, mean: Array, drift: float, dispersion: float, seed: list[int]
+) -> Session:
+    chance = np.random.default_rng(seed)
+    posterior, state = rule.replayed([])
+    while isinstance(choice := rule.chosen(posterior, state), Choice):
+        at_s = state.elapsed_s + choice.seconds - float(rule.times.press_s[choice.press])
+        tau = (at_s - 30 * rule.minutes) / TEN_MINUTES_S
+        count = draw_counts(mean[[choice.press]] * np.exp(drift * tau), dispersion, chance)[0]
+        posterior, state = rule.updated(posterior, state, Counted(choice.press, float(count)))
+    return Session(truth, posterior.probabilities[0], len(state.made), choice.reason, state.elapsed_s / 60)
