@@ -194,8 +194,10 @@ class AdaptiveRule:
         again = np.arange(len(bits)) == (state.made[-1] if state.made else -1)
         if (fits & ~again).any():
             bits = np.where(again, -np.inf, bits)
-        # A change of shape is shared by the presses that still fit after it.
-        after = np.maximum(np.floor((left_s - change_s) / press_s), 1.0)
+        # A change of shape is shared by the presses that still fit after it, and have something left to tell.
+        unknown_bits = -float((probability * np.log2(np.maximum(probability, 1e-12))).sum())
+        after = np.minimum((left_s - change_s) / press_s, unknown_bits / np.maximum(bits, NOTHING_BITS))
+        after = np.maximum(np.floor(after), 1.0)
         best = int(np.argmax(bits / (press_s + change_s / after)))
         shape = self.presses[best].shape
         reason: ChoiceReason = "first" if not state.made else "same_shape" if shape == state.shape else "new_shape"

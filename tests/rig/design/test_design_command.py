@@ -76,7 +76,9 @@ def test_a_band_beyond_the_limits(here: Path, program: Program) -> None:
     assert len(steps) == len(found["presses"])
     assert strongest < max(step["force_band_gwt"][1] for step in steps)
     Path("gentle.toml").write_text(f"[limits]\nmax_force_gwt = {1.02 * strongest}\n", encoding="utf-8")
-    ended = program("design", *REQUEST, "--minutes", "2", "--finger", "finger.toml", "--config", "gentle.toml", "--json")
+    ended = program(
+        "design", *REQUEST, "--minutes", "2", "--finger", "finger.toml", "--config", "gentle.toml", "--json"
+    )
     assert ended.code == 2
     assert ended.json["code"] == "beyond_limit"
     assert not Path("designed.py").exists()
