@@ -68,10 +68,10 @@ class AdaptiveState(NamedTuple):
 
 
 class Counted(NamedTuple):
-    """A press by its number, and its count; None if no count arrived."""
+    """A press by its number, and its count of spikes; None if no count arrived."""
 
     press: int
-    count: float | None
+    spikes: float | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +165,9 @@ class AdaptiveRule:
         shape = self.presses[counted.press].shape
         at_s = state.elapsed_s + self._change_s(state, shape)
         sure = state.sure
-        if counted.count is not None:
+        if counted.spikes is not None:
             tau = (at_s - 30 * self.minutes) / TEN_MINUTES_S
-            posterior = posterior.updated(counted.press, np.array([float(counted.count)]), tau)
+            posterior = posterior.updated(counted.press, np.array([float(counted.spikes)]), tau)
             sure = sure + 1 if posterior.probabilities[0].max() >= LEVEL else 0
         ends_s = at_s + float(self.times.press_s[counted.press])
         return posterior, AdaptiveState((*state.made, counted.press), ends_s, shape, sure)
