@@ -39,7 +39,7 @@ ChoiceReason = Literal["first", "same_shape", "new_shape"]
 EndReason = Literal["one_candidate", "nothing_to_learn", "no_time"]
 
 
-class Choice(NamedTuple):
+class PressChoice(NamedTuple):
     """Next press by its number, why, what it is expected to tell (bits), and its time with a change of shape (s)."""
 
     press: int
@@ -67,16 +67,19 @@ class AdaptiveState(NamedTuple):
     sure: int = 0
 
 
-class Counted(NamedTuple):
+class SpikeCount(NamedTuple):
     """A press by its number, and its count of spikes; None if no count arrived."""
 
     press: int
     spikes: float | None
 
 
+Choice, Counted = PressChoice, SpikeCount
+
+
 @dataclass(frozen=True, eq=False)
 class AdaptiveRule:
-    """Choice among the presses that may be made.
+    """PressChoice among the presses that may be made.
 
     Attributes
     ----------
@@ -97,9 +100,9 @@ class AdaptiveRule:
     ::
 
         posterior, state = rule.replayed([])
-        while isinstance(choice := rule.chosen(posterior, state), Choice):
+        while isinstance(choice := rule.chosen(posterior, state), PressChoice):
             count = ...  # press rule.presses[choice.press]
-            posterior, state = rule.updated(posterior, state, Counted(choice.press, count))
+            posterior, state = rule.updated(posterior, state, SpikeCount(choice.press, count))
     """
 
     candidates: tuple[str, ...]
@@ -147,7 +150,7 @@ class AdaptiveRule:
         return cls(tuple(candidates), table.presses, times, minutes, prior, count_bins(model), particles, seed)
 
     def replayed(
-        self, counted: Iterable[Counted], shape: str | None = None
+        self, counted: Iterable[SpikeCount], shape: str | None = None
     ) -> tuple[CandidatePosterior, AdaptiveState]:
         """Return posterior and state after these counts, in the order in which they were taken.
 
@@ -159,7 +162,7 @@ class AdaptiveRule:
         return posterior, state
 
     def updated(
-        self, posterior: CandidatePosterior, state: AdaptiveState, counted: Counted
+        self, posterior: CandidatePosterior, state: AdaptiveState, counted: SpikeCount
     ) -> tuple[CandidatePosterior, AdaptiveState]:
         """Return posterior and state after one more press."""
         shape = self.presses[counted.press].shape
@@ -172,7 +175,7 @@ class AdaptiveRule:
         ends_s = at_s + float(self.times.press_s[counted.press])
         return posterior, AdaptiveState((*state.made, counted.press), ends_s, shape, sure)
 
-    def chosen(self, posterior: CandidatePosterior, state: AdaptiveState) -> Choice | End:
+    def chosen(self, posterior: CandidatePosterior, state: AdaptiveState) -> PressChoice | End:
         """Return the next press, or why there is none."""
         probability = posterior.probabilities[0]
         if state.sure >= CONFIRMED:
@@ -201,7 +204,7 @@ class AdaptiveRule:
         best = int(np.argmax(bits / (press_s + change_s / after)))
         shape = self.presses[best].shape
         reason: ChoiceReason = "first" if not state.made else "same_shape" if shape == state.shape else "new_shape"
-        return Choice(best, reason, float(bits[best]), float(change_s[best] + press_s[best]))
+        return PressChoice(best, reason, float(bits[best]), float(change_s[best] + press_s[best]))
 
     def _change_s(self, state: AdaptiveState, shape: str) -> float:
         return self.times.change_s if state.shape not in (None, shape) else 0.0
