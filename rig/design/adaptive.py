@@ -79,7 +79,7 @@ Choice, Counted = PressChoice, SpikeCount
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveRule:
-    """PressChoice among the presses that may be made.
+    """Choice among the presses that may be made.
 
     Attributes
     ----------

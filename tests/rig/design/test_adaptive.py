@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.design.adaptive import AdaptiveRule, AdaptiveState, PressChoice, SpikeCount, End
+from rig.design.adaptive import AdaptiveRule, AdaptiveState, End, PressChoice, SpikeCount
 from rig.design.counts import CountModel
 from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
