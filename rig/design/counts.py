@@ -42,6 +42,15 @@ class CountSums(NamedTuple):
         """How often each press was made (presses,)."""
         return np.asarray(self.late.sum(axis=1))
 
+    def one(self, s: int) -> "CountSums":
+        """Return the sums of one data set."""
+        return self._replace(
+            by_press=self.by_press[[s]],
+            scatter=self.scatter[[s]],
+            fired=self.fired[[s]],
+            drifted=self.drifted[[s]],
+        )
+
 
 def no_counts(sets: int, presses: int, minutes: float = 0.0) -> CountSums:
     """Return the sums before the first press of a session of so many minutes."""

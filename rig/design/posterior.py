@@ -1,6 +1,7 @@
 """Probabilities of the candidates after each press: the update that a design and an adaptive run share."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,16 +34,16 @@ class CandidatePosterior:
 
     @classmethod
     def before(
-        cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0
+        cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0, sets: int = 1
     ) -> "CandidatePosterior":
         """Return the state before the first press; with a session's minutes, the gain may drift."""
-        return cls(model, draws, log_rate, no_counts(1, log_rate.shape[2], minutes))
+        return cls(model, draws, log_rate, no_counts(sets, log_rate.shape[2], minutes))
 
     def updated(self, press: int, counts: Array, tau: float = 0.0) -> "CandidatePosterior":
         """Return the state after one more press, by its number, with its count at a time tau (ten minutes)."""
         return replace(self, sums=with_counts(self.sums, press, counts, tau))
 
-    @property
+    @cached_property
     def log_likelihood(self) -> Floats:
         """Log-likelihood (candidates, s, draws)."""
         return np.stack([self.model.log_likelihood(self.sums, one, self.draws) for one in self.log_rate])
