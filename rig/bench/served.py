@@ -117,11 +117,11 @@ class ServedBench:
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage) if stage else None
         force_line = self._open("force", config.force) if force else None
-        server = None if self._wanted is None else self._bound_for_spikes()
         if stage_line:
             further = find(StageKind, config.stage.kind).further_ports
             stage_line.further = tuple(self._open(key, config.stage) for key in further)
             self.tables |= dict.fromkeys(further, f"stage.{kind_of(config.stage).place}")
+        server = None if self._wanted is None else self._bound_for_spikes()
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)

@@ -119,7 +119,7 @@ class IndentorFeed:
 class ReceptorProcess(ForceProcess[PressWanted | None, PressMade | AfferentPopulation]):
     """Process that presses the finger for tables; None asks for the afferents."""
 
-    nice = 10
+    nice = 3
 
     def __init__(self, config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes) -> None:
         """Load the finger, draw the afferents, and wait. Raises FingerNotLoadedError."""
@@ -181,7 +181,7 @@ class ServedSpikes:
         lsl: bool,
         complain: Callable[[str], object],
     ) -> None:
-        """Start both processes and wait. Raises FingerNotLoadedError, BadInputError."""
+        """Start both processes and wait; complain is importable. Raises FingerNotLoadedError, BadInputError."""
         refuse_turned(truth)
         self._complain = complain
         self._receptors = ReceptorProcess(config.finger, config.virtual.indentor, truth, wanted)
@@ -189,7 +189,7 @@ class ServedSpikes:
         self._near, far = socket.socketpair()
         context = multiprocessing.get_context("spawn")
         self._said, saying = context.Pipe(duplex=False)
-        given = _Given(self._receptors.afferents(), wanted, config.limits.max_doi_mm, lsl)
+        given = _Given(self._receptors.afferents(), wanted, config.limits.max_doi_mm, lsl, complain)
         self._process = context.Process(
             target=_deliver, args=(given, far, server, self._receptors.connection, saying), daemon=True
         )
@@ -248,6 +248,7 @@ class _Given:
     wanted: WantedSpikes
     deepest_mm: float
     lsl: bool
+    complain: Callable[[str], object]
 
 
 def _deliver(
@@ -267,7 +268,7 @@ def _deliver(
     except Exception as error:
         saying.send(message_of(error))
         return
-    follower = _Follower(given, scheduler, poses, receptors, delivery)
+    follower = _Follower(given, scheduler, poses, receptors, delivery, given.complain)
     gc.freeze()
     saying.send(None)
     scheduler.run()
@@ -363,9 +364,10 @@ class _Follower:
         poses: socket.socket,
         receptors: "Connection[PressWanted, PressMade]",
         delivery: Delivery,
+        complain: Callable[[str], object],
     ) -> None:
         self._scheduler, self._poses, self._receptors, self._delivery = scheduler, poses, receptors, delivery
-        self._spikes = LiveSpikes(given.afferents, given.deepest_mm, receptors.send)
+        self._spikes = LiveSpikes(given.afferents, given.deepest_mm, receptors.send, complain)
         self._unread = b""
         poses.setblocking(False)
         scheduler.watch(poses, self._read)
