@@ -4,7 +4,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+
+from sim.nerve.integrator import leaked
 
 Array = NDArray[np.float64]
 
@@ -34,7 +35,7 @@ class Memory:
 
     def keep(self, sample: Array, state: NDArray[Any]) -> None:
         """Store the last sample and the state of this filter."""
-        self._states[self._next : self._next + 1] = [(sample.copy(), state)]
+        self._states[self._next : self._next + 1] = [(sample, state)]
         self._next += 1
 
 
@@ -122,14 +123,14 @@ def _fading(signal: Array, rate: complex, step_s: float, memory: Memory | None) 
     """Return ∫ exp(−rate (t − u)) dm(u), exact for m that is linear between samples."""
     decay = np.exp(-step_s * rate)
     gain = -np.expm1(-step_s * rate) / (rate * step_s)
-    before = None if memory is None else memory.state()
-    # What is there at the very first sample came at once.
-    last, state = (signal[..., :1], decay * signal[..., :1]) if before is None else before
-    rest, found = (signal[..., 1:], last) if before is None else (signal, last[..., :0])
-    if rest.shape[-1]:
-        changes = np.diff(rest, axis=-1, prepend=last)
-        made, state = lfilter([gain], [1.0, -decay], changes, axis=-1, zi=state)
-        found = np.concatenate([found, made], axis=-1)
+    rows = np.ascontiguousarray(signal).reshape(-1, signal.shape[-1])
+    known = None if memory is None else memory.state()
+    found = np.empty(rows.shape, dtype=np.result_type(decay, float))
+    begin = 0
+    if known is None:  # what is there at the very first sample came at once
+        known, begin = (rows[:, 0].copy(), rows[:, 0].astype(found.dtype)), 1
+        found[:, 0] = rows[:, 0]
+    leaked(rows[:, begin:], known[0], decay, gain, known[1], found[:, begin:])
     if memory is not None:
-        memory.keep(signal[..., -1:], state)
-    return np.asarray(found)
+        memory.keep(*known)
+    return found.reshape(signal.shape)

@@ -1,4 +1,4 @@
-"""Leaky integrator that turns current into spikes: τ dV/dt = −V + I + noise, a spike at V = 1.
+"""Leaky integrator that turns current into spikes: τ dV/dt = −V + I + noise, a spike at V = 1; leaky sums.
 
 V is stepped by the exact exponential, at most `MOST_STEP_S` at a time; the current is linear between its samples and
 constant within a step. The noise is white: its increments grow with the root of the step, so that rates do not depend
@@ -8,6 +8,7 @@ without a current is silent.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -135,6 +136,28 @@ class Membranes:
         )
         self.step += steps
         return who[:count].copy(), found[:count].copy()
+
+
+@compiled
+def leaked(
+    signal: Array,
+    last: Array,
+    decay: complex,
+    gain: complex,
+    state: NDArray[Any],
+    found: NDArray[Any],
+) -> None:
+    """Write a leaky sum of the signal's changes, beginning with the last sample before and the sum there.
+
+    `last` gets the last sample, `state` the last sum. They and the rows of `found` have the same length.
+    """
+    for row in range(signal.shape[0]):
+        before, total = last[row], state[row]
+        for k in range(signal.shape[1]):
+            total = gain * (signal[row, k] - before) + decay * total
+            before = signal[row, k]
+            found[row, k] = total
+        last[row], state[row] = before, total
 
 
 @compiled

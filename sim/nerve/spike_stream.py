@@ -86,5 +86,8 @@ class SpikeStream:
 
     def _draw(self, row: int, steps: int) -> None:
         new = self._generators[row].standard_normal((steps, self._noise.shape[2]), dtype=np.float32)
-        self._noise[row, (self._drawn[row] + np.arange(steps)) % self._noise.shape[1]] = new
+        begin, kept = self._drawn[row] % self._noise.shape[1], self._noise.shape[1]
+        first = min(steps, kept - begin)
+        self._noise[row, begin : begin + first] = new[:first]
+        self._noise[row, : steps - first] = new[first:]
         self._drawn[row] += steps
