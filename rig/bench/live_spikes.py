@@ -29,7 +29,7 @@ _DECIMALS = 4
 _LONGEST = 21  # poses at once: within them the indentor hardly moves on
 
 
-class Place(NamedTuple):
+class IndentorPlace(NamedTuple):
     """A place of the indentor: across the finger, and along it from the receptor plane (mm)."""
 
     x_mm: float
@@ -39,7 +39,7 @@ class Place(NamedTuple):
 class PressWanted(NamedTuple):
     """A press for the table of a place, to a depth (mm)."""
 
-    place: Place
+    place: IndentorPlace
     doi_mm: float
 
 
@@ -105,7 +105,7 @@ class LiveSpikes:
         self._origin_s: float | None = None
         self._done = -1  # last sample of the signal
         self._poses: list[tuple[float, float, float, float]] = []  # time, x, height, along; the first is done
-        self._tables: OrderedDict[Place, _Table] = OrderedDict()
+        self._tables: OrderedDict[IndentorPlace, _Table] = OrderedDict()
         self._asked: PressWanted | None = None
         self._made: list[PressMade] = []
 
@@ -173,18 +173,18 @@ class LiveSpikes:
             signal[:] = table.values(np.interp(grid, t, above))
         return signal
 
-    def _resting(self, poses: list[tuple[float, float, float, float]] | None = None) -> Place | None:
+    def _resting(self, poses: list[tuple[float, float, float, float]] | None = None) -> IndentorPlace | None:
         """Return the place of the indentor; None while it moves across the finger or along it."""
         poses = poses or self._poses[-2:]
         first, last = poses[0], poses[-1]
-        places = {Place(round(one[1], _DECIMALS), round(one[3], _DECIMALS)) for one in (first, last)}
+        places = {IndentorPlace(round(one[1], _DECIMALS), round(one[3], _DECIMALS)) for one in (first, last)}
         return places.pop() if len(places) == 1 else None
 
     def _want(self, wanted: PressWanted) -> None:
         self._asked = wanted
         self._ask(wanted)
 
-    def _finish(self, place: Place, problem: str = "") -> _Table:
+    def _finish(self, place: IndentorPlace, problem: str = "") -> _Table:
         """Store the table of a place; presses before one that failed count."""
         table = self._tables[place] = _Table(self._made, "" if self._made else problem)
         self._made = []

@@ -15,7 +15,7 @@ _RESIDUES = (1.0, -0.5 + 0.5j / np.sqrt(3))
 """Residues of the filter at these poles; that of the other complex pole is conjugate, and all three add up to 0."""
 
 
-class Memory:
+class FilterMemory:
     """What filters know of a signal whose samples come in blocks: its last sample, and their states.
 
     A model calls its filters in the same order for every block.
@@ -39,7 +39,7 @@ class Memory:
         self._next += 1
 
 
-def fading(signal: Array, tau_s: float, step_s: float, memory: Memory | None = None) -> Array:
+def fading(signal: Array, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
     """Return ∫ exp(−(t − u)/τ) dm(u) of a signal that is 0 before its first sample.
 
     Parameters
@@ -50,18 +50,18 @@ def fading(signal: Array, tau_s: float, step_s: float, memory: Memory | None = N
         Time constant τ (s); infinite returns the signal.
     step_s : float
         Time between samples (s).
-    memory : Memory, optional
+    memory : FilterMemory, optional
         What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
     -------
     ndarray of shape (…, n_samples)
-        Memory of the signal's changes, which fades.
+        FilterMemory of the signal's changes, which fades.
     """
     return signal if np.isinf(tau_s) else np.asarray(_fading(signal, 1 / tau_s, step_s, memory))
 
 
-def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: Memory | None = None) -> Array:
+def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
     """Return what of a drive exceeds a slow threshold, which approaches a share of the drive: τ dθ/dt = share·I − θ.
 
     Parameters
@@ -74,7 +74,7 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: Mem
         Time constant τ (s).
     step_s : float
         Time between samples (s).
-    memory : Memory, optional
+    memory : FilterMemory, optional
         What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
@@ -86,7 +86,7 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: Mem
 
 
 def derivative_low_pass(
-    signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2], memory: Memory | None = None
+    signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2], memory: FilterMemory | None = None
 ) -> Array:
     """Return dm/dt or d²m/dt² through a Butterworth low-pass of third order: a sum over poles of memories that fade.
 
@@ -103,7 +103,7 @@ def derivative_low_pass(
         Time between samples (s).
     derivative : {1, 2}
         Which derivative.
-    memory : Memory, optional
+    memory : FilterMemory, optional
         What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
@@ -119,7 +119,7 @@ def derivative_low_pass(
     return total
 
 
-def _fading(signal: Array, rate: complex, step_s: float, memory: Memory | None) -> NDArray[Any]:
+def _fading(signal: Array, rate: complex, step_s: float, memory: FilterMemory | None) -> NDArray[Any]:
     """Return ∫ exp(−rate (t − u)) dm(u), exact for m that is linear between samples."""
     decay = np.exp(-step_s * rate)
     gain = -np.expm1(-step_s * rate) / (rate * step_s)

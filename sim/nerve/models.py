@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from sim.errors import ArgumentError
-from sim.nerve.filters import Memory
+from sim.nerve.filters import FilterMemory
 from sim.nerve.integrator import Membrane, spikes
 from sim.nerve.pc import PC
 from sim.nerve.ra import RA
@@ -56,7 +56,7 @@ class AfferentModel(Protocol):
         """Return the signal at receptors, shape (n_receptors,), from the measures there."""
         ...
 
-    def current(self, signal: Signal, sensitivity: Array, memory: Memory | None = None) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent in units of the rheobase, shape (n_afferents, n_samples).
 
         The signal has a row for each afferent, or one for all. With a memory it continues earlier blocks, and filters

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import Memory, adapted, fading
+from sim.nerve.filters import FilterMemory, adapted, fading
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -63,7 +63,7 @@ class SA1:
         """Return m at receptors from the 18 measures."""
         return np.maximum(measures["sed"], 0.0) / self.reference_sed
 
-    def current(self, signal: Signal, sensitivity: Array, memory: Memory | None = None) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
         terms = zip(self.weights, self.tau_s, strict=True)
         total = sum(k * fading(signal.value, tau_s, signal.step_s, memory) for k, tau_s in terms)

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.nerve.filters import Memory
+from sim.nerve.filters import FilterMemory
 from sim.nerve.integrator import Membranes
 from sim.nerve.models import AfferentModel
 from sim.nerve.skin import Signal
@@ -40,7 +40,7 @@ class SpikeStream:
         self._sensitivity = np.atleast_1d(np.asarray(sensitivity, dtype=float))
         count = len(self._sensitivity)
         self._membranes = Membranes(model.membrane, count, model.sites, step_s)
-        self._memory = Memory()
+        self._memory = FilterMemory()
         self._last: Array | None = None
         self._generators = [np.random.default_rng(seed) for seed in seeds]
         self._noise = np.zeros((count, 2 * _DRAWN, model.sites), dtype=np.float32)

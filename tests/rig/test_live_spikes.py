@@ -1,20 +1,19 @@
 """Spikes while the indentor moves: the same as afterwards, late without a table, delivered at their times."""
 
 import math
-import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.bench.live_spikes import PATIENCE_S, SAMPLE_S, LiveSpikes, Place, PressMade, PressWanted
+from rig.bench.live_spikes import PATIENCE_S, SAMPLE_S, IndentorPlace, LiveSpikes, PressMade, PressWanted
 from rig.bench.served import ServedBench
-from rig.bench.served_spikes import Delivery, IndentorFeed, SpikeStatistics, _Given, _pressing
+from rig.bench.served_spikes import _pressing
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.nerve import MeasureTable, Visit, Visits, WantedSpikes, run_spikes
-from sim.carriage import AS_MODELLED, Carriage
+from sim.carriage import AS_MODELLED
 from sim.errors import ModelRangeError
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -22,8 +21,6 @@ from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.population import AfferentPopulation, SimulatedAfferent
 from sim.nerve.skin import LEVELS
 from sim.nerve.staircase import Staircase
-from sim.serve.ports import MOST_LISTENERS, LinePort, bound
-from sim.serve.real_time_loop import WallScheduler
 from tests.error_codes import raises
 from tests.program import Program
 
@@ -36,7 +33,7 @@ AFFERENTS = AfferentPopulation(
         for k, gain in enumerate(gains, 1)
     ]
 )
-HERE = Place(0.0, 0.0)
+HERE = IndentorPlace(0.0, 0.0)
 
 
 def measured(depth_mm: float) -> Any:
@@ -125,7 +122,7 @@ def test_spikes_wait_for_a_table_and_are_not_wrong() -> None:
 def test_an_indentor_in_the_air_asks_for_the_table_of_its_place() -> None:
     found = Follower(after=10**9)
     found.go([0.0, SAMPLE_S, 2 * SAMPLE_S], [-3.0, -3.0, -3.0], x_mm=0.5)
-    assert found.asked == [PressWanted(Place(0.5, 0.0), DEEPEST_MM / LEVELS)]
+    assert found.asked == [PressWanted(IndentorPlace(0.5, 0.0), DEEPEST_MM / LEVELS)]
 
 
 def test_a_moving_indentor_asks_for_nothing() -> None:
@@ -145,7 +142,7 @@ def test_another_place_comes_before_the_rest_of_a_table() -> None:
     found.go(2.0 + t, [-3.0] * 3, x_mm=1.0)
     found.live.take(made(found.asked.pop(0)))
     found.go(3.0 + t, [-3.0] * 3, x_mm=1.0)
-    assert found.asked == [PressWanted(Place(1.0, 0.0), DEEPEST_MM / LEVELS)]
+    assert found.asked == [PressWanted(IndentorPlace(1.0, 0.0), DEEPEST_MM / LEVELS)]
 
 
 @pytest.mark.parametrize(
@@ -172,91 +169,6 @@ def test_nobody_waits_for_ever() -> None:
     found.go(t[20000:], np.full(len(t) - 20000, 0.3))
     assert len(found.said) == 1
     assert len(found.live._poses) < 50
-
-
-# --- delivery ---
-
-
-@pytest.fixture
-def scheduler() -> Iterator[WallScheduler]:
-    made = WallScheduler()
-    yield made
-    made.close()
-
-
-def _given() -> _Given:
-    return _Given(AFFERENTS, WantedSpikes("SA1"), DEEPEST_MM, False, print)
-
-
-def _read(client: socket.socket, scheduler: WallScheduler, lines: int) -> list[str]:
-    client.setblocking(False)
-    heard, until_s = b"", scheduler.monotonic_s() + 5.0
-    while heard.count(b"\n") < lines and scheduler.monotonic_s() < until_s:
-        scheduler.run_once(scheduler.monotonic_s() + 0.01)
-        try:
-            heard += client.recv(1 << 16)
-        except BlockingIOError:
-            continue
-    return heard.decode("ascii").splitlines()
-
-
-def test_every_client_gets_every_line_in_order_of_time(
-    scheduler: WallScheduler, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    server = bound(0)
-    port, pushed = LinePort(scheduler, server, b"columns\n"), list[tuple[str, float]]()
-    clients = [socket.create_connection(server.getsockname()) for _ in range(2)]
-    scheduler.run_once(0.0)
-    scheduler.run_once(0.0)
-    delivery = Delivery(_given(), scheduler, port, lambda name, at_s: pushed.append((name, at_s)))
-    now_s, delay_s = 1000.0, AFFERENTS[0].delay_s()
-    monkeypatch.setattr("rig.bench.served_spikes.time.monotonic", lambda: now_s)
-    delivery.add(1, now_s - delay_s - 0.010)
-    delivery.sync(now_s - 0.004)
-    delivery.add(0, now_s - delay_s - 0.002)
-    delivery.add(2, now_s + 3600)
-    delivery.go()
-    expected = ["columns", "999.990000,spike,SA1-2", "999.996000,sync,", "999.998000,spike,SA1-1"]
-    assert [_read(client, scheduler, 4) for client in clients] == [expected, expected]
-    assert [name for name, _ in pushed] == ["SA1-2", "SA1-1"]
-    assert delivery.statistics == SpikeStatistics(2, 1, pytest.approx(0.010))
-    for one in clients:
-        one.close()
-    port.close()
-
-
-def test_a_client_that_does_not_read_is_dropped_and_one_too_many_is_refused(scheduler: WallScheduler) -> None:
-    server = bound(0)
-    port = LinePort(scheduler, server, b"")
-    clients = [socket.create_connection(server.getsockname()) for _ in range(MOST_LISTENERS + 1)]
-    for _ in clients:
-        scheduler.run_once(0.0)
-    assert len(port._clients) == MOST_LISTENERS
-    for _ in range(2000):
-        port.write(b"x" * 10_000)
-    assert not port._clients
-    for one in clients:
-        one.close()
-    port.close()
-
-
-def test_a_stuck_process_does_not_delay_the_bench_and_what_waits_has_an_end(scheduler: WallScheduler) -> None:
-    near, far = socket.socketpair()
-    feed = IndentorFeed(scheduler, Carriage(lambda t_s: (0.0, 0.0, 0.0)), lambda after_s: [], near, print)
-    for _ in range(20):
-        feed.close()  # its timer
-        feed._next -= 2000
-        feed._tick()
-    assert len(feed._unsent) < 1 << 18
-    said: list[str] = []
-    feed._complain = said.append
-    far.close()
-    feed.close()
-    feed._tick()
-    assert len(said) == 1
-    scheduler.run_once(scheduler.monotonic_s() + 0.05)
-    assert len(said) == 1
-    near.close()
 
 
 # --- what is refused ---
@@ -286,13 +198,6 @@ def test_without_the_library_of_lsl_nothing_is_served(program: Program, monkeypa
     monkeypatch.setitem(__import__("sys").modules, "pylsl", None)
     ended = program("serve", "--afferents", "SA1", "--lsl", "--json")
     assert ended.error_code == "pylsl_missing"
-
-
-def test_a_busy_port_is_refused_before_a_finger_is_loaded() -> None:
-    with socket.create_server(("127.0.0.1", 0)) as other, raises(BadInputError, "port_busy"):
-        ServedBench(
-            Config(), stage="grbl", force="mtsics", tcp=other.getsockname()[1] - 2, spikes=WantedSpikes("SA1")
-        )
 
 
 def test_a_turned_finger_is_refused() -> None:

@@ -12,7 +12,7 @@ from scipy.signal import butter, lsim
 
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
-from sim.nerve.filters import Memory, adapted, derivative_low_pass, fading
+from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, fading
 from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
 from sim.nerve.models import BUILT_IN, spikes_of
 from sim.nerve.skin import LEVELS, Signal, SkinUnderIndentor
@@ -247,7 +247,7 @@ class Own:
     def measure(self, measures: dict[str, Array]) -> Array:
         return measures["e33"]
 
-    def current(self, signal: Signal, sensitivity: Array, memory: Memory | None = None) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         return sensitivity[:, None] * signal.value
 
 

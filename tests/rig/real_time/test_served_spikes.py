@@ -5,19 +5,28 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from rig.bench.served import ServedBench
+from rig.bench.served_spikes import Delivery, IndentorFeed, SpikeStatistics, _Given
 from rig.clock import WallClock
 from rig.devices.grbl import GrblStage
+from rig.errors import BadInputError
 from rig.plan.config import Config
+from rig.plan.nerve import WantedSpikes
 from rig.transport import open_port
+from sim.carriage import Carriage
 from sim.models.fingertip import Fingertip
+from sim.serve.ports import MOST_LISTENERS, LinePort, bound
+from sim.serve.real_time_loop import WallScheduler
+from tests.error_codes import raises
 from tests.rig.real_time.conftest import NEAR, set_up
 from tests.rig.real_time.test_lsl_inlet import LOOPBACK
+from tests.rig.test_live_spikes import AFFERENTS, DEEPEST_MM
 from tests.waiting import DEADLINE_S, gathered
 
 pytest.importorskip("pty", reason="needs signals")
@@ -57,12 +66,12 @@ def pressed(port: str, config: Config) -> None:
 
 
 def read(client: socket.socket) -> Callable[[], bytes]:
-    client.settimeout(0.1)
+    client.setblocking(False)
 
     def once() -> bytes:
         try:
             return client.recv(1 << 16)
-        except TimeoutError:
+        except BlockingIOError:
             return b""
 
     return once
@@ -114,3 +123,89 @@ def test_spikes_arrive_while_the_indentor_presses(
     code, out, err = serve.end(signal.SIGINT)
     assert (code, out) == (0, "")
     assert " synthetic spikes delivered, " in err
+
+
+# --- delivery ---
+
+
+@pytest.fixture
+def scheduler() -> Iterator[WallScheduler]:
+    made = WallScheduler()
+    yield made
+    made.close()
+
+
+def _given() -> _Given:
+    return _Given(AFFERENTS, WantedSpikes("SA1"), DEEPEST_MM, False, print)
+
+
+def _read(client: socket.socket, scheduler: WallScheduler, lines: int) -> list[str]:
+    scheduler.run_once(0.0)
+    with client.makefile(encoding="ascii") as file:
+        return [file.readline().strip() for _ in range(lines)]
+
+
+def test_every_client_gets_every_line_in_order_of_time(
+    scheduler: WallScheduler, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = bound(0)
+    port, pushed = LinePort(scheduler, server, b"columns\n"), list[tuple[str, float]]()
+    clients = [socket.create_connection(server.getsockname()) for _ in range(2)]
+    scheduler.run_once(0.0)
+    scheduler.run_once(0.0)
+    delivery = Delivery(_given(), scheduler, port, lambda name, at_s: pushed.append((name, at_s)))
+    now_s, delay_s = 1000.0, AFFERENTS[0].delay_s()
+    monkeypatch.setattr("rig.bench.served_spikes.time.monotonic", lambda: now_s)
+    delivery.add(1, now_s - delay_s - 0.010)
+    delivery.sync(now_s - 0.004)
+    delivery.add(0, now_s - delay_s - 0.002)
+    delivery.add(2, now_s + 3600)
+    delivery.go()
+    expected = ["columns", "999.990000,spike,SA1-2", "999.996000,sync,", "999.998000,spike,SA1-1"]
+    assert [_read(client, scheduler, 4) for client in clients] == [expected, expected]
+    assert [name for name, _ in pushed] == ["SA1-2", "SA1-1"]
+    assert delivery.statistics == SpikeStatistics(2, 1, pytest.approx(0.010))
+    for one in clients:
+        one.close()
+    port.close()
+
+
+def test_a_client_that_does_not_read_is_dropped_and_one_too_many_is_refused(scheduler: WallScheduler) -> None:
+    server = bound(0)
+    port = LinePort(scheduler, server, b"")
+    clients = [socket.create_connection(server.getsockname()) for _ in range(MOST_LISTENERS + 1)]
+    for _ in clients:
+        scheduler.run_once(0.0)
+    assert len(port._clients) == MOST_LISTENERS
+    for _ in range(2000):
+        port.write(b"x" * 10_000)
+    assert not port._clients
+    for one in clients:
+        one.close()
+    port.close()
+
+
+def test_a_stuck_process_does_not_delay_the_bench_and_what_waits_has_an_end(scheduler: WallScheduler) -> None:
+    near, far = socket.socketpair()
+    feed = IndentorFeed(scheduler, Carriage(lambda t_s: (0.0, 0.0, 0.0)), lambda after_s: [], near, print)
+    for _ in range(20):
+        feed.close()  # its timer
+        feed._next -= 2000
+        feed._tick()
+    assert len(feed._unsent) < 1 << 18
+    said: list[str] = []
+    feed._complain = said.append
+    far.close()
+    feed.close()
+    feed._tick()
+    assert len(said) == 1
+    scheduler.run_once(scheduler.monotonic_s() + 0.05)
+    assert len(said) == 1
+    near.close()
+
+
+def test_a_busy_port_is_refused_before_a_finger_is_loaded() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as other, raises(BadInputError, "port_busy"):
+        ServedBench(
+            Config(), stage="grbl", force="mtsics", tcp=other.getsockname()[1] - 2, spikes=WantedSpikes("SA1")
+        )
