@@ -27,6 +27,7 @@ from rig.plan.config import Config
 from rig.transport import open_port
 from sim.measures.measures import MEASURES
 from sim.nerve.population import AfferentPopulation, SimulatedAfferent
+from studies.registry import show
 
 AFFERENTS = "45xSA1,50xRA,5xPC"
 DEEPEST_MM, INCREMENT_MM, ASKS_S = 0.8, 0.05, 0.02
@@ -127,10 +128,8 @@ def spread(seconds: Sequence[float]) -> dict[str, str]:
 
 
 def table(rows: Sequence[dict[str, str]]) -> None:
-    """Print rows as CSV."""
-    print(",".join(rows[0]))
-    for row in rows:
-        print(",".join(row.values()))
+    """Print rows as a table."""
+    show(list(rows[0]), [list(row.values()) for row in rows])
     print()
 
 
@@ -144,15 +143,16 @@ def main() -> None:
     if options.receive is not None:
         receive(options.receive)
         return
-    load = os.getloadavg()[0]
     trips_s, spikes, said = served(60 * options.minutes, options.afferents)
+    load = os.getloadavg()[0]
     behind_s = [came_s - due_s for due_s, came_s in spikes]
     late = sum(one > LATE_S for one in behind_s)
-    print(f"load before {load:.1f}; the server says: {said}")
+    print(f"the server says: {said}")
     table(
         [
             {
                 "afferents": options.afferents.replace(",", " "),
+                "load of the last minute": f"{load:.1f}",
                 "spikes": str(len(spikes)),
                 **spread(behind_s),
                 f"late by more than {1000 * LATE_S:g} ms (%)": f"{100 * late / len(spikes):.3f}",
@@ -167,7 +167,6 @@ def main() -> None:
         ]
     )
     table([{"afferents": str(count), "processor time (s/s)": f"{cost(count):.2f}"} for count in (10, 100, 200, 400)])
-    print(f"load after {os.getloadavg()[0]:.1f}")
 
 
 if __name__ == "__main__":
