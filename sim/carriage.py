@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-StepsAt = Callable[[float], tuple[int, int, int]]
+StepsAt = Callable[[float], tuple[float, float, float]]
 
 
 @dataclass(frozen=True)

@@ -1246,6 +1246,8 @@ class ServedPortsJson(Output):
     """Second port of a stage with a controller for each axis."""
     http_port: NotRequired[int]
     """TCP port of the web page of a Net F/T."""
+    spikes: NotRequired[Port]
+    """TCP port of the spikes of simulated afferents."""
 
 
 class TrueParameterJson(Output):

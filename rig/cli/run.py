@@ -63,6 +63,15 @@ from rig.session.session import dry_run, real_run
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import Finger, FingerProcess
 
+AfferentsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
+        rich_help_panel="Simulated spikes",
+    ),
+]
+
 _COLUMNS = {
     "index": "",
     "indentor": "",
@@ -176,14 +185,7 @@ def dry_run_command(
         str, typer.Option(metavar="max|N", help="Simulated seconds per real second, or max for no limit.")
     ] = "max",
     subject: SubjectOption = None,
-    afferents: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Add spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve).",
-            rich_help_panel="Simulated spikes",
-        ),
-    ] = None,
+    afferents: AfferentsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
@@ -240,6 +242,7 @@ def run_command(
     subject: SubjectOption = None,
     mounted: MountedOption = None,
     yes: YesOption = False,
+    afferents: AfferentsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
@@ -248,6 +251,7 @@ def run_command(
         settings = with_finger(load_config(config), finger_file, force=force)
         with FingerProcess(settings.finger) as finger:
             script = load_script(protocol, [*(set_ or []), *(more or [])])
+            spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             _refuse_mounts("run", script, settings, finger, mounted)
@@ -268,6 +272,7 @@ def run_command(
                         left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
                     ),
                     begins=beginning.begins,
+                    spikes=spikes,
                 )
     leave(done)
 

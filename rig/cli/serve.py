@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from rig.bench.served import ServedBench
+from rig.bench.served_spikes import LATE_S, SpikeStatistics
+from rig.cli.nerve import spikes_wanted
 from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import (
     THE_FINGER,
@@ -22,16 +24,18 @@ from rig.cli.output import (
     renamed,
     resting,
 )
+from rig.data.lsl import lsl as lsl_package
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
+from rig.plan.nerve import WantedSpikes
 from rig.printable import either
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
-_DEVICES, _FINGER = "Devices", "Finger"
+_DEVICES, _FINGER, _SPIKES = "Devices", "Finger", "Simulated spikes"
 
 
 def serve_command(
@@ -97,6 +101,25 @@ def serve_command(
         Path | None,
         typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
     ] = None,
+    afferents: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LIST",
+            help="Deliver spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve), on a TCP port.",
+            rich_help_panel=_SPIKES,
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", help="Seed of --afferents. Default: 0.", rich_help_panel=_SPIKES)
+    ] = None,
+    lsl: Annotated[
+        bool,
+        typer.Option(
+            "--lsl",
+            help="Also as a stream of LSL, which every computer that reaches this one can read.",
+            rich_help_panel=_SPIKES,
+        ),
+    ] = False,
     config: FingerConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -130,18 +153,21 @@ def serve_command(
         if random_finger is not None:
             settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
+        spikes = _spikes(afferents, seed, lsl=lsl, finger=both or bool(stage and force))
         with busy(THE_FINGER, quick=True):
             bench = ServedBench(
                 settings,
                 stage=_kind("stage", stage, settings.stage.kind if both else None),
                 force=_kind("force", force, settings.force.kind if both else None),
                 tcp=tcp,
+                spikes=spikes,
+                lsl=lsl,
                 complain=complain,
             )
         with bench:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
-            print_json(bench.ports | bench.pages)
+            print_json(bench.ports | bench.pages | bench.spike_port)
             if sys.stderr.isatty():
                 err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
@@ -150,6 +176,36 @@ def serve_command(
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
+        if spikes is not None:
+            err.print(_spikes_line(bench.spike_statistics))
+
+
+def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> WantedSpikes | None:
+    """Return the afferents that are asked for. Raises BadInputError, ModelRangeError, LslMissingError."""
+    if afferents is None:
+        for option, given in (("--seed", seed is not None), ("--lsl", lsl)):
+            if given:
+                raise BadInputError(
+                    "{option} requires {needs}; add it", code="needs_option", option=option, needs="--afferents"
+                )
+        return None
+    if not finger:
+        raise BadInputError(
+            "--afferents: requires a stage and a force sensor with a finger between them; give both --stage and "
+            "--force, or neither",
+            code="no_finger",
+        )
+    wanted = spikes_wanted(afferents, seed or 0)
+    if lsl:
+        lsl_package()
+    return wanted
+
+
+def _spikes_line(found: SpikeStatistics) -> str:
+    return (
+        f"{found.delivered} synthetic spikes delivered, {found.late} more than {1000 * LATE_S:g} ms late; the worst "
+        f"{1000 * found.worst_s:.1f} ms"
+    )
 
 
 def _tables(bench: ServedBench) -> list[str]:

@@ -6,7 +6,7 @@ a response depends on the presses before it.
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 from typing import Any, NamedTuple
@@ -24,9 +24,10 @@ from sim.contact.patch import Z
 from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
-from sim.nerve.models import spikes_of
+from sim.nerve.models import AfferentModel
 from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
-from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
+from sim.nerve.skin import SkinUnderIndentor, table_of_presses
+from sim.nerve.spike_stream import SpikeStream
 from sim.nerve.staircase import Staircase, Swing
 
 Array = NDArray[np.float64]
@@ -34,8 +35,6 @@ Progress = Callable[[int, int], None]
 
 PIECE_S = 120.0
 """Duration for which spikes are computed at once (s). It bounds the memory, whatever the run's duration."""
-HISTORY_S = 120.0
-"""Time before a piece that its spikes depend on (s)."""
 _FAMILIES = ("precondition_", "reference_", "find_")
 _LEAST_MM = 0.01
 _AFTER_S = 1.0  # after a run, in which afferents may still fire
@@ -273,26 +272,19 @@ def run_spikes(
         If the finger model cannot press that deep, at a place, or is of tissue that stiffens.
     """
     tables = tables_of(run, found, finger, afferents, show_progress)
-    pieces = list(_pieces(run.end_s))
+    pieces = list(_pieces(run.end_s, step_s))
     spikes: list[list[Array]] = [[] for _ in afferents]
-    for number, (first_s, begin_s, end_s) in enumerate(pieces):
+    streams = [stream_of(afferents.models[one.model], [one], step_s) for one in afferents]
+    for number, (begin, end) in enumerate(pieces):
         show_progress(number, len(pieces))
-        depths = _depths(found, first_s, end_s, step_s)
-        if not depths:
-            continue
-        samples = math.ceil((end_s - first_s) / step_s)
-        for k, afferent in enumerate(afferents):
-            value = np.zeros((1, samples))
+        depths = _depths(found, begin, end, step_s)
+        for k, stream in enumerate(streams):
+            value = np.zeros((1, end - begin))
             for place, at, depth in depths:
                 table = tables[place]
                 skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, k : k + 1])
                 value[0, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1]))[:, 0]
-            model = afferents.models[afferent.model]
-            (own,) = spikes_of(model, Signal(step_s, value), [afferent.sensitivity], [[afferent.seed, number]])
-            own = own[first_s + own >= begin_s] + first_s
-            if spikes[k] and len(own) and len(spikes[k][-1]):  # of two pieces, which know nothing of each other
-                own = own[own >= spikes[k][-1][-1] + model.membrane.refractory_s]
-            spikes[k].append(own)
+            spikes[k].append(stream.advance(value)[1])
     show_progress(len(pieces), len(pieces))
     trains = [
         _train(afferent, afferents.models[afferent.model].depth_mm, mine, path_m)
@@ -328,23 +320,27 @@ def tables_of(
     return tables
 
 
-def _pieces(end_s: float) -> Iterator[tuple[float, float, float]]:
-    """Yield where the signal of each piece begins, where its spikes begin, and its end (s)."""
-    for k in range(max(math.ceil(end_s / PIECE_S), 1)):
-        begin_s = k * PIECE_S
-        yield max(begin_s - HISTORY_S, 0.0), begin_s, min(begin_s + PIECE_S, end_s + _AFTER_S)
+def stream_of(model: AfferentModel, afferents: Sequence[Afferent], step_s: float = MOST_STEP_S) -> SpikeStream:
+    """Return the stream of afferents of one class, the same whether a run is computed afterwards or served."""
+    sensitivity = [one.sensitivity for one in afferents]
+    return SpikeStream(model, step_s, sensitivity, [[one.seed, 0] for one in afferents])
 
 
-def _depths(
-    found: Visits, first_s: float, end_s: float, step_s: float
-) -> list[tuple[tuple[str, float, float], int, Array]]:
-    """Return the place, the first sample and the depths of each visit between two times."""
+def _pieces(end_s: float, step_s: float) -> Iterator[tuple[int, int]]:
+    """Yield the first sample of each piece, and that after its last."""
+    end = math.ceil((end_s + _AFTER_S) / step_s)
+    each = round(PIECE_S / step_s)
+    yield from ((begin, min(begin + each, end)) for begin in range(0, end, each))
+
+
+def _depths(found: Visits, begin: int, end: int, step_s: float) -> list[tuple[tuple[str, float, float], int, Array]]:
+    """Return the place, the first sample and the depths of each visit in a piece."""
     depths = []
     for visit in found.visits:
-        a = max(math.ceil((float(visit.path.times_s[0]) - first_s) / step_s), 0)
-        b = math.ceil((min(float(visit.path.times_s[-1]), end_s) - first_s) / step_s)
+        a = max(math.ceil(float(visit.path.times_s[0]) / step_s), begin)
+        b = min(math.ceil(float(visit.path.times_s[-1]) / step_s), end)
         if a < b:
-            depths.append((visit.place, a, visit.path.depth_mm(first_s + step_s * np.arange(a, b))))
+            depths.append((visit.place, a - begin, visit.path.depth_mm(step_s * np.arange(a, b))))
     return depths
 
 

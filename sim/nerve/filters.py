@@ -4,7 +4,8 @@ from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
+
+from sim.nerve.integrator import leaked
 
 Array = NDArray[np.float64]
 
@@ -14,7 +15,31 @@ _RESIDUES = (1.0, -0.5 + 0.5j / np.sqrt(3))
 """Residues of the filter at these poles; that of the other complex pole is conjugate, and all three add up to 0."""
 
 
-def fading(signal: Array, tau_s: float, step_s: float) -> Array:
+class FilterMemory:
+    """What filters know of a signal whose samples come in blocks: its last sample, and their states.
+
+    A model calls its filters in the same order for every block.
+    """
+
+    def __init__(self) -> None:
+        self._states: list[tuple[Array, NDArray[Any]]] = []
+        self._next = 0
+
+    def begin_block(self) -> None:
+        """Begin with the first filter again."""
+        self._next = 0
+
+    def state(self) -> tuple[Array, NDArray[Any]] | None:
+        """Return the last sample and the state of the next filter; None in the first block."""
+        return self._states[self._next] if self._next < len(self._states) else None
+
+    def keep(self, sample: Array, state: NDArray[Any]) -> None:
+        """Store the last sample and the state of this filter."""
+        self._states[self._next : self._next + 1] = [(sample, state)]
+        self._next += 1
+
+
+def fading(signal: Array, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
     """Return ∫ exp(−(t − u)/τ) dm(u) of a signal that is 0 before its first sample.
 
     Parameters
@@ -25,16 +50,18 @@ def fading(signal: Array, tau_s: float, step_s: float) -> Array:
         Time constant τ (s); infinite returns the signal.
     step_s : float
         Time between samples (s).
+    memory : FilterMemory, optional
+        What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
     -------
     ndarray of shape (…, n_samples)
-        Memory of the signal's changes, which fades.
+        FilterMemory of the signal's changes, which fades.
     """
-    return signal if np.isinf(tau_s) else np.asarray(_fading(signal, 1 / tau_s, step_s))
+    return signal if np.isinf(tau_s) else np.asarray(_fading(signal, 1 / tau_s, step_s, memory))
 
 
-def adapted(drive: Array, share: float, tau_s: float, step_s: float) -> Array:
+def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
     """Return what of a drive exceeds a slow threshold, which approaches a share of the drive: τ dθ/dt = share·I − θ.
 
     Parameters
@@ -47,16 +74,20 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float) -> Array:
         Time constant τ (s).
     step_s : float
         Time between samples (s).
+    memory : FilterMemory, optional
+        What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
     -------
     ndarray of shape (…, n_samples)
         max(0, I − θ).
     """
-    return np.maximum(0.0, drive - share * (drive - fading(drive, tau_s, step_s)))
+    return np.maximum(0.0, drive - share * (drive - fading(drive, tau_s, step_s, memory)))
 
 
-def derivative_low_pass(signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2]) -> Array:
+def derivative_low_pass(
+    signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2], memory: FilterMemory | None = None
+) -> Array:
     """Return dm/dt or d²m/dt² through a Butterworth low-pass of third order: a sum over poles of memories that fade.
 
     At a pole −λ with residue r the low-pass of dm/dt is r times the memory, that of d²m/dt² is −λ r times it. The
@@ -72,6 +103,8 @@ def derivative_low_pass(signal: Array, frequency_hz: float, step_s: float, deriv
         Time between samples (s).
     derivative : {1, 2}
         Which derivative.
+    memory : FilterMemory, optional
+        What is known of earlier blocks of the signal; the samples follow those.
 
     Returns
     -------
@@ -82,15 +115,22 @@ def derivative_low_pass(signal: Array, frequency_hz: float, step_s: float, deriv
     total = np.zeros(signal.shape)
     for pole, residue, times in zip(_POLES, _RESIDUES, (1, 2), strict=True):
         weight = times * corner * residue * (1 if derivative == 1 else -corner * pole)
-        total += (weight * _fading(signal, corner * pole, step_s)).real
+        total += (weight * _fading(signal, corner * pole, step_s, memory)).real
     return total
 
 
-def _fading(signal: Array, rate: complex, step_s: float) -> NDArray[Any]:
+def _fading(signal: Array, rate: complex, step_s: float, memory: FilterMemory | None) -> NDArray[Any]:
     """Return ∫ exp(−rate (t − u)) dm(u), exact for m that is linear between samples."""
     decay = np.exp(-step_s * rate)
     gain = -np.expm1(-step_s * rate) / (rate * step_s)
-    made = lfilter([gain], [1.0, -decay], np.diff(signal, axis=-1), axis=-1)
-    # What is there at the first sample came at once.
-    first = signal[..., :1] * np.exp(-rate * step_s * np.arange(signal.shape[-1]))
-    return np.asarray(first + np.concatenate([np.zeros_like(made[..., :1]), made], axis=-1))
+    rows = np.ascontiguousarray(signal).reshape(-1, signal.shape[-1])
+    known = None if memory is None else memory.state()
+    found = np.empty(rows.shape, dtype=np.result_type(decay, float))
+    begin = 0
+    if known is None:  # what is there at the very first sample came at once
+        known, begin = (rows[:, 0].copy(), rows[:, 0].astype(found.dtype)), 1
+        found[:, 0] = rows[:, 0]
+    leaked(rows[:, begin:], known[0], decay, gain, known[1], found[:, begin:])
+    if memory is not None:
+        memory.keep(*known)
+    return found.reshape(signal.shape)

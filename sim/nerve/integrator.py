@@ -1,4 +1,4 @@
-"""Leaky integrator that turns current into spikes: τ dV/dt = −V + I + noise, a spike at V = 1.
+"""Leaky integrator that turns current into spikes: τ dV/dt = −V + I + noise, a spike at V = 1; leaky sums.
 
 V is stepped by the exact exponential, at most `MOST_STEP_S` at a time; the current is linear between its samples and
 constant within a step. The noise is white: its increments grow with the root of the step, so that rates do not depend
@@ -8,6 +8,7 @@ without a current is silent.
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,11 @@ class Membrane:
     reset: float = 0.0
 
 
+def parts_of(step_s: float) -> int:
+    """Return the number of steps of V between two samples."""
+    return max(1, int(np.ceil(step_s / MOST_STEP_S - 1e-9)))
+
+
 def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, generator: np.random.Generator) -> Array:
     """Return the spike times of one afferent.
 
@@ -63,63 +69,138 @@ def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, genera
     ndarray of shape (n_spikes,)
         Times from the first sample (s), ascending.
     """
-    parts = max(1, int(np.ceil(step_s / MOST_STEP_S - 1e-9)))
-    short_s = step_s / parts
-    decay = float(np.exp(-short_s / membrane.tau_s))
-    kick = membrane.noise * float(np.sqrt(1 - decay**2))
-    steps = parts * max(0, len(current) - 1)
-    noise = generator.standard_normal((steps, sites), dtype=np.float32)
-    found = np.empty(steps)
-    count = _fired(
-        np.ascontiguousarray(current),
-        parts,
-        decay,
-        kick,
-        noise,
-        short_s,
-        membrane.refractory_s,
-        membrane.reset,
-        found,
-    )
-    return found[:count].copy()
+    steps = parts_of(step_s) * max(0, len(current) - 1)
+    membranes = Membranes(membrane, 1, sites, step_s)
+    noise = generator.standard_normal((1, steps, sites), dtype=np.float32)
+    return membranes.advance(np.ascontiguousarray(current)[None], noise)[1]
+
+
+class Membranes:
+    """Membranes of afferents of one class, advanced from one block of their currents to the next.
+
+    Parameters
+    ----------
+    membrane : Membrane
+        Time constant, refractory time and noise.
+    afferents : int
+        Number of afferents.
+    sites : int
+        Number of spike sites of each.
+    step_s : float
+        Time between samples of the currents (s).
+    """
+
+    def __init__(self, membrane: Membrane, afferents: int, sites: int, step_s: float) -> None:
+        self.parts = parts_of(step_s)
+        self._membrane, self._short_s = membrane, step_s / self.parts
+        self._decay = float(np.exp(-self._short_s / membrane.tau_s))
+        self._kick = membrane.noise * float(np.sqrt(1 - self._decay**2))
+        self._v = np.zeros((afferents, sites))
+        self._silent_until_s = np.full(afferents, -1.0)
+        self.step = 0
+        """Number of steps so far."""
+
+    def advance(self, current: Array, noise: NDArray[np.float32]) -> tuple[NDArray[np.intp], Array]:
+        """Return the spikes of the next block.
+
+        Parameters
+        ----------
+        current : ndarray of shape (n_afferents, n_samples)
+            Current, in units of the rheobase, from the last sample of the block before.
+        noise : ndarray of shape (n_afferents, n_kept, n_sites)
+            Standard normal numbers. Those of a step lie at its number modulo n_kept.
+
+        Returns
+        -------
+        afferents : ndarray of shape (n_spikes,)
+            Numbers of the afferents, ascending.
+        times_s : ndarray of shape (n_spikes,)
+            Times from the first sample of the first block (s), ascending for each afferent.
+        """
+        steps = self.parts * max(0, current.shape[1] - 1)
+        who, found = np.empty(steps * len(current), dtype=np.intp), np.empty(steps * len(current))
+        count = _fired(
+            current,
+            self.parts,
+            self.step,
+            self._decay,
+            self._kick,
+            noise,
+            self._short_s,
+            self._membrane.refractory_s,
+            self._membrane.reset,
+            self._v,
+            self._silent_until_s,
+            who,
+            found,
+        )
+        self.step += steps
+        return who[:count].copy(), found[:count].copy()
+
+
+@compiled
+def leaked(
+    signal: Array,
+    last: Array,
+    decay: complex,
+    gain: complex,
+    state: NDArray[Any],
+    found: NDArray[Any],
+) -> None:
+    """Write a leaky sum of the signal's changes, beginning with the last sample before and the sum there.
+
+    `last` gets the last sample, `state` the last sum. They and the rows of `found` have the same length.
+    """
+    for row in range(signal.shape[0]):
+        before, total = last[row], state[row]
+        for k in range(signal.shape[1]):
+            total = gain * (signal[row, k] - before) + decay * total
+            before = signal[row, k]
+            found[row, k] = total
+        last[row], state[row] = before, total
 
 
 @compiled
 def _fired(
     current: Array,
     parts: int,
+    first_step: int,
     decay: float,
     kick: float,
     noise: NDArray[np.float32],
     short_s: float,
     refractory_s: float,
     reset: float,
+    v: Array,
+    silent_until_s: Array,
+    who: NDArray[np.intp],
     found: Array,
 ) -> int:
-    """Write spike times; return their number."""
-    steps, sites = noise.shape
-    v = np.zeros(sites)
-    silent_until_s = -1.0
+    """Write afferents and spike times; return their number."""
+    kept, sites = noise.shape[1:]
     count = 0
-    for k in range(steps):
-        now_s = k * short_s
-        part = min(1.0, k + 1 - silent_until_s / short_s)  # of the step, after the refractory time
-        if part <= 0.0:
-            continue
-        sample = k // parts
-        share = (k - sample * parts + 0.5) / parts
-        flow = current[sample] + share * (current[sample + 1] - current[sample])
-        jolt = kick * math.sqrt(part * min(max(flow, 0.0), 1.0))
-        kept = decay if part == 1.0 else decay**part
-        first = 2.0
-        for site in range(sites):
-            before = v[site]
-            v[site] = flow + (before - flow) * kept + jolt * noise[k, site]
-            if v[site] >= 1.0:
-                first = min(first, (1.0 - before) / (v[site] - before))
-        if first < 2.0:
-            found[count] = now_s + (1.0 - part + first * part) * short_s
-            silent_until_s = found[count] + refractory_s
-            count += 1
-            v[:] = reset
+    for row in range(current.shape[0]):
+        for k in range(parts * (current.shape[1] - 1)):
+            step = first_step + k
+            now_s = step * short_s
+            part = min(1.0, step + 1 - silent_until_s[row] / short_s)  # of the step, after the refractory time
+            if part <= 0.0:
+                continue
+            sample = k // parts
+            share = (k - sample * parts + 0.5) / parts
+            flow = current[row, sample] + share * (current[row, sample + 1] - current[row, sample])
+            jolt = kick * math.sqrt(part * min(max(flow, 0.0), 1.0))
+            left = decay if part == 1.0 else decay**part
+            first = 2.0
+            for site in range(sites):
+                before = v[row, site]
+                v[row, site] = flow + (before - flow) * left + jolt * noise[row, step % kept, site]
+                if v[row, site] >= 1.0:
+                    first = min(first, (1.0 - before) / (v[row, site] - before))
+            if first < 2.0:
+                found[count] = now_s + (1.0 - part + first * part) * short_s
+                silent_until_s[row] = found[count] + refractory_s
+                who[count] = row
+                count += 1
+                v[row, :] = reset
     return count

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from sim.errors import ArgumentError
+from sim.nerve.filters import FilterMemory
 from sim.nerve.integrator import Membrane, spikes
 from sim.nerve.pc import PC
 from sim.nerve.ra import RA
@@ -55,10 +56,11 @@ class AfferentModel(Protocol):
         """Return the signal at receptors, shape (n_receptors,), from the measures there."""
         ...
 
-    def current(self, signal: Signal, sensitivity: Array) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent in units of the rheobase, shape (n_afferents, n_samples).
 
-        The signal has a row for each afferent, or one for all.
+        The signal has a row for each afferent, or one for all. With a memory it continues earlier blocks, and filters
+        take what they need from there.
         """
         ...
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import adapted, derivative_low_pass
+from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -63,8 +63,11 @@ class RA:
         """Return m at receptors from the 18 measures."""
         return np.sqrt(np.maximum(measures["sed"], 0.0) / self.reference_sed)
 
-    def current(self, signal: Signal, sensitivity: Array) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
-        x = np.asarray(sensitivity)[:, None] * derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 1)
-        drive = adapted(np.where(x > 0, x, -self.falling * x), self.slow_share, self.slow_tau_s, signal.step_s)
+        rate = derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 1, memory)
+        x = np.asarray(sensitivity)[:, None] * rate
+        drive = adapted(
+            np.where(x > 0, x, -self.falling * x), self.slow_share, self.slow_tau_s, signal.step_s, memory
+        )
         return self.most * drive / (self.most + drive)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import adapted, fading
+from sim.nerve.filters import FilterMemory, adapted, fading
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -63,9 +63,9 @@ class SA1:
         """Return m at receptors from the 18 measures."""
         return np.maximum(measures["sed"], 0.0) / self.reference_sed
 
-    def current(self, signal: Signal, sensitivity: Array) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
         terms = zip(self.weights, self.tau_s, strict=True)
-        total = sum(k * fading(signal.value, tau_s, signal.step_s) for k, tau_s in terms)
+        total = sum(k * fading(signal.value, tau_s, signal.step_s, memory) for k, tau_s in terms)
         drive = np.maximum(0.0, np.asarray(sensitivity)[:, None] * total - self.threshold)
-        return adapted(drive, self.slow_share, self.slow_tau_s, signal.step_s)
+        return adapted(drive, self.slow_share, self.slow_tau_s, signal.step_s, memory)

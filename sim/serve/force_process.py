@@ -63,11 +63,14 @@ class ForceProcess(Generic[Asked, Answer]):
     processors between sessions, it has its own session, so that other programs of the terminal do not delay it.
     """
 
+    nice = 0
+    """Its priority: 0 normal, 19 lowest."""
+
     def __init__(self, begin: Callable[[], Answering[Asked, Answer]]) -> None:
         """Start the process, load the finger by the importable `begin`, and wait. Raises FingerNotLoadedError."""
         context = multiprocessing.get_context("spawn")
         self._near, far = context.Pipe()
-        self._process = context.Process(target=_serve, args=(far, begin), daemon=True)
+        self._process = context.Process(target=_serve, args=(far, begin, self.nice), daemon=True)
         with leaving_ctrl_c_to_us():
             self._process.start()
         far.close()
@@ -80,6 +83,11 @@ class ForceProcess(Generic[Asked, Answer]):
         if problem is not None:
             self.close()
             raise problem
+
+    @property
+    def connection(self) -> "Connection[Asked, Answer]":
+        """End of the pipe for requests and answers; another process may take it over."""
+        return self._near
 
     def fileno(self) -> int:
         return self._near.fileno()
@@ -112,9 +120,11 @@ def message_of(error: Exception) -> str:
 
 
 def _serve(
-    far: "Connection[FingerNotLoadedError | Answer | None, Asked]", begin: Callable[[], Answering[Asked, Answer]]
+    far: "Connection[FingerNotLoadedError | Answer | None, Asked]",
+    begin: Callable[[], Answering[Asked, Answer]],
+    nice: int,
 ) -> None:
-    give_way(0)
+    give_way(nice)
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # where the parent did not block it: this process ends with its pipe
     keep_freed_memory()
     try:

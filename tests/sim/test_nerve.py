@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import cycle
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,14 @@ from scipy.signal import butter, lsim
 
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
-from sim.nerve.filters import adapted, derivative_low_pass, fading
+from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, fading
 from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
 from sim.nerve.pc import PC
 from sim.nerve.ra import RA
 from sim.nerve.sa1 import SA1
 from sim.nerve.skin import LEVELS, Signal, SkinUnderIndentor
+from sim.nerve.spike_stream import SpikeStream
 from sim.nerve.stimulus import Stimulus, Vibration
 from tests.error_codes import raises
 
@@ -237,6 +239,25 @@ def test_a_seed_gives_its_spikes_whatever_the_others_are() -> None:
     assert not np.array_equal(several[1], several[2])
 
 
+@pytest.mark.parametrize("name", BUILT_IN)
+@pytest.mark.parametrize("blocks", [[1], [20], [3, 1, 40, 1700]])
+def test_blocks_of_a_signal_do_not_move_a_spike(name: str, blocks: list[int]) -> None:
+    """To the last bit: filters, membranes and noise continue."""
+    gains, seeds, step_s = [0.5, 1.0, 4.0], [1, 2, 3], MOST_STEP_S
+    signal = skin(name).signal(vibrating(100.0, 30.0), step_s, 1.4)
+    value = np.repeat(signal.value[:, 9000:], 3, axis=0)
+    whole = spikes_of(BUILT_IN[name], Signal(step_s, value), gains, seeds)
+    stream, found, at = SpikeStream(BUILT_IN[name], step_s, gains, seeds), [[], [], []], 0
+    for size in cycle(blocks):
+        for row, time_s in zip(*stream.advance(value[:, at : at + size]), strict=True):
+            found[row].append(float(time_s))
+        at += size
+        if at >= value.shape[1]:
+            break
+    assert sum(map(len, found)) > 20
+    assert found == [one.tolist() for one in whole]
+
+
 @dataclass(frozen=True)
 class Own:
     """A class of one's own: the current is the measure."""
@@ -249,7 +270,7 @@ class Own:
     def measure(self, measures: dict[str, Array]) -> Array:
         return measures["e33"]
 
-    def current(self, signal: Signal, sensitivity: Array) -> Array:
+    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         return sensitivity[:, None] * signal.value
 
 

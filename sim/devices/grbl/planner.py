@@ -121,7 +121,7 @@ class Track:
 
     def nut_at(self, t_s: float) -> Counts:
         """Return the nuts' whole steps at t_s: behind by the play where they were driven up last."""
-        x, y, z = self._nut_at(t_s)
+        x, y, z = self.nut_position_at(t_s)
         return (round(x), round(y), round(z))
 
     def speed_at(self, t_s: float) -> float:
@@ -143,7 +143,7 @@ class Track:
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
         """Replace all motion after t_s by pieces, after which the carriage rests at `rest`."""
-        nut = self._nut_at(t_s)
+        nut = self.nut_position_at(t_s)
         self._cut(t_s)
         for piece in pieces:
             self._nuts.append(nut)
@@ -169,8 +169,8 @@ class Track:
             if old > 0:
                 del self._pieces[:old], self._starts[:old], self._nuts[:old]
 
-    def _nut_at(self, t_s: float) -> Vec:
-        """Return the exact nut position: no axis reverses within a piece."""
+    def nut_position_at(self, t_s: float) -> Vec:
+        """Return the nuts' position at t_s in steps, not rounded: no axis reverses within a piece."""
         if t_s >= self.end_s:
             return self._nut_rest
         index = bisect_right(self._starts, t_s) - 1
