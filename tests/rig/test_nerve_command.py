@@ -21,9 +21,9 @@ from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visit
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.nerve.models import AfferentModel, spikes_of
+from sim.nerve.models import AfferentModel
 from sim.nerve.population import AfferentPopulation
-from sim.nerve.skin import Signal
+from sim.nerve.spike_stream import SpikeStream
 from tests.error_codes import raises
 from tests.program import Program
 
@@ -129,19 +129,18 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
 
 
 @pytest.mark.usefixtures("cheap")
-def test_every_afferent_and_piece_has_its_own_noise(
+def test_every_afferent_has_its_own_noise(
     run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    seeds = []
+    seeds = list[tuple[int, ...]]()
 
-    def spy(model: AfferentModel, signal: Signal, sensitivity: list[float], given: list[list[int]]) -> Any:
+    def spy(model: AfferentModel, step_s: float, sensitivity: list[float], given: list[list[int]]) -> SpikeStream:
         seeds.extend(map(tuple, given))
-        return spikes_of(model, signal, sensitivity, given)
+        return SpikeStream(model, step_s, sensitivity, given)
 
-    monkeypatch.setattr("rig.plan.nerve.spikes_of", spy)
-    monkeypatch.setattr("rig.plan.nerve.PIECE_S", 10.0)
+    monkeypatch.setattr("rig.plan.nerve.SpikeStream", spy)
     _spikes(run, config, finger, "SA1@0,SA1@0,RA@0")
-    assert len(set(seeds)) == len(seeds) > 3
+    assert len(set(seeds)) == len(seeds) == 3
 
 
 @pytest.mark.usefixtures("cheap")
