@@ -342,9 +342,7 @@ class _Evaluation:
         names = self.request.candidates
         each = -(-experiments // len(names))
         shown = _part(self.progress, what)
-        return expected_confusion(
-            self.table, names, self.model, designs, each, draws, self.request.seed, shown, self.few
-        )
+        return expected_confusion(self.table, names, self.model, designs, each, draws, self.request.seed, shown, few)
 
 
 def _part(progress: Progress, what: str) -> Callable[[int, int], None]:
