@@ -16,7 +16,6 @@ from scipy.interpolate import PchipInterpolator
 from rig.plan.nerve import stream_of
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.population import AfferentPopulation
-from sim.nerve.skin import LEVELS
 
 Array = NDArray[np.float64]
 
@@ -36,37 +35,28 @@ class IndentorPlace(NamedTuple):
     along_mm: float
 
 
-class PressWanted(NamedTuple):
-    """A press for the table of a place, to a depth (mm)."""
+class PlaceTable(NamedTuple):
+    """Presses at a place: first contact above the apex, the way past it (mm), and the measure of each afferent there.
 
-    place: IndentorPlace
-    doi_mm: float
-
-
-class PressMade(NamedTuple):
-    """First contact above the apex and the way past it at a depth (mm), and the measure of each afferent there.
-
-    touch_mm is -inf beside the finger; problem says why there is no press.
+    Without presses nothing is known of the place: touch_mm is -inf beside the finger, problem says why it failed.
     """
 
-    wanted: PressWanted
+    place: IndentorPlace
     touch_mm: float = -np.inf
-    way_mm: float = 0.0
-    values: Array = np.empty(0)
+    ways_mm: tuple[float, ...] = ()
+    values: Array = np.empty((0, 0))  # (n_presses, n_afferents)
     problem: str = ""
 
 
 class _Table:
     """Measures of all afferents against the way past first contact; none without presses."""
 
-    def __init__(self, presses: list[PressMade], problem: str = "") -> None:
-        self.problem = problem
-        self.touch_mm = presses[0].touch_mm if presses else -np.inf
-        if presses:
-            ways = np.concatenate([[0.0], [one.way_mm for one in presses]])
-            values = np.stack([one.values for one in presses])
-            self._value = PchipInterpolator(ways, np.concatenate([np.zeros((1, values.shape[1])), values]))
-            self._farthest_mm = float(ways[-1])
+    def __init__(self, made: PlaceTable) -> None:
+        self.problem, self.touch_mm = made.problem, -np.inf
+        if made.ways_mm:
+            self.touch_mm, self._farthest_mm = made.touch_mm, made.ways_mm[-1]
+            values = np.concatenate([np.zeros((1, made.values.shape[1])), made.values])
+            self._value = PchipInterpolator([0.0, *made.ways_mm], values)
 
     def values(self, above_mm: Array) -> Array:
         """Return the measures, (n_afferents, n_samples), at heights above the apex."""
@@ -80,10 +70,8 @@ class LiveSpikes:
     ----------
     afferents : AfferentPopulation
         The afferents.
-    deepest_mm : float
-        Depth of the deepest press of a table (mm).
     ask : callable
-        Called with the next press that is wanted; `take` gets the answer. There is one at a time.
+        Called with a place whose table is wanted; `take` gets the answer. There is one at a time.
     complain : callable, optional
         Called with one line about a place without spikes.
     """
@@ -91,12 +79,10 @@ class LiveSpikes:
     def __init__(
         self,
         afferents: AfferentPopulation,
-        deepest_mm: float,
-        ask: Callable[[PressWanted], object],
+        ask: Callable[[IndentorPlace], object],
         complain: Callable[[str], object] = print,
     ) -> None:
         self._ask, self._complain = ask, complain
-        self._depths_mm = [float(mm) for mm in deepest_mm * np.linspace(0.0, 1.0, LEVELS + 1)[1:]]
         self._count = len(afferents)
         self._groups = [
             (np.array(mine), stream_of(afferents.models[name], [afferents[k] for k in mine]))
@@ -106,8 +92,7 @@ class LiveSpikes:
         self._done = -1  # last sample of the signal
         self._poses: list[tuple[float, float, float, float]] = []  # time, x, height, along; the first is done
         self._tables: OrderedDict[IndentorPlace, _Table] = OrderedDict()
-        self._asked: PressWanted | None = None
-        self._made: list[PressMade] = []
+        self._asked: IndentorPlace | None = None
 
     def known(self, t_s: float, x_mm: float, above_mm: float, along_mm: float) -> None:
         """Take the next pose of the indentor: its time (s, any clock), place and height above the apex (mm)."""
@@ -115,20 +100,11 @@ class LiveSpikes:
             self._origin_s = t_s
         self._poses.append((t_s, x_mm, above_mm, along_mm))
 
-    def take(self, made: PressMade) -> None:
-        """Take a press, and ask for the next one of the table."""
-        wanted, self._asked = self._asked, None
-        if wanted is None or made.wanted != wanted:
-            return
-        place = wanted.place
-        if made.problem or made.touch_mm == -np.inf:
-            self._finish(place, made.problem)
-            return
-        self._made.append(made)
-        if len(self._made) == len(self._depths_mm):
-            self._finish(place)
-        elif self._resting() == place:
-            self._want(PressWanted(place, self._depths_mm[len(self._made)]))
+    def take(self, made: PlaceTable) -> None:
+        """Take a table."""
+        if made.place == self._asked:
+            self._asked = None
+        self._store(made)
 
     def advance(self) -> tuple[NDArray[np.intp], Array]:
         """Return the afferents and times (s, clock of the poses) of the spikes that are now known."""
@@ -152,20 +128,19 @@ class LiveSpikes:
         newest = round((t[-1] - self._origin_s) / MOST_STEP_S)
         grid = self._origin_s + MOST_STEP_S * np.arange(self._done + 1, newest + 1)
         signal = np.zeros((self._count, len(grid)))
-        place = self._resting(poses)
+        place = _resting(poses)
         if place is None:
             return signal
         table = self._tables.get(place)
         if table is None and self._asked is None:
-            self._made = []
-            self._want(PressWanted(place, self._depths_mm[0]))
+            self._asked = place
+            self._ask(place)
         if above.min() > 0:  # nothing of the finger is above its apex
             return signal
         if table is None:
             if self._poses[-1][0] - t[0] < PATIENCE_S:
                 return None
-            self._made = []
-            table = self._finish(place, f"the finger was not pressed within {PATIENCE_S:g} s")
+            table = self._store(PlaceTable(place, problem=f"the finger was not pressed within {PATIENCE_S:g} s"))
         if table.problem:
             self._complain(f"no spikes at x = {place.x_mm:g} mm: {table.problem}")
             table.problem = ""
@@ -173,21 +148,14 @@ class LiveSpikes:
             signal[:] = table.values(np.interp(grid, t, above))
         return signal
 
-    def _resting(self, poses: list[tuple[float, float, float, float]] | None = None) -> IndentorPlace | None:
-        """Return the place of the indentor; None while it moves across the finger or along it."""
-        poses = poses or self._poses[-2:]
-        first, last = poses[0], poses[-1]
-        places = {IndentorPlace(round(one[1], _DECIMALS), round(one[3], _DECIMALS)) for one in (first, last)}
-        return places.pop() if len(places) == 1 else None
-
-    def _want(self, wanted: PressWanted) -> None:
-        self._asked = wanted
-        self._ask(wanted)
-
-    def _finish(self, place: IndentorPlace, problem: str = "") -> _Table:
-        """Store the table of a place; presses before one that failed count."""
-        table = self._tables[place] = _Table(self._made, "" if self._made else problem)
-        self._made = []
+    def _store(self, made: PlaceTable) -> _Table:
+        table = self._tables[made.place] = _Table(made)
         if len(self._tables) > _KNOWN:
             self._tables.popitem(last=False)
         return table
+
+
+def _resting(poses: list[tuple[float, float, float, float]]) -> IndentorPlace | None:
+    """Return the place of the indentor; None while it moves across the finger or along it."""
+    first, last = (IndentorPlace(round(one[1], _DECIMALS), round(one[3], _DECIMALS)) for one in (poses[0], poses[-1]))
+    return first if first == last else None

@@ -18,7 +18,9 @@ from functools import partial
 from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
-from rig.bench.live_spikes import SAMPLE_S, LiveSpikes, PressMade, PressWanted
+import numpy as np
+
+from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
 from rig.data.lsl import open_spikes
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -31,6 +33,7 @@ from sim.contact.shapes import parse_shape
 from sim.devices.clock import Handle, sample_at
 from sim.models.pressing import FARTHEST_X_MM
 from sim.nerve.population import AfferentPopulation
+from sim.nerve.skin import LEVELS
 from sim.serve.force_process import Answering, ForceProcess, message_of
 from sim.serve.ports import LinePort
 from sim.serve.real_time_loop import WallScheduler
@@ -38,6 +41,7 @@ from sim.workers import give_way, leaving_ctrl_c_to_us
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
+    from sim.models.result import IndentationResult
 
 TICK_S = 4 * SAMPLE_S
 """Time between two messages of the bench (s)."""
@@ -116,14 +120,16 @@ class IndentorFeed:
             self._complain("the process of the simulated afferents ended; the bench goes on without spikes")
 
 
-class ReceptorProcess(ForceProcess[PressWanted | None, PressMade | AfferentPopulation]):
+class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPopulation]):
     """Process that presses the finger for tables; None asks for the afferents."""
 
     nice = 3
 
-    def __init__(self, config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes) -> None:
+    def __init__(
+        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+    ) -> None:
         """Load the finger, draw the afferents, and wait. Raises FingerNotLoadedError."""
-        super().__init__(partial(_pressing, config, indentor, truth, wanted))
+        super().__init__(partial(_pressing, config, indentor, truth, wanted, deepest_mm))
 
     def afferents(self) -> AfferentPopulation:
         """Return the afferents."""
@@ -134,13 +140,14 @@ class ReceptorProcess(ForceProcess[PressWanted | None, PressMade | AfferentPopul
 
 
 def _pressing(
-    config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes
-) -> Answering[PressWanted | None, PressMade | AfferentPopulation]:
+    config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+) -> Answering[IndentorPlace | None, PlaceTable | AfferentPopulation]:
     from sim.models.fingertip import Fingertip
 
     finger = Fingertip.load(config).keeping_ways()
-    afferents = wanted.drawn(finger)
-    return partial(_answer, finger, parse_shape(indentor), truth, afferents, afferents.points_mm(finger))
+    answer = partial(_answer, finger, parse_shape(indentor), truth, wanted.drawn(finger), deepest_mm)
+    answer(IndentorPlace(0.0, 0.0))  # the first one takes seconds
+    return answer
 
 
 def _answer(
@@ -148,24 +155,28 @@ def _answer(
     indentor: Indentor,
     truth: Truth,
     afferents: AfferentPopulation,
-    points_mm: Any,
-    wanted: PressWanted | None,
-) -> PressMade | AfferentPopulation:
-    if wanted is None:
+    deepest_mm: float,
+    place: IndentorPlace | None,
+) -> PlaceTable | AfferentPopulation:
+    if place is None:
         return afferents
-    (x_mm, along_mm), doi_mm = wanted
-    z_mm = finger.config.receptor_plane_mm + along_mm if Z in indentor.placed_by else None
-    if abs(x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= finger.config.geometry.length_mm:
-        return PressMade(wanted)
+    z_mm = finger.config.receptor_plane_mm + place.along_mm if Z in indentor.placed_by else None
+    if abs(place.x_mm) > FARTHEST_X_MM or not 0 <= (z_mm or 0.0) <= finger.config.geometry.length_mm:
+        return PlaceTable(place)
+    lateral_mm, problem = indentor.lateral_mm(place.x_mm), ""
+    presses: list[IndentationResult] = []
     try:
-        lateral_mm = indentor.lateral_mm(x_mm)
         touch_mm = finger.touch_height_mm(indentor, lateral_mm, z_mm=z_mm) - finger.apex_height_mm
-        press = finger.indent(indentor, lateral_mm, z_mm=z_mm, doi_mm=doi_mm)
-        (fields,) = finger.fields([press], points_mm)
+        for doi_mm in deepest_mm * np.linspace(0.0, 1.0, LEVELS + 1)[1:]:
+            presses.append(finger.indent(indentor, lateral_mm, z_mm=z_mm, doi_mm=float(doi_mm)))
     except Exception as error:  # a press outside the model must not end this process
-        return PressMade(wanted, problem=message_of(error))
-    way_mm = doi_mm + truth.compliance_mm_per_n * truth.stiffness * press.force_n
-    return PressMade(wanted, touch_mm, way_mm, afferents.measure(fields.measures))
+        problem = message_of(error)
+    if not presses:
+        return PlaceTable(place, problem=problem)
+    fields = finger.fields(presses, afferents.points_mm(finger))
+    give_mm = truth.compliance_mm_per_n * truth.stiffness
+    ways_mm = tuple(one.doi_mm + give_mm * one.force_n for one in presses)
+    return PlaceTable(place, touch_mm, ways_mm, np.array([afferents.measure(one.measures) for one in fields]))
 
 
 class ServedSpikes:
@@ -184,12 +195,13 @@ class ServedSpikes:
         """Start both processes and wait; complain is importable. Raises FingerNotLoadedError, BadInputError."""
         refuse_turned(truth)
         self._complain = complain
-        self._receptors = ReceptorProcess(config.finger, config.virtual.indentor, truth, wanted)
+        deepest_mm = config.limits.max_doi_mm
+        self._receptors = ReceptorProcess(config.finger, config.virtual.indentor, truth, wanted, deepest_mm)
         self._feed: IndentorFeed | None = None
         self._near, far = socket.socketpair()
         context = multiprocessing.get_context("spawn")
         self._said, saying = context.Pipe(duplex=False)
-        given = _Given(self._receptors.afferents(), wanted, config.limits.max_doi_mm, lsl, complain)
+        given = _Given(self._receptors.afferents(), wanted, lsl, complain)
         self._process = context.Process(
             target=_deliver, args=(given, far, server, self._receptors.connection, saying), daemon=True
         )
@@ -246,7 +258,6 @@ class _Given:
 
     afferents: AfferentPopulation
     wanted: WantedSpikes
-    deepest_mm: float
     lsl: bool
     complain: Callable[[str], object]
 
@@ -255,7 +266,7 @@ def _deliver(
     given: _Given,
     poses: socket.socket,
     server: socket.socket,
-    receptors: "Connection[PressWanted, PressMade]",
+    receptors: "Connection[IndentorPlace, PlaceTable]",
     saying: "Connection[Any, Any]",
 ) -> None:
     give_way(0)
@@ -294,7 +305,7 @@ def _greeting(given: _Given) -> bytes:
 
 def warm(afferents: AfferentPopulation) -> None:
     """Load what the first spikes need."""
-    spikes = LiveSpikes(afferents, 1.0, lambda wanted: None)
+    spikes = LiveSpikes(afferents, lambda place: None)
     for k in range(3):
         spikes.known(k * SAMPLE_S, 0.0, 1.0, 0.0)
         spikes.advance()
@@ -362,12 +373,12 @@ class _Follower:
         given: _Given,
         scheduler: WallScheduler,
         poses: socket.socket,
-        receptors: "Connection[PressWanted, PressMade]",
+        receptors: "Connection[IndentorPlace, PlaceTable]",
         delivery: Delivery,
         complain: Callable[[str], object],
     ) -> None:
         self._scheduler, self._poses, self._receptors, self._delivery = scheduler, poses, receptors, delivery
-        self._spikes = LiveSpikes(given.afferents, given.deepest_mm, receptors.send, complain)
+        self._spikes = LiveSpikes(given.afferents, receptors.send, complain)
         self._unread = b""
         poses.setblocking(False)
         scheduler.watch(poses, self._read)

@@ -19,7 +19,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rig.bench.live_spikes import SAMPLE_S, LiveSpikes, PressMade, PressWanted
+from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
 from rig.bench.served_spikes import LATE_S
 from rig.clock import WallClock
 from rig.devices.grbl import GrblStage
@@ -103,8 +103,10 @@ def cost(count: int, seconds: float = 4.0) -> float:
     afferents = AfferentPopulation(
         [SimulatedAfferent(name, k, 0.0, 0.0, 1.0 + k % 5, 50.0, 0.0015, k) for k, name in enumerate(kinds)]
     )
-    asked = list[PressWanted]()
-    live = LiveSpikes(afferents, 1.5, asked.append)
+    depths_mm = (0.1, 0.5, 1.0, 1.5)
+    values = [afferents.measure(dict.fromkeys(MEASURES, np.full(count, 150 * mm**2))) for mm in depths_mm]
+    live = LiveSpikes(afferents, lambda place: None)
+    live.take(PlaceTable(IndentorPlace(0.0, 0.0), 0.0, depths_mm, np.array(values)))
     times = SAMPLE_S * np.arange(round(seconds / SAMPLE_S))
     above = 1.0 - np.interp(times, [0.2, 1.0, seconds - 1.0, seconds], [0.0, 1.6, 1.6, 0.0])
     began_s = 0.0
@@ -112,10 +114,6 @@ def cost(count: int, seconds: float = 4.0) -> float:
         if k == 100:
             began_s = time.process_time()
         live.known(t_s, 0.0, height_mm, 0.0)
-        while asked:
-            wanted = asked.pop()
-            sed = np.full(count, 150 * wanted.doi_mm**2)
-            live.take(PressMade(wanted, 0.0, wanted.doi_mm, afferents.measure(dict.fromkeys(MEASURES, sed))))
         if k % 4 == 3:
             live.advance()
     return (time.process_time() - began_s) / (seconds - 100 * SAMPLE_S)

@@ -1,13 +1,12 @@
 """Spikes while the indentor moves: the same as afterwards, late without a table, delivered at their times."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.bench.live_spikes import PATIENCE_S, SAMPLE_S, IndentorPlace, LiveSpikes, PressMade, PressWanted
+from rig.bench.live_spikes import PATIENCE_S, SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
 from rig.bench.served import ServedBench
 from rig.bench.served_spikes import _pressing
 from rig.errors import BadInputError
@@ -40,9 +39,9 @@ def measured(depth_mm: float) -> Any:
     return AFFERENTS.measure(dict.fromkeys(MEASURES, np.full(len(AFFERENTS), 150.0 * depth_mm**2)))
 
 
-def made(wanted: PressWanted) -> PressMade:
+def made(place: IndentorPlace) -> PlaceTable:
     """First contact lies 0.1 mm below the apex."""
-    return PressMade(wanted, -0.1, wanted.doi_mm, measured(wanted.doi_mm))
+    return PlaceTable(place, -0.1, tuple(DEPTHS_MM), np.array([measured(depth) for depth in DEPTHS_MM]))
 
 
 def path() -> Staircase:
@@ -54,12 +53,12 @@ def path() -> Staircase:
 
 
 class Follower:
-    """Live spikes of a path, whose presses are answered after some poses."""
+    """Live spikes of a path, with tables that come after some poses."""
 
-    def __init__(self, answer: Callable[[PressWanted], PressMade] = made, after: int = 0) -> None:
-        self.asked: list[PressWanted] = []
+    def __init__(self, answer: Callable[[IndentorPlace], PlaceTable] = made, after: int = 0) -> None:
+        self.asked: list[IndentorPlace] = []
         self.said: list[str] = []
-        self.live = LiveSpikes(AFFERENTS, DEEPEST_MM, self.asked.append, self.said.append)
+        self.live = LiveSpikes(AFFERENTS, self.asked.append, self.said.append)
         self.found: list[list[float]] = [[] for _ in AFFERENTS]
         self._answer, self._after = answer, after
         self.late_s = 0.0
@@ -122,7 +121,7 @@ def test_spikes_wait_for_a_table_and_are_not_wrong() -> None:
 def test_an_indentor_in_the_air_asks_for_the_table_of_its_place() -> None:
     found = Follower(after=10**9)
     found.go([0.0, SAMPLE_S, 2 * SAMPLE_S], [-3.0, -3.0, -3.0], x_mm=0.5)
-    assert found.asked == [PressWanted(IndentorPlace(0.5, 0.0), DEEPEST_MM / LEVELS)]
+    assert found.asked == [IndentorPlace(0.5, 0.0)]
 
 
 def test_a_moving_indentor_asks_for_nothing() -> None:
@@ -134,30 +133,30 @@ def test_a_moving_indentor_asks_for_nothing() -> None:
     assert len(found.asked) <= 1
 
 
-def test_another_place_comes_before_the_rest_of_a_table() -> None:
+def test_another_place_is_asked_for_after_the_one_before() -> None:
     found = Follower(after=10**9)
     t = SAMPLE_S * np.arange(3)
     found.go(t, [-3.0] * 3)
     found.go(1.0 + t, [-3.0] * 3, x_mm=1.0)
     found.go(2.0 + t, [-3.0] * 3, x_mm=1.0)
-    found.live.take(made(found.asked.pop(0)))
+    assert found.asked == [HERE]
+    found.live.take(made(HERE))
     found.go(3.0 + t, [-3.0] * 3, x_mm=1.0)
-    assert found.asked == [PressWanted(IndentorPlace(1.0, 0.0), DEEPEST_MM / LEVELS)]
+    assert found.asked == [HERE, IndentorPlace(1.0, 0.0)]
 
 
 @pytest.mark.parametrize(
     ("answer", "said"),
     [
-        (lambda wanted: PressMade(wanted), 0),
-        (lambda wanted: PressMade(wanted, problem="no press"), 1),
-        (lambda wanted: made(wanted) if wanted.doi_mm < 0.5 else PressMade(wanted, problem="no press"), 0),
+        (PlaceTable, 0),
+        (lambda place: PlaceTable(place, problem="no press"), 1),
     ],
 )
 def test_a_place_that_cannot_be_pressed_is_said_once_when_it_is(answer: Any, said: int) -> None:
     found = Follower(answer)
     found.go(*sampled(SAMPLE_S))
     assert len(found.said) == said
-    assert bool(sum(map(len, found.found))) == (said == 0 and answer(PressWanted(HERE, 0.1)).touch_mm > -math.inf)
+    assert not sum(map(len, found.found))
 
 
 def test_nobody_waits_for_ever() -> None:
@@ -209,4 +208,4 @@ def test_a_turned_finger_is_refused() -> None:
 def test_an_afferent_off_the_pad_is_refused(finger: Fingertip) -> None:
     assert finger is not None
     with raises(ModelRangeError, "afferent_off_pad"):
-        _pressing(Config().finger, "bar:3.0", AS_MODELLED, WantedSpikes("SA1@9"))
+        _pressing(Config().finger, "bar:3.0", AS_MODELLED, WantedSpikes("SA1@9"), DEEPEST_MM)

@@ -26,7 +26,7 @@ from sim.serve.real_time_loop import WallScheduler
 from tests.error_codes import raises
 from tests.rig.real_time.conftest import NEAR, set_up
 from tests.rig.real_time.test_lsl_inlet import LOOPBACK
-from tests.rig.test_live_spikes import AFFERENTS, DEEPEST_MM
+from tests.rig.test_live_spikes import AFFERENTS
 from tests.waiting import DEADLINE_S, gathered
 
 pytest.importorskip("pty", reason="needs signals")
@@ -136,7 +136,7 @@ def scheduler() -> Iterator[WallScheduler]:
 
 
 def _given() -> _Given:
-    return _Given(AFFERENTS, WantedSpikes("SA1"), DEEPEST_MM, False, print)
+    return _Given(AFFERENTS, WantedSpikes("SA1"), False, print)
 
 
 def _read(client: socket.socket, scheduler: WallScheduler, lines: int) -> list[str]:
