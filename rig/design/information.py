@@ -101,8 +101,7 @@ def information_bits(
     every = np.arange(log_rate.shape[2]) if chosen is None else chosen
     sets, presses = weight.shape[0], len(every)
     dispersion = model.unknowns.dispersions[draws.level]
-    root = np.exp(0.5 * log_rate[:, :, every])
-    exposure = [model.exposure_s(one, np.zeros(len(draws)), _without_time(sums)) for one in log_rate]
+    timeless = _without_time(sums)
     total = np.zeros(presses)
     for s in range(sets):
         live = np.flatnonzero(weight[s] > _LEAST)
@@ -113,11 +112,13 @@ def information_bits(
         scatter = np.empty_like(mean)
         for row, c in enumerate(live):
             fiber = _resampled(log_likelihood[c, s], particles, chance)
-            shape, rate = model.gain_posterior(sums, exposure[c][fiber], dispersion[fiber])
+            mine = log_rate[c][fiber]
+            exposure = model.exposure_s(mine, np.zeros(particles), timeless)
+            shape, rate = model.gain_posterior(sums, exposure, dispersion[fiber])
             gain = chance.standard_gamma(shape[s]) / rate
             scale = _LEVELS_PER_ROOT * np.sqrt(model.window_s * gain)
             # Rounded up or down at random, so that the mean over particles interpolates between levels.
-            level = (root[c][fiber] * scale[:, None] + chance.random((particles, 1))).astype(np.int64)
+            level = (np.exp(0.5 * mine[:, every]) * scale[:, None] + chance.random((particles, 1))).astype(np.int64)
             level = np.minimum(level, bins.per_dispersion - 1) + bins.per_dispersion * draws.level[fiber][:, None]
             mean[row], scatter[row] = _mean_and_scatter(level, bins)
         total += _mutual(p, mean, scatter / np.float32(particles))

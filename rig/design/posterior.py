@@ -1,6 +1,7 @@
 """Probabilities of the candidates after each press: the update that a design and an adaptive run share."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ class CandidatePosterior:
         """Return the state after one more press, by its number, with its count at a time tau (ten minutes)."""
         return replace(self, sums=with_counts(self.sums, press, counts, tau))
 
-    @property
+    @cached_property
     def log_likelihood(self) -> Floats:
         """Log-likelihood (candidates, s, draws)."""
         return np.stack([self.model.log_likelihood(self.sums, one, self.draws) for one in self.log_rate])
