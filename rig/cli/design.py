@@ -150,7 +150,7 @@ def command(
             from sim.models.fingertip import Fingertip
 
             finger = Fingertip.load(settings.finger)
-        with _Shown(as_json=as_json) as shown:
+        with ShownProgress(as_json=as_json) as shown:
             if counts is not None:
                 verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
             else:
@@ -196,7 +196,7 @@ def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
         out.print(line)
 
 
-class _Shown:
+class ShownProgress:
     """Progress of a design: of tables by tasks, of all else by parts."""
 
     def __init__(self, *, as_json: bool) -> None:
@@ -205,7 +205,7 @@ class _Shown:
         self._what = ""
         self._now: Activity | None = None
 
-    def __enter__(self) -> "_Shown":
+    def __enter__(self) -> "ShownProgress":
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -13,6 +13,7 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
+from rig.cli.choosing import WITHIN_S, ChooseOption, CountWithinOption, adaptive_run, refuse_choose, source_of
 from rig.cli.confirm import (
     Confirm,
     at_the_page,
@@ -48,7 +49,7 @@ from rig.cli.output import (
     print_json,
     screen_aside,
 )
-from rig.cli.script_execution import RunOwner, carry_out, leave, make_whole, new_run, owning
+from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
@@ -62,6 +63,9 @@ from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on
 from rig.session.session import dry_run, real_run
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import Finger, FingerProcess
+
+if TYPE_CHECKING:
+    from rig.design.adaptive_run import AdaptiveRun
 
 _COLUMNS = {
     "index": "",
@@ -174,6 +178,8 @@ def dry_run_command(
             rich_help_panel="Simulated spikes",
         ),
     ] = None,
+    choose: ChooseOption = None,
+    count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
@@ -187,7 +193,10 @@ def dry_run_command(
         faster = _times_real(speed)
         spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
         into = new_run(out_dir, subject)
-        with owning(script, settings, into, config_file=config) as owner:
+        with (
+            owning(script, settings, into, config_file=config) as owner,
+            _adaptive(script, choose, count_within_s, settings, None, as_json=as_json) as adaptive,
+        ):
             done = carry_out(
                 script,
                 settings,
@@ -198,6 +207,7 @@ def dry_run_command(
                 pace=None if faster is None else 1 / faster,
                 begins=beginning.begins,
                 spikes=spikes,
+                choose=adaptive,
             )
     leave(done)
 
@@ -230,17 +240,22 @@ def run_command(
     subject: SubjectOption = None,
     mounted: MountedOption = None,
     yes: YesOption = False,
+    choose: ChooseOption = None,
+    count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with one_line_errors(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
-        with FingerProcess(settings.finger) as finger:
+        with ExitStack() as opened:
+            finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
-            _refuse_mounts("run", script, settings, finger, mounted)
+            choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
+            adaptive = opened.enter_context(choice)
+            _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive)
             clock = WallClock(into.begins_at_s)
             with (
                 closing(StageInHand(settings, clock).open()) as stage,
@@ -258,8 +273,35 @@ def run_command(
                         left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
                     ),
                     begins=beginning.begins,
+                    choose=adaptive,
                 )
     leave(done)
+
+
+@contextmanager
+def _adaptive(
+    script: Script,
+    source: str | None,
+    within_s: float,
+    config: Config,
+    finger: FingerProcess | None,
+    stopped: StoppedRun | None = None,
+    *,
+    as_json: bool,
+) -> Iterator["AdaptiveRun | None"]:
+    """Check every press that may be chosen, and open the source of the counts; None without one.
+
+    Raises DesignError, BadInputError, CountError.
+    """
+    if source is None:
+        yield None
+        return
+    virtual = finger is None
+    refuse_choose(script, source, within_s, virtual=virtual)
+    there = loaded(config, finger, as_json=as_json)
+    run = adaptive_run(script, source_of(source), within_s, config, there, stopped, virtual=virtual, as_json=as_json)
+    with run:
+        yield run
 
 
 def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
@@ -296,6 +338,7 @@ def _refuse_mounts(
     finger: Finger,
     mounted: str | None,
     stopped: StoppedRun | None = None,
+    adaptive: "AdaptiveRun | None" = None,
 ) -> None:
     """Raise BadInputError if a non-interactive run mounts an indentor manually, before a port is opened.
 
@@ -305,7 +348,8 @@ def _refuse_mounts(
         parse_shape(mounted)
     if not can_answer():
         before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
-        refuse_mounts(command, make_plan(script, config, finger, before, folder).mounts, mounted)
+        plan = make_plan(script, config, finger, before, folder) if adaptive is None else adaptive.approved
+        refuse_mounts(command, plan.mounts, mounted)
 
 
 def resume_command(
@@ -324,7 +368,14 @@ def resume_command(
         ):
             if stopped.run is not None and stopped.complete:
                 leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
-            with nullcontext() if stage is None else FingerProcess(stopped.config.finger) as finger:
+            with ExitStack() as opened:
+                finger = None if stage is None else opened.enter_context(FingerProcess(stopped.config.finger))
+                choice = (
+                    (None, 0.0) if stopped.choose is None else (stopped.choose["source"], stopped.choose["within_s"])
+                )
+                adaptive = opened.enter_context(
+                    _adaptive(stopped.script, *choice, stopped.config, finger, stopped, as_json=as_json)
+                )
                 confirm = _checked(stopped, owner, yes=yes)
                 done = carry_out(
                     stopped.script,
@@ -337,6 +388,7 @@ def resume_command(
                     confirm=confirm,
                     pace=None if stage is None else 1.0,
                     begins=beginning.begins,
+                    choose=adaptive,
                 )
     leave(done)
 

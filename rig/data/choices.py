@@ -16,8 +16,8 @@ BY_PLAN, PLAN_DONE = "plan", "plan_done"
 class ChoiceVerdict(NamedTuple):
     """Candidates with their probabilities, most probable first, the 95 % set, and why the presses ended.
 
-    `ended` is None for a run that did not end by itself, and `truth` for a recorded nerve. `planned_from` is the first
-    indentation that was no longer chosen, or None.
+    `ended` is None for a run that did not end by itself, and `truth` for a recorded nerve. `planned_from` is the
+    first indentation that was no longer chosen, or None.
     """
 
     probability: Mapping[str, float]
@@ -60,3 +60,12 @@ def verdict_of(run: Run) -> ChoiceVerdict | None:
         truth.get("candidate"),
         planned[0] if planned else None,
     )
+
+
+WHY_ENDED = {
+    "one_candidate": "one candidate has 95 %",
+    "nothing_to_learn": "nothing more can be learned",
+    "no_time": "no further press fits into the session",
+    PLAN_DONE: "all planned presses were made",
+}
+"""Why presses ended, in words."""

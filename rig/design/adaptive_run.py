@@ -4,17 +4,19 @@ The presses are those of any script: verbs, with the same checks, carried out by
 new, the choice. It waits at clearance, and it can only return a press that was checked before the first motion.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
 from rig.clock import WallClock
 from rig.data import Run
-from rig.data.choices import BY_PLAN, PLAN_DONE
-from rig.data.run_state import Course
-from rig.design.adaptive import AdaptiveRule, Counted
+from rig.data.choices import BY_PLAN, PLAN_DONE, probabilities_of
+from rig.data.run_state import UNTIL_CHOSEN, Course
+from rig.design.adaptive import Counted
 from rig.design.chooser import Chooser, ChooserLostError, Choosing, Decision, probabilities_as_text
 from rig.design.designed import Designed
 from rig.design.press_times import in_memory
@@ -22,9 +24,7 @@ from rig.design.presses import PossiblePress
 from rig.engine import Engine, verbs
 from rig.engine.engine import State
 from rig.errors import CountError
-from rig.plan.config import Config
-from rig.plan.finger_model import Predictions
-from rig.plan.plan import Plan
+from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
@@ -69,10 +69,6 @@ def choose_press(engine: Engine, step: ChoosePress, expected: None) -> int | Non
     return step.planned
 
 
-class RecordedChoice(tuple[int | None, str]):
-    """Press of a choice in the journal, and its reason."""
-
-
 @dataclass(eq=False)
 class AdaptiveRun:
     """Presses of a run: those of the journal, then chosen ones, or those planned beforehand.
@@ -97,8 +93,14 @@ class AdaptiveRun:
     within_s: float
     open_chooser: Callable[[Choosing], Chooser]
     before: Run | None = None
+    approved: Plan = field(default_factory=Plan)  # every press that may be chosen
     _chooser: Chooser | None = field(default=None, init=False)
     _truth: Mapping[str, Any] | None = field(default=None, init=False)
+
+    def __post_init__(self) -> None:
+        candidates = self.choosing.request.candidates
+        self._probabilities = tuple(probabilities_of(self.recorded[-1]).values()) if self.recorded else ()
+        self._probabilities = self._probabilities or (1 / len(candidates),) * len(candidates)
 
     @cached_property
     def recorded(self) -> list[Mapping[str, Any]]:
@@ -190,6 +192,20 @@ class AdaptiveRun:
         """Return the handler that waits for counts."""
         return Adaptive(engine, walk, self)
 
+    def applied(self, session: Session) -> Session:
+        """Return the session with the choice, and with the soft trip of all presses that may be chosen."""
+        trip_n = max(self.approved.soft_trip_n, session.plan.soft_trip_n)
+        before = session.plan.first_soft_trip_n
+        files = {**session.plan.shape_files, **self.approved.shape_files}
+        plan = replace(session.plan, first_soft_trip_n=trip_n if before is None else before, shape_files=files)
+        return replace(session, plan=plan, handler=self.handler, chooses=self.about)
+
+    @staticmethod
+    def course(planned: Course) -> Course:
+        """Return the course of a run whose presses are not known beforehand."""
+        words = {name: UNTIL_CHOSEN.get(name[0], text) for name, text in planned.words.items()}
+        return replace(planned, words=words)
+
     # --- the choice, at clearance ---
 
     def choose(self, engine: Engine, step: ChoosePress) -> int | None:
@@ -204,8 +220,8 @@ class AdaptiveRun:
                 self._go_by_plan(engine, step, f"no count of press {step.index - 1} within {self.within_s:g} s")
         if found is None:
             reason = PLAN_DONE if step.planned is None else BY_PLAN
-            found = Decision(None, step.planned, reason, None, self._last_probabilities, 0.0)
-        self._last_probabilities = found.probabilities
+            found = Decision(None, step.planned, reason, None, self._probabilities, 0.0)
+        self._probabilities = found.probabilities
         self._record(engine, step, found)
         return found.possible
 
@@ -241,14 +257,6 @@ class AdaptiveRun:
             )  # fmt: skip
         return found
 
-    @property
-    def _last_probabilities(self) -> tuple[float, ...]:
-        return self._probabilities
-
-    @_last_probabilities.setter
-    def _last_probabilities(self, found: tuple[float, ...]) -> None:
-        self._probabilities = found
-
     def _record(self, engine: Engine, step: ChoosePress, found: Decision) -> None:
         press = None if found.possible is None else self.presses[found.possible]
         engine.record(
@@ -267,3 +275,53 @@ class AdaptiveRun:
                 "chosen_in_s": round(found.chosen_in_s, 6),
             },
         )
+
+
+class Adaptive(Live):
+    """Handler that makes the choices, and carries out all other steps."""
+
+    def __init__(self, engine: Engine, walk: Walk, run: AdaptiveRun) -> None:
+        super().__init__(engine, walk)
+        self._run = run
+
+    def handle(self, step: Step[E, A], spot: Spot) -> A:
+        """Carry out the step and return its result."""
+        if isinstance(step, ChoosePress):
+            return self._run.choose(self._engine, step)  # type: ignore[return-value]
+        return super().handle(step, spot)
+
+
+def approved(choosing: Choosing, finger: Finger, folder: Path | None = None) -> Plan:
+    """Return the plan of every press that may be chosen. Raises BadInputError for one beyond a limit.
+
+    Each counts as if it were the only one, because a run makes few of them; its total is checked as it presses.
+    """
+    held_s = choosing.request.hold_s
+
+    def run(rig: Rig) -> None:
+        shape = ""
+        for press in choosing.table.presses:
+            if press.shape != shape:
+                rig.mount(press.shape)
+                if not shape:
+                    rig.home()
+                rig.zero()
+                shape = press.shape
+            rig._walk.held_s = 0.0
+            press.make(rig, held_s)
+
+    return make_plan(in_memory(run), choosing.config, finger, None, folder, known=dict(choosing.table.predictions))
+
+
+def counted_in(run: Run | None) -> tuple[Counted, ...]:
+    """Return the presses of a journal whose count was taken in, with it, in order."""
+    choices = [] if run is None else run.stream("choice")
+    return tuple(
+        Counted(int(press["possible"]), None if after["count"] is None else float(after["count"]))
+        for press, after in pairwise(choices)
+    )
+
+
+def presses_in(run: Run | None) -> int:
+    """Return how many presses of a journal have been chosen and made."""
+    return 0 if run is None else len(run.done)

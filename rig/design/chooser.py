@@ -16,10 +16,11 @@ from rig.design.counts import TEN_MINUTES_S, CountModel
 from rig.design.counts_from.opened import opened
 from rig.design.counts_from.source import AcceptedCounts
 from rig.design.design import DesignRequest
+from rig.design.exceptions import DesignError
 from rig.design.press_times import PressTimes
 from rig.design.presses import PossiblePress
 from rig.design.response_table import ResponseTable
-from rig.errors import CountError
+from rig.errors import CountError, RigError
 from rig.plan.config import Config
 from sim.finger_process import belong_to_parent
 from sim.workers import leaving_signals_to_us
@@ -65,6 +66,15 @@ class Choosing:
     def model(self) -> CountModel:
         """Window and unknowns of the counts."""
         return CountModel(self.request.hold_s, self.request.unknowns)
+
+    def refuse_too_short(self) -> None:
+        """Raise DesignError if not even one press fits into the session."""
+        needed_s = self.times.first_s + float(self.times.press_s.min())
+        if needed_s > 60 * self.request.minutes:
+            raise DesignError(
+                "{minutes:g} minutes are too short: the shortest press takes {needed_s:.0f} s",
+                code="too_few_minutes", minutes=self.request.minutes, needed_s=needed_s,
+            )  # fmt: skip
 
 
 class Chooser(Protocol):
@@ -215,9 +225,11 @@ class ChooserProcess:
 
 def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     belong_to_parent()
+    kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
     try:
         chooser = ChooserHere(what)
         far.send(("gave", chooser.truth))
+        kind = ChooserLostError
         while True:
             chooser.begin(far.recv())
             while not chooser.is_ready():
@@ -226,11 +238,12 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     except (EOFError, BrokenPipeError):
         return
     except Exception as error:
-        found = error if isinstance(error, CountError) else CountError(
-            "the source of the counts failed: {exception}: {problem}",
-            code="source_failed", exception=type(error).__name__, problem=str(error),
-        )  # fmt: skip
-        far.send(("raised", found))
+        if not isinstance(error, RigError):
+            error = kind(
+                "the source of the counts failed: {exception}: {problem}",
+                code="source_failed", exception=type(error).__name__, problem=str(error),
+            )  # fmt: skip
+        far.send(("raised", error))
 
 
 def probabilities_as_text(candidates: Sequence[str], probabilities: Sequence[float]) -> str:

@@ -98,7 +98,9 @@ class Designed:
 
 def _planned(blocks: Any, kind: Kind) -> tuple[PossiblePress, ...]:
     return tuple(
-        PossiblePress(str(shape), float(x_mm), kind, float(target)) for shape, pairs in blocks for x_mm, target in pairs
+        PossiblePress(str(shape), float(x_mm), kind, float(target))
+        for shape, pairs in blocks
+        for x_mm, target in pairs
     )
 
 

@@ -43,14 +43,8 @@ class GrowingFile:
                     raise CountError("{path}: was shortened", code="shortened", path=str(self._path))
                 file.seek(self._at)
                 found = file.read(_MOST_BYTES)
-        except FileNotFoundError:
-            if self._at:
-                raise CountError("{path}: is gone", code="file_gone", path=str(self._path)) from None
+        except OSError:  # not there yet, or lost: then no count arrives
             return []
-        except OSError as error:
-            raise CountError(
-                "{path}: cannot be read: {problem}", code="unreadable", path=str(self._path), problem=error.strerror
-            ) from None
         self._at += len(found)
         *lines, self._rest = (self._rest + found).split(b"\n")
         if len(self._rest) > _LONGEST:

@@ -1,4 +1,4 @@
-"""Counts from a stream of the Lab Streaming Layer (LSL): samples of two channels, the press's number and its count."""
+"""Counts from a stream of the Lab Streaming Layer (LSL): each sample has a press's number and its count."""
 
 from collections.abc import Mapping
 from typing import Any, Protocol

@@ -32,9 +32,10 @@ def virtual_name(text: str) -> VirtualName | None:
         return None
     name, _, seed = text.removeprefix(VIRTUAL).partition("@")
     if name not in (AFFERENT, *CANDIDATES):
+        known = ", ".join((AFFERENT, *CANDIDATES))
         raise DesignError(
-            "--choose {value}: there is no virtual nerve {name}; {expected}",
-            code="unknown_nerve", value=text, name=name, expected=f"use {AFFERENT}, or one of {', '.join(CANDIDATES)}",
+            "--choose {value}: there is no virtual nerve {name}; use one of {known}",
+            code="unknown_nerve", value=text, name=name, known=known,
         )  # fmt: skip
     if seed and not (seed.isascii() and seed.isdigit() and int(seed) < _MOST_SEED):
         raise DesignError(

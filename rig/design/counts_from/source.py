@@ -71,7 +71,9 @@ class AcceptedCounts:
                 "a count for press {index} arrived, which was not made; the last one was {last}",
                 code="press_not_made", index=index, last=presses - 1,
             )  # fmt: skip
-        spikes = _whole(count, "bad_count", "the count {value} of press {index}: must be a whole number from 0", index)
+        spikes = _whole(
+            count, "bad_count", "the count {value} of press {index}: must be a whole number from 0", index
+        )
         if index in self._found or self._known.get(index, spikes) != spikes:
             before = self._found.get(index, self._known.get(index))
             raise CountError(
