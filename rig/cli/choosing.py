@@ -12,12 +12,14 @@ from rig.data import Run
 from rig.data.choices import WHY_ENDED, verdict_of
 from rig.errors import BadInputError
 from rig.plan.config import Config
+from rig.plan.plan import Plan
 from rig.protocol.script import Script
 from rig.session.resume import StoppedRun
 from sim.finger_process import Finger
 
 if TYPE_CHECKING:
     from rig.design.adaptive_run import AdaptiveRun
+    from rig.design.chooser import Choosing
     from rig.design.designed import Designed
 
 _PANEL = "Adaptive run"
@@ -71,15 +73,34 @@ def adaptive_run(
 
     Raises DesignError, BadInputError.
     """
+    from rig.design.adaptive_run import AdaptiveRun
+    from rig.design.chooser import ChooserHere, ChooserProcess
+
+    designed = refuse_choose(script, source, within_s, virtual=virtual)
+    before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
+    choosing, plan = _checked(designed, source, config, finger, before, folder, as_json=as_json)
+    opener = ChooserHere if virtual else ChooserProcess
+    return AdaptiveRun(script, designed, choosing, within_s, opener, before, plan)
+
+
+def _checked(
+    designed: "Designed",
+    source: str,
+    config: Config,
+    finger: Finger,
+    before: Run | None,
+    folder: Path | None,
+    *,
+    as_json: bool,
+) -> tuple["Choosing", Plan]:
+    """Return what a choice needs, and the plan of every press that may be chosen."""
     from threadpoolctl import threadpool_limits
 
     from rig.cli.design import ShownProgress
     from rig.design import design
-    from rig.design.adaptive_run import AdaptiveRun, approved, counted_in, presses_in
-    from rig.design.chooser import ChooserHere, ChooserProcess, Choosing
+    from rig.design.adaptive_run import approved, counted_in, presses_in
+    from rig.design.chooser import Choosing
 
-    designed = refuse_choose(script, source, within_s, virtual=virtual)
-    before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
     with ShownProgress(as_json=as_json) as shown, threadpool_limits(1):
         table, times, _ = design.bench_of(
             designed.request, config, finger, designed.plausible, shown.count, shown.progress
@@ -87,9 +108,20 @@ def adaptive_run(
     choosing = Choosing(designed.request, source, config, table, times, counted_in(before), presses_in(before))
     choosing.refuse_too_short()
     with busy("checking every press that may be chosen …", as_json=as_json, size=len(table.presses)):
-        plan = approved(choosing, finger, folder)
-    opener = ChooserHere if virtual else ChooserProcess
-    return AdaptiveRun(script, designed, choosing, within_s, opener, before, plan)
+        return choosing, approved(choosing, finger, folder)
+
+
+def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> dict[str, Any]:
+    """Return how many presses an adaptive run may choose, their highest force and pressure, and its soft trip."""
+    from rig.design.designed import Designed
+
+    _, plan = _checked(Designed.of(script), "", config, finger, None, None, as_json=as_json)
+    return {
+        "presses": len(plan.indentations),
+        "peak_force_gwt": plan.peak_force_gwt,
+        "peak_pressure_kpa": 1000 * max(press.peak_pressure_mpa for press in plan.indentations),
+        "soft_trip_n": min(plan.soft_trip_n, config.limits.soft_trip_n),
+    }
 
 
 def source_of(text: str) -> str:

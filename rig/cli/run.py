@@ -13,7 +13,15 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
-from rig.cli.choosing import WITHIN_S, ChooseOption, CountWithinOption, adaptive_run, refuse_choose, source_of
+from rig.cli.choosing import (
+    WITHIN_S,
+    ChooseOption,
+    CountWithinOption,
+    adaptive_run,
+    possible_presses_as_json,
+    refuse_choose,
+    source_of,
+)
 from rig.cli.confirm import (
     Confirm,
     at_the_page,
@@ -86,6 +94,9 @@ def check_command(
     config: FingerConfigOption = None,
     finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
+    choose: Annotated[
+        bool, typer.Option("--choose", help="Also check every press that `rig run --choose` may choose.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
@@ -101,6 +112,8 @@ def check_command(
             plan = make_plan(script, settings, finger, told=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
+        if choose:
+            found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
@@ -139,8 +152,16 @@ def _tell(found: dict[str, Any]) -> None:
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
         f"{found['overshoot_gwt']:.3g} gwt",
         *(_ramp(step) for step in found["steps"] if "ramp_mm_s" in step),
+        *([_possible(found["possible"])] if "possible" in found else []),
     ):
         out.print(line)
+
+
+def _possible(found: dict[str, Any]) -> str:
+    return (
+        f"{found['presses']} presses may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
+    )
 
 
 def _ramp(step: dict[str, Any]) -> str:
