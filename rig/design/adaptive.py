@@ -26,6 +26,9 @@ NOTHING_BITS = 0.01
 """Information of the best press (bits) below which nothing more can be learned: a hundred such presses would make one
 bit, and the estimate is no more accurate."""
 
+CONFIRMED = 2
+"""Counts in a row after which one candidate must have 95 %, so that no single count ends a session."""
+
 DRAWS = 8192
 PARTICLES, MOST_PARTICLES = 8192, 2048
 """Fibers by which the information is estimated: in all, and for each candidate that is still probable."""
@@ -52,11 +55,16 @@ class End(NamedTuple):
 
 
 class AdaptiveState(NamedTuple):
-    """Presses made, in order and with or without a count; time since the session began (s); the mounted shape."""
+    """Where a session is.
+
+    Presses made, in order and with or without a count; time since the session began (s); the mounted shape; and the
+    last counts, without a gap, after which one candidate had `LEVEL` of the probability.
+    """
 
     made: tuple[int, ...]
     elapsed_s: float
     shape: str | None
+    sure: int = 0
 
 
 class Counted(NamedTuple):
@@ -156,16 +164,18 @@ class AdaptiveRule:
         """Return posterior and state after one more press."""
         shape = self.presses[counted.press].shape
         at_s = state.elapsed_s + self._change_s(state, shape)
+        sure = state.sure
         if counted.count is not None:
             tau = (at_s - 30 * self.minutes) / TEN_MINUTES_S
             posterior = posterior.updated(counted.press, np.array([float(counted.count)]), tau)
+            sure = sure + 1 if posterior.probabilities[0].max() >= LEVEL else 0
         ends_s = at_s + float(self.times.press_s[counted.press])
-        return posterior, AdaptiveState((*state.made, counted.press), ends_s, shape)
+        return posterior, AdaptiveState((*state.made, counted.press), ends_s, shape, sure)
 
     def chosen(self, posterior: CandidatePosterior, state: AdaptiveState) -> Choice | End:
         """Return the next press, or why there is none."""
         probability = posterior.probabilities[0]
-        if probability.max() >= LEVEL:
+        if state.sure >= CONFIRMED:
             return End("one_candidate")
         change_s = np.array([self._change_s(state, press.shape) for press in self.presses])
         press_s = self.times.press_s
@@ -179,7 +189,7 @@ class AdaptiveRule:
         bits = posterior.information_bits(particles, chance, self.bins)
         bits = np.where(fits, bits, -np.inf)
         if bits.max() < NOTHING_BITS:
-            return End("nothing_to_learn")
+            return End("one_candidate" if probability.max() >= LEVEL else "nothing_to_learn")
         # A press right after itself would start from the deepest trace of its own history.
         again = np.arange(len(bits)) == (state.made[-1] if state.made else -1)
         if (fits & ~again).any():

@@ -1,7 +1,7 @@
 """Expected confusion of candidates after a design, by simulation of whole experiments.
 
 Fibers of the experiments lie between the draws, drift with the order of the presses, and never fire below their
-threshold. Each candidate's evidence is a mean over draws; the effective number of these is reported.
+threshold. Each candidate's evidence is a mean over draws, which are refined where too few of them count.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,6 +16,7 @@ from scipy.special import logsumexp
 from rig.design.counts import TEN_MINUTES_S, CountModel, CountSums, draw_counts, no_counts, with_counts
 from rig.design.fibers import FiberDraws, draw_fibers, log_rates, relative_rates
 from rig.design.posterior import in_set
+from rig.design.refined import FEW, Refined, best_draws, refined_evidence
 from rig.design.response_table import ResponseTable
 
 Array = NDArray[np.float64]
@@ -26,6 +27,8 @@ LEFT_OVER = 2
 """Most candidates in the set of an experiment that succeeds."""
 
 _THREADS = 2
+
+_FAR = 15.0  # in log evidence, behind the best candidate: not refined, as it stays improbable
 
 SEPARATED = 0.8
 """Share of right choices between two candidates from which they count as separated."""
@@ -155,17 +158,33 @@ def expected_confusion(
     sums = [_experiments(mean, fibers.drift, dispersion, design, chance) for design in designs]
     known = draw_fibers(draws, table, model.unknowns, seed + 19)
     evidence = np.empty((len(designs), sets, len(candidates)))
-    effective = np.empty((len(designs), sets))
+    effective = np.empty_like(evidence)
+    best: list[dict[tuple[int, int], _Best]] = []
+    total = len(candidates) + len(designs)
 
-    def of_candidate(c: int) -> tuple[Array, Array]:
+    def of_candidate(c: int) -> tuple[Array, Array, dict[tuple[int, int], _Best]]:
         log_rate = log_rates(relative_rates(table, candidates[c], known))
-        return _evidence(model, sums, log_rate, known, truth == c)
+        return _evidence(model, sums, log_rate, known)
+
+    def refined(at: tuple[int, int, int]) -> Refined:
+        d, s, c = at
+        start = best[c][d, s]
+        return refined_evidence(
+            table, candidates[c], model, sums[d].one(s), known.z[start.draws], start.log_likelihood,
+            np.random.default_rng([seed, *at]),
+        )  # fmt: skip
 
     with ThreadPoolExecutor(_THREADS) as pool:  # the products of matrices hold no lock
-        for c, (found, counted) in enumerate(pool.map(of_candidate, range(len(candidates)))):
-            progress(c, len(candidates))
-            evidence[:, :, c] = found
-            effective[:, truth == c] = counted
+        for c, (found, counted, start) in enumerate(pool.map(of_candidate, range(len(candidates)))):
+            progress(c, total)
+            evidence[:, :, c], effective[:, :, c] = found, counted
+            best.append(start)
+        for d in range(len(designs)):
+            progress(len(candidates) + d, total)
+            near = evidence[d] > evidence[d].max(axis=1, keepdims=True) - _FAR
+            few = np.argwhere(near & (effective[d] < FEW)).tolist()
+            for (s, c), one in zip(few, pool.map(refined, [(d, s, c) for s, c in few]), strict=True):
+                evidence[d, s, c], effective[d, s, c] = one
     return [
         Confusion(
             design.name,
@@ -175,25 +194,36 @@ def expected_confusion(
             tuple(candidates),
             truth,
             evidence[d],
-            effective[d],
+            effective[d, np.arange(sets), truth],
         )
         for d, design in enumerate(designs)
     ]
 
 
+class _Best(NamedTuple):
+    """Numbers of the likeliest draws, and their log-likelihood."""
+
+    draws: Ints
+    log_likelihood: Floats
+
+
 def _evidence(
-    model: CountModel, sums: Sequence[CountSums], log_rate: Floats, known: FiberDraws, mine: NDArray[np.bool_]
-) -> tuple[Array, Array]:
-    """Return the log evidence (designs, s) of a candidate, and its effective draws (designs, those of `mine`)."""
-    evidence, effective = np.empty((len(sums), len(mine))), np.empty((len(sums), int(mine.sum())))
+    model: CountModel, sums: Sequence[CountSums], log_rate: Floats, known: FiberDraws
+) -> tuple[Array, Array, dict[tuple[int, int], _Best]]:
+    """Return (designs, s) log evidence of a candidate and effective draws, and the best ones where these are few."""
+    evidence = np.empty((len(sums), len(sums[0].scatter)))
+    effective = np.empty_like(evidence)
+    best: dict[tuple[int, int], _Best] = {}
     for d, one in enumerate(sums):
         likelihood = model.log_likelihood(one, log_rate, known)
         top = likelihood.max(axis=1)
-        likelihood -= top[:, None]
-        share = np.exp(likelihood, out=likelihood)
+        share = np.exp(likelihood - top[:, None])
         evidence[d] = top + np.log(share.mean(axis=1))
-        effective[d] = share[mine].sum(axis=1) ** 2 / (share[mine] ** 2).sum(axis=1)
-    return evidence, effective
+        effective[d] = share.sum(axis=1) ** 2 / (share**2).sum(axis=1)
+        for s in np.flatnonzero(effective[d] < FEW).tolist():
+            draws = best_draws(likelihood[s])
+            best[d, s] = _Best(draws, likelihood[s, draws])
+    return evidence, effective, best
 
 
 def _experiments(

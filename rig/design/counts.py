@@ -42,6 +42,11 @@ class CountSums(NamedTuple):
         """How often each press was made (presses,)."""
         return np.asarray(self.late.sum(axis=1))
 
+    def one(self, s: int) -> "CountSums":
+        """Return the sums of one data set."""
+        of_one = (values[[s]] for values in (self.by_press, self.scatter, self.fired, self.drifted))
+        return CountSums(*of_one, self.late, self.tau)
+
 
 def no_counts(sets: int, presses: int, minutes: float = 0.0) -> CountSums:
     """Return the sums before the first press of a session of so many minutes."""

@@ -18,7 +18,7 @@ from rig.design.confusion import Confusion, OrderedDesign, expected_confusion
 from rig.design.counts import CountModel
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
-from rig.design.order import blocks_of, carry_over, history, ordered
+from rig.design.order import blocks_of, carry_over, history, imbalance, ordered
 from rig.design.press_times import PressTimes, allowed, press_times
 from rig.design.presses import Kind, PossiblePress, possible_presses
 from rig.design.recorded_counts import SessionVerdict, read_counts, session_verdict
@@ -154,6 +154,11 @@ class Design:
     def dependence(self) -> float:
         """Largest |correlation| of a press with the one before, over the blocks."""
         return max(history(block, self.table.presses) for block in self.blocks)
+
+    @property
+    def imbalance(self) -> float:
+        """Largest difference of how often a depth follows another from independence, over the blocks."""
+        return max(imbalance(block, self.table.presses) for block in self.blocks)
 
 
 def design(

@@ -59,7 +59,7 @@ def quick_line(found: Design) -> str | None:
 
 def history_line(found: Design) -> str:
     """Return how presses depend on the one before, and how far relaxation carries over."""
-    rest = found.request.rest_s
+    rest, target = found.request.rest_s, {"doi_mm": "depth", "force_gwt": "force"}[found.request.kind]
     if found.carried_over is None:
         carries = (
             "The configured finger does not relax; set virtual.relaxation, or identify it, to see the carry-over."
@@ -67,8 +67,10 @@ def history_line(found: Design) -> str:
     else:
         carries = f"Relaxation lowers the force of the next press by {100 * found.carried_over:.1f} %."
     return (
-        "Of 300 random orders of each block, the script has the one in which depth and position depend least on the "
-        f"press before (|r| ≤ {found.dependence:.2f}). Washout: the approach and a rest of {rest:g} s. {carries}"
+        f"In each block, each {target} follows each as often as if they were independent, within "
+        f"{found.imbalance:.1f} presses, and positions depend little on the press before (|r| ≤ "
+        f"{found.dependence:.2f}). Not every press follows every other one. Washout: the approach and a rest of "
+        f"{rest:g} s. {carries}"
     )
 
 

@@ -6,11 +6,11 @@ candidate. All candidates share the draws, so that differences between them are 
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr, ndtri
 
 from rig.compare.place_grid import spline_weights
 from rig.compare.plausible_fingers import weights
@@ -27,7 +27,8 @@ SIGNED = frozenset({"e12", "e23", "e13"})
 FLOOR = 0.005
 """Rate at rest that a candidate allows for, relative to the strongest press, so that no spike is impossible."""
 
-_FINGERS = 32  # fingers among the draws
+_OF_FIBER = 6  # unknowns but those of the finger
+_AT_ONCE = 2048  # fibers in a product of matrices
 _LEVELS = 3  # values of an unknown dispersion
 
 
@@ -69,17 +70,17 @@ class Unknowns(NamedTuple):
 class FiberDraws:
     """Fibers (n,) without their gain.
 
-    `place` (n, nodes) and `finger` (fingers, of the design) are weights of the table; `of_finger` (n,) says which
-    finger, and `level` (n,) which dispersion.
+    `place` (n, nodes) and `finger` (n, fingers of the design) are weights of the table; `level` (n,) says which
+    dispersion. `z` (n, unknowns) has the same fibers as independent standard normal numbers.
     """
 
     threshold: Array
     place: Floats
     finger: Floats
-    of_finger: Ints
     drift: Array
     level: Ints
     sign: Array
+    z: Array
 
     def __len__(self) -> int:
         """Return the number of fibers."""
@@ -88,37 +89,40 @@ class FiberDraws:
 
 def draw_fibers(n: int, table: ResponseTable, unknowns: Unknowns, seed: int, *, evenly: bool = True) -> FiberDraws:
     """Return n fibers; `evenly` spread by a scrambled Sobol sequence, which integrates better, or independent."""
-    from scipy.stats import norm, qmc  # slow to import, and a help does not need it
+    from scipy.stats import qmc  # slow to import, and a help does not need it
 
     chance = np.random.default_rng(seed)
-    free = table.free
-    u = qmc.Sobol(6, seed=chance).random(n) if evenly else chance.random((n, 6))
-    fingers = n if not evenly else min(_FINGERS, n) if free else 1
-    finger = 2 * chance.random((fingers, free)) - 1
+    each = _OF_FIBER + table.free
+    u = qmc.Sobol(each, seed=chance).random(n) if evenly else chance.random((n, each))
+    return fibers_at(ndtri(np.clip(u, 1e-6, 1 - 1e-6)), table, unknowns)
+
+
+def fibers_at(z: Array, table: ResponseTable, unknowns: Unknowns) -> FiberDraws:
+    """Return the fibers at standard normal numbers (n, unknowns)."""
+    u = ndtr(z)
     x, below = (low + (high - low) * u[:, k] for k, (low, high) in enumerate((unknowns.x_mm, unknowns.below_mm), 1))
     place = spline_weights(table.below_mm, below)[:, :, None] * spline_weights(table.x_mm, x)[:, None, :]
     low, high = unknowns.threshold
     return FiberDraws(
         low + (high - low) * u[:, 0],
-        place.reshape(n, -1).astype(np.float32),
-        weights(finger).astype(np.float32),
-        chance.permutation(np.arange(n) % fingers),
-        unknowns.drift * norm.ppf(np.clip(u[:, 3], 1e-6, 1 - 1e-6)),
-        (u[:, 4] * len(unknowns.dispersions)).astype(np.int64),
+        place.reshape(len(z), -1).astype(np.float32),
+        weights(2 * u[:, _OF_FIBER:] - 1).astype(np.float32),
+        unknowns.drift * z[:, 3],
+        np.minimum(u[:, 4] * len(unknowns.dispersions), len(unknowns.dispersions) - 1).astype(np.int64),
         np.where(u[:, 5] < 0.5, -1.0, 1.0),
+        z,
     )
 
 
 def relative_rates(table: ResponseTable, candidate: str, draws: FiberDraws) -> Floats:
     """Return (n, presses) rates relative to that at the strongest press; zero below threshold."""
     values = table.values[:, :, CANDIDATES.index(candidate)]  # (fingers, presses, nodes)
+    of_both = values.transpose(0, 2, 1).reshape(-1, values.shape[1])
     eps = np.empty((len(draws), values.shape[1]), dtype=np.float32)
-    order = np.argsort(draws.of_finger, kind="stable")
-    ends = np.searchsorted(draws.of_finger[order], np.arange(len(draws.finger) + 1))
-    for number, (first, last) in enumerate(pairwise(ends.tolist())):
-        mine = order[first:last]
-        there = np.tensordot(draws.finger[number], values, 1)
-        eps[mine] = draws.place[mine] @ there.T
+    for first in range(0, len(draws), _AT_ONCE):
+        mine = slice(first, first + _AT_ONCE)
+        both = draws.finger[mine, :, None] * draws.place[mine, None, :]
+        eps[mine] = both.reshape(len(both), -1) @ of_both
     if candidate in SIGNED:
         eps *= draws.sign[:, None]
     top = eps.max(axis=1, keepdims=True)

@@ -34,10 +34,10 @@ class CandidatePosterior:
 
     @classmethod
     def before(
-        cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0
+        cls, model: CountModel, draws: FiberDraws, log_rate: Floats, minutes: float = 0.0, sets: int = 1
     ) -> "CandidatePosterior":
         """Return the state before the first press; with a session's minutes, the gain may drift."""
-        return cls(model, draws, log_rate, no_counts(1, log_rate.shape[2], minutes))
+        return cls(model, draws, log_rate, no_counts(sets, log_rate.shape[2], minutes))
 
     def updated(self, press: int, counts: Array, tau: float = 0.0) -> "CandidatePosterior":
         """Return the state after one more press, by its number, with its count at a time tau (ten minutes)."""

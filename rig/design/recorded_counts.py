@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, logsumexp
 
 from rig.compare.recordings.columns import no_rows, read_table
 from rig.design.counts import TEN_MINUTES_S, CountModel
@@ -14,6 +14,7 @@ from rig.design.fibers import FiberDraws, draw_fibers, log_rates, relative_rates
 from rig.design.posterior import CandidatePosterior, in_set
 from rig.design.press_times import PressTimes
 from rig.design.presses import PossiblePress
+from rig.design.refined import FEW, best_draws, effective_draws, refined_evidence
 from rig.design.response_table import ResponseTable
 from sim.contact.shapes import shape_name
 
@@ -94,7 +95,15 @@ def session_verdict(
     now = CandidatePosterior.before(model, known, log_rate, float(took_s.sum()) / 60)
     for k, one, at in zip(column.tolist(), counted, tau.tolist(), strict=True):
         now = now.updated(k, np.array([one.spikes]), at)
-    likelihood, probability = now.log_likelihood[:, 0], now.probabilities
+    likelihood, evidence = now.log_likelihood[:, 0], now.log_evidence
+    effective = np.array([effective_draws(one) for one in likelihood])
+    for c in np.flatnonzero(effective < FEW).tolist():
+        best = best_draws(likelihood[c])
+        evidence[0, c], effective[c] = refined_evidence(
+            table, candidates[c], model, now.sums, known.z[best], likelihood[c, best],
+            np.random.default_rng([seed, c]), used,
+        )  # fmt: skip
+    probability = np.exp(evidence - logsumexp(evidence, axis=1, keepdims=True))
     inside = in_set(probability)[0]
     count = np.array([one.spikes for one in counted])
     rows = [
@@ -106,12 +115,10 @@ def session_verdict(
         )
         for c, name in enumerate(candidates)
     ]
-    best = likelihood[int(probability[0].argmax())]
-    share = np.exp(best - best.max())
     return SessionVerdict(
         tuple(sorted(rows, key=lambda row: -row.probability)),
         len(counted),
-        float(share.sum() ** 2 / (share**2).sum()),
+        float(effective[probability[0].argmax()]),
     )
 
 

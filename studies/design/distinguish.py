@@ -1,15 +1,18 @@
-"""Failures of a designed session beside those of usual ones, and expected confusion beside fresh experiments.
+"""Failures of designed and adaptive sessions beside those of usual ones, and expected beside fresh confusion.
 
 Six contrasting candidates on plausible fingers; gain, threshold, receptor and drift are unknown, dispersion 1.5.
 """
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.compare.plausible_fingers import read_plausible
 from rig.design.confusion import Confusion, OrderedDesign, expected_confusion, share_and_error
@@ -21,13 +24,22 @@ from rig.design.posterior import CandidatePosterior
 from rig.design.usual_designs import SOURCE, everything, usual_designs
 from rig.plan.config import load_config
 from sim.models.fingertip import Fingertip
+from studies.design.adaptive_sessions import Session, simulated
 
 SIX = ("ep1", "sed", "e12", "s22", "e11", "mean")
 MINUTES = 10.0
-EACH, FRESH, QUICK_SEEDS = 40, 200, 3
+HALF = 5.0
+EACH, FRESH_EACH, QUICK_SEEDS = 40, 200, 3
+WHY = {
+    "one_candidate": "one candidate had 95 %",
+    "nothing_to_learn": "nothing more could be learned",
+    "no_time": "no time was left",
+}
 FINGERS = Path(__file__).parents[2] / "examples" / "plausible_fingers" / "fingers.toml"
 
 T = TypeVar("T")
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
 
 
 def main() -> None:
@@ -42,15 +54,26 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     outcomes = _again(found, seed + 100)
     for one in outcomes:
-        shares = (share_and_error(flags) for flags in (one.failed, one.kept, one.right))
-        cells = " | ".join(f"{100 * share:.1f} ± {100 * error:.1f}" for share, error in shares)
-        print(f"| {one.name} | {one.minutes:g} | {one.presses} | {cells} |")
+        print(f"| {one.name} | {one.minutes:g} | {one.presses} | {_shares(one.failed, one.kept, one.right)} |")
+    sessions = _adaptive(found, seed + 100)
+    mean = np.mean([one.presses for one in sessions])
+    print(f"| adaptive | {HALF:g} | {mean:.1f} | {_shares(*_outcome(sessions))} |")
+    print()
+    print("| ended because | sessions | mean minutes | mean presses | failures (%) | truth in the set (%) |")
+    print("|---|---|---|---|---|---|")
+    for reason, why in WHY.items():
+        some = [one for one in sessions if one.ended == reason]
+        if some:
+            failed, kept, _ = _outcome(some)
+            took, made = np.mean([(one.minutes, one.presses) for one in some], axis=0)
+            print(f"| {why} | {len(some)} | {took:.1f} | {made:.1f} | {_shares(failed, kept)} |")
     print()
     print("| design | cells | beyond the error + 5 points | largest difference (points) |")
     print("|---|---|---|---|")
     for name in (DESIGNED, SOURCE):
-        expected = found.at(name, MINUTES)
-        fresh = _fresh(found, _order(found, name), seed + 200)
+        made = _order(found, name)
+        (expected,) = expected_confusion(found.table, SIX, _model(found), [made], FRESH_EACH, 16384, seed)
+        fresh = _fresh(found, made, seed + 200)
         apart = np.abs(fresh - expected.matrix)
         allowed = np.hypot(expected.error, _error(fresh)) + 0.05
         print(f"| {name} | {apart.size} | {(apart > allowed).sum()} | {100 * apart.max():.1f} |")
@@ -87,33 +110,49 @@ def _again(found: Design, seed: int) -> list[Confusion]:
     return expected_confusion(found.table, SIX, _model(found), designs, EACH, 16384, seed)
 
 
-def _fresh(found: Design, made: OrderedDesign, seed: int) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
+def _adaptive(found: Design, seed: int) -> list[Session]:
+    """Return adaptive sessions of half the time, in two processes."""
+    numbers = np.array_split(np.arange(EACH * len(SIX)), 2)
+    sessions = partial(simulated, found.table, found.times, _model(found), SIX, HALF, EACH * len(SIX), seed)
+    with ProcessPoolExecutor(2) as pool:
+        return [one for some in pool.map(sessions, numbers) for one in some]
+
+
+def _outcome(sessions: Sequence[Session]) -> list[Flags]:
+    return [np.array([getattr(one, name) for one in sessions]) for name in ("failed", "kept", "right")]
+
+
+def _shares(*flags: Flags) -> str:
+    shares = map(share_and_error, flags)
+    return " | ".join(f"{100 * share:.1f} ± {100 * error:.1f}" for share, error in shares)
+
+
+def _fresh(found: Design, made: OrderedDesign, seed: int) -> Array:
     """Return the confusion of experiments whose counts are taken press by press, with draws of their own."""
     model, table = _model(found), found.table
-    fibers = draw_fibers(FRESH, table, model.unknowns, seed, evenly=False)
-    truth = np.arange(FRESH) % len(SIX)
-    rates = np.stack([relative_rates(table, name, fibers) for name in SIX])[truth, np.arange(FRESH)]
+    sets = FRESH_EACH * len(SIX)
+    fibers = draw_fibers(sets, table, model.unknowns, seed, evenly=False)
+    truth = np.arange(sets) % len(SIX)
+    rates = np.stack([relative_rates(table, name, fibers) for name in SIX])[truth, np.arange(sets)]
     chance = np.random.default_rng(seed + 1)
-    mean = model.window_s * model.draw_gains(FRESH, chance)[:, None] * rates
+    mean = model.window_s * model.draw_gains(sets, chance)[:, None] * rates
+    phi = model.unknowns.dispersions[fibers.level]
     used = np.unique(made.order)
     known = draw_fibers(8192, table, model.unknowns, seed + 2)
     log_rate = np.stack([log_rates(relative_rates(table, name, known)[:, used]) for name in SIX])
     chosen = np.zeros((len(SIX), len(SIX)))
-    for s in range(FRESH):
-        now = CandidatePosterior.before(model, known, log_rate, MINUTES)
+    for some in np.array_split(np.arange(sets), len(SIX)):
+        now = CandidatePosterior.before(model, known, log_rate, MINUTES, len(some))
         for k, at_s in zip(made.order, made.time_s, strict=True):
             tau = float((at_s - 30 * MINUTES) / TEN_MINUTES_S)
-            phi = model.unknowns.dispersions[fibers.level[s]]
-            count = draw_counts(mean[s, [k]] * np.exp(fibers.drift[s] * tau), phi, chance)
+            count = draw_counts(mean[some, k] * np.exp(fibers.drift[some] * tau), phi[some], chance)
             now = now.updated(int(np.searchsorted(used, k)), count, tau)
-        chosen[truth[s], int(now.probabilities[0].argmax())] += 1
+        np.add.at(chosen, (truth[some], now.probabilities.argmax(axis=1)), 1)
     return chosen / chosen.sum(axis=1, keepdims=True)
 
 
-def _error(
-    share: "np.ndarray[tuple[int, int], np.dtype[np.float64]]",
-) -> "np.ndarray[tuple[int, int], np.dtype[np.float64]]":
-    n = FRESH / len(SIX)
+def _error(share: Array) -> Array:
+    n = FRESH_EACH
     near = (share * n + 1) / (n + 2)
     return np.sqrt(near * (1 - near) / n)
 

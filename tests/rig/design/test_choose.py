@@ -11,7 +11,7 @@ from rig.design.confusion import Confusion, expected_confusion, share_and_error
 from rig.design.counts import CountModel
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns, draw_fibers, relative_rates
-from rig.design.order import blocks_of, carry_over, history, ordered
+from rig.design.order import blocks_of, carry_over, history, imbalance, ordered
 from rig.design.posterior import CandidatePosterior
 from rig.design.power import power_rows
 from rig.design.press_times import PressTimes
@@ -84,6 +84,30 @@ def test_order_depends_little_on_the_press_before(table: ResponseTable) -> None:
     (block,) = blocks_of(repeats, table.presses, ("bar:1.5",), 1)
     assert Counter(block.tolist()) == Counter(np.flatnonzero(repeats).tolist())
     assert history(block, table.presses) < 0.15 < history(np.sort(block), table.presses)
+
+
+@pytest.mark.parametrize(
+    "made", [(4, 4, 4), (9, 9, 9), (5, 1, 1), (1, 1, 1), (12, 3, 7), (2, 9, 0), (6, 0, 0), (1, 0, 0)]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_depths_are_counterbalanced(table: ResponseTable, made: tuple[int, ...], seed: int) -> None:
+    """Each depth follows each as often as if independent, within one press; exactly so where it can be."""
+    depths = (0.25, 0.5, 1.0)
+    repeats = np.zeros(len(table.presses), dtype=np.int64)
+    chance = np.random.default_rng(seed)
+    mine = {d: [k for k, p in enumerate(table.presses) if (p.shape, p.target) == ("bar:3.0", d)] for d in depths}
+    for depth, times_made in zip(depths, made, strict=True):
+        np.add.at(repeats, chance.choice(mine[depth], times_made), 1)
+    (block,) = blocks_of(repeats, table.presses, ("bar:1.5", "bar:3.0"), seed)
+    assert Counter(block.tolist()) == Counter(np.repeat(np.arange(len(repeats)), repeats).tolist())
+    assert imbalance(block, table.presses) <= 1 + 1e-9
+    follows = Counter(pairwise(table.presses[k].target for k in block))
+    if len({*made}) == 1 and made[0] % 3 == 0:
+        (one,) = [pair for pair, n in follows.items() if n != made[0] // 3] or [None]
+        assert one is None or follows[one] == made[0] // 3 - 1  # where the circle is cut
+    if min(made) > 2:
+        by_depth = np.array(sorted(block, key=lambda k: table.presses[k].target))
+        assert imbalance(by_depth, table.presses) > 1
 
 
 def test_carry_over_of_a_prony_series() -> None:

@@ -10,6 +10,7 @@ from rig.design import design as designs
 from rig.design.response_table import ResponseTable
 from sim.models.fingertip import Fingertip
 from tests.program import Program
+from tests.rig.identify.finger_file import SERIES, identified_file
 
 REQUEST = ("--candidates", "ep1,sed,e22", "--shapes", "bar:1.5,bar:3.0", "--depths-mm", "0.25,0.5,1", "--quick")
 
@@ -48,6 +49,37 @@ def test_a_script_that_checks_and_rehearses(here: Path, program: Program) -> Non
     assert judged["presses"] == len(found["presses"])
     run = read_run(Path(ended.json["run"]))
     assert len(list(run.stream("indentation_end"))) == len(found["presses"])
+
+
+def test_an_identified_finger(here: Path, program: Program) -> None:
+    """It relaxes, so presses carry over; the script is checked within its bands."""
+    Path("finger.toml").write_text(identified_file(relaxation=SERIES).as_toml(), encoding="utf-8")
+    finger = ("--finger", "finger.toml")
+    made = program("design", *REQUEST, "--minutes", "2", *finger, "--json")
+    assert made.code == 0, made.err
+    found = made.json
+    assert 0.001 < found["carried_over"] < 0.2
+    checked = program("check", "designed.py", *finger, "--json").json
+    assert [(s["indentor"], s["x_mm"], s["value"]) for s in checked["steps"]] == [
+        (p["shape"], p["x_mm"], p["value"]) for p in found["presses"]
+    ]
+    assert all(low < high for low, high in (step["force_band_gwt"] for step in checked["steps"]))
+
+
+def test_a_band_beyond_the_limits(here: Path, program: Program) -> None:
+    """Presses are chosen without bands; the planner refuses the script, and nothing is written."""
+    Path("finger.toml").write_text(identified_file(spread=0.3).as_toml(), encoding="utf-8")
+    found = program("design", *REQUEST, "--minutes", "2", "--json").json
+    steps = program("check", "designed.py", "--finger", "finger.toml", "--json").json["steps"]
+    Path("designed.py").unlink()
+    strongest = max(step["force_gwt"] for step in steps)
+    assert len(steps) == len(found["presses"])
+    assert strongest < max(step["force_band_gwt"][1] for step in steps)
+    Path("gentle.toml").write_text(f"[limits]\nmax_force_gwt = {1.02 * strongest}\n", encoding="utf-8")
+    ended = program("design", *REQUEST, "--minutes", "2", "--finger", "finger.toml", "--config", "gentle.toml", "--json")
+    assert ended.code == 2
+    assert ended.json["code"] == "beyond_limit"
+    assert not Path("designed.py").exists()
 
 
 @pytest.mark.parametrize(

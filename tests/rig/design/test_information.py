@@ -16,7 +16,7 @@ def a_fiber(n: int = 1, drift: float = 0.0) -> FiberDraws:
     zero = np.zeros(n)
     number = np.zeros(n, dtype=np.int64)
     place = np.ones((n, 1), dtype=np.float32)
-    return FiberDraws(zero, place, np.ones((1, 1), dtype=np.float32), number, zero + drift, number, zero + 1)
+    return FiberDraws(zero, place, place, zero + drift, number, zero + 1, np.zeros((n, 6)))
 
 
 def entropy(p: np.ndarray) -> float:
