@@ -48,7 +48,7 @@ STREAMS = {
     "rest": {"rest_s": "s"},
     "choice": {
         "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "reason": "", "count": "",
-        "probabilities": "", "information_bits": "bit", "possible": "", "chosen_in_s": "s",
+        "probabilities": "", "information_bits": "", "possible": "", "chosen_in_s": "s",
     },
     "checkpoint": {"name": ""},
     "note": {"text": ""},

@@ -1,6 +1,7 @@
 """A source of counts from the text of `--choose`."""
 
 import importlib
+import sys
 from pathlib import Path
 from typing import NamedTuple
 
@@ -69,6 +70,8 @@ def opened(text: str, config: Config, table: ResponseTable, model: CountModel) -
 
         return lsl_stream.opened(text.removeprefix(LSL))
     module, _, function = text.partition(":")
+    if (here := str(Path.cwd())) not in sys.path:
+        sys.path.append(here)
     try:
         source: CountSource = getattr(importlib.import_module(module), function)()
     except CountError:
