@@ -52,7 +52,7 @@ def verdict_of(run: Run) -> ChoiceVerdict | None:
     last = choices[-1]
     ranked = dict(sorted(probabilities_of(last).items(), key=lambda one: -one[1]))
     truth = (run.start.get("choose") or {}).get("truth") or {}
-    planned = [int(one["index"]) for one in choices if one["reason"] == BY_PLAN]
+    planned = [int(one["index"]) for one in choices if one["reason"] in (BY_PLAN, PLAN_DONE)]
     return ChoiceVerdict(
         ranked,
         smallest_set(ranked),

@@ -37,7 +37,7 @@ REQUEST = DesignRequest(
 
 def _script() -> str:
     presses = possible_presses(REQUEST.shapes, REQUEST.kind, REQUEST.targets)
-    return script_text([np.array([10, 12])], presses, "About.", "rig design", 0.2, 0.1, as_block(REQUEST, None))
+    return script_text([np.array([10, 12, 8])], presses, "About.", "rig design", 0.2, 0.1, as_block(REQUEST, None))
 
 
 class Lab:
