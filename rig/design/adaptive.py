@@ -39,7 +39,7 @@ ChoiceReason = Literal["first", "same_shape", "new_shape"]
 EndReason = Literal["one_candidate", "nothing_to_learn", "no_time"]
 
 
-class Choice(NamedTuple):
+class PressChoice(NamedTuple):
     """Next press by its number, why, what it is expected to tell (bits), and its time with a change of shape (s)."""
 
     press: int
@@ -67,11 +67,14 @@ class AdaptiveState(NamedTuple):
     sure: int = 0
 
 
-class Counted(NamedTuple):
-    """A press by its number, and its count; None if no count arrived."""
+class SpikeCount(NamedTuple):
+    """A press by its number, and its count of spikes; None if no count arrived."""
 
     press: int
-    count: float | None
+    spikes: float | None
+
+
+Choice, Counted = PressChoice, SpikeCount
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,9 +100,9 @@ class AdaptiveRule:
     ::
 
         posterior, state = rule.replayed([])
-        while isinstance(choice := rule.chosen(posterior, state), Choice):
+        while isinstance(choice := rule.chosen(posterior, state), PressChoice):
             count = ...  # press rule.presses[choice.press]
-            posterior, state = rule.updated(posterior, state, Counted(choice.press, count))
+            posterior, state = rule.updated(posterior, state, SpikeCount(choice.press, count))
     """
 
     candidates: tuple[str, ...]
@@ -147,7 +150,7 @@ class AdaptiveRule:
         return cls(tuple(candidates), table.presses, times, minutes, prior, count_bins(model), particles, seed)
 
     def replayed(
-        self, counted: Iterable[Counted], shape: str | None = None
+        self, counted: Iterable[SpikeCount], shape: str | None = None
     ) -> tuple[CandidatePosterior, AdaptiveState]:
         """Return posterior and state after these counts, in the order in which they were taken.
 
@@ -159,20 +162,20 @@ class AdaptiveRule:
         return posterior, state
 
     def updated(
-        self, posterior: CandidatePosterior, state: AdaptiveState, counted: Counted
+        self, posterior: CandidatePosterior, state: AdaptiveState, counted: SpikeCount
     ) -> tuple[CandidatePosterior, AdaptiveState]:
         """Return posterior and state after one more press."""
         shape = self.presses[counted.press].shape
         at_s = state.elapsed_s + self._change_s(state, shape)
         sure = state.sure
-        if counted.count is not None:
+        if counted.spikes is not None:
             tau = (at_s - 30 * self.minutes) / TEN_MINUTES_S
-            posterior = posterior.updated(counted.press, np.array([float(counted.count)]), tau)
+            posterior = posterior.updated(counted.press, np.array([float(counted.spikes)]), tau)
             sure = sure + 1 if posterior.probabilities[0].max() >= LEVEL else 0
         ends_s = at_s + float(self.times.press_s[counted.press])
         return posterior, AdaptiveState((*state.made, counted.press), ends_s, shape, sure)
 
-    def chosen(self, posterior: CandidatePosterior, state: AdaptiveState) -> Choice | End:
+    def chosen(self, posterior: CandidatePosterior, state: AdaptiveState) -> PressChoice | End:
         """Return the next press, or why there is none."""
         probability = posterior.probabilities[0]
         if state.sure >= CONFIRMED:
@@ -194,12 +197,14 @@ class AdaptiveRule:
         again = np.arange(len(bits)) == (state.made[-1] if state.made else -1)
         if (fits & ~again).any():
             bits = np.where(again, -np.inf, bits)
-        # A change of shape is shared by the presses that still fit after it.
-        after = np.maximum(np.floor((left_s - change_s) / press_s), 1.0)
+        # A change of shape is shared by the presses that still fit after it, and have something left to tell.
+        unknown_bits = -float((probability * np.log2(np.maximum(probability, 1e-12))).sum())
+        after = np.minimum((left_s - change_s) / press_s, unknown_bits / np.maximum(bits, NOTHING_BITS))
+        after = np.maximum(np.floor(after), 1.0)
         best = int(np.argmax(bits / (press_s + change_s / after)))
         shape = self.presses[best].shape
         reason: ChoiceReason = "first" if not state.made else "same_shape" if shape == state.shape else "new_shape"
-        return Choice(best, reason, float(bits[best]), float(change_s[best] + press_s[best]))
+        return PressChoice(best, reason, float(bits[best]), float(change_s[best] + press_s[best]))
 
     def _change_s(self, state: AdaptiveState, shape: str) -> float:
         return self.times.change_s if state.shape not in (None, shape) else 0.0

@@ -44,8 +44,12 @@ class CountSums(NamedTuple):
 
     def one(self, s: int) -> "CountSums":
         """Return the sums of one data set."""
-        of_one = (values[[s]] for values in (self.by_press, self.scatter, self.fired, self.drifted))
-        return CountSums(*of_one, self.late, self.tau)
+        return self._replace(
+            by_press=self.by_press[[s]],
+            scatter=self.scatter[[s]],
+            fired=self.fired[[s]],
+            drifted=self.drifted[[s]],
+        )
 
 
 def no_counts(sets: int, presses: int, minutes: float = 0.0) -> CountSums:

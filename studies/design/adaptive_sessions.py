@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from rig.design.adaptive import AdaptiveRule, Choice, Counted
+from rig.design.adaptive import AdaptiveRule, PressChoice, SpikeCount
 from rig.design.confusion import LEFT_OVER
 from rig.design.counts import TEN_MINUTES_S, CountModel, draw_counts
 from rig.design.fibers import draw_fibers, relative_rates
@@ -73,9 +73,9 @@ def _session(
 ) -> Session:
     chance = np.random.default_rng(seed)
     posterior, state = rule.replayed([])
-    while isinstance(choice := rule.chosen(posterior, state), Choice):
+    while isinstance(choice := rule.chosen(posterior, state), PressChoice):
         at_s = state.elapsed_s + choice.seconds - float(rule.times.press_s[choice.press])
         tau = (at_s - 30 * rule.minutes) / TEN_MINUTES_S
         count = draw_counts(mean[[choice.press]] * np.exp(drift * tau), dispersion, chance)[0]
-        posterior, state = rule.updated(posterior, state, Counted(choice.press, float(count)))
+        posterior, state = rule.updated(posterior, state, SpikeCount(choice.press, float(count)))
     return Session(truth, posterior.probabilities[0], len(state.made), choice.reason, state.elapsed_s / 60)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig.design.adaptive import AdaptiveRule, AdaptiveState, Choice, Counted, End
+from rig.design.adaptive import AdaptiveRule, AdaptiveState, End, PressChoice, SpikeCount
 from rig.design.counts import CountModel
 from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
@@ -22,16 +22,16 @@ def a_rule(
     return AdaptiveRule.of(table, candidates, MODEL, times, minutes, draws=1024)
 
 
-def run(rule: AdaptiveRule, truth: int, shape: str | None = None) -> tuple[list[Counted], AdaptiveState, End]:
+def run(rule: AdaptiveRule, truth: int, shape: str | None = None) -> tuple[list[SpikeCount], AdaptiveState, End]:
     """Counts of a fiber among the draws, rounded means, until the rule ends."""
     posterior, state = rule.replayed([], shape)
-    counted: list[Counted] = []
-    while isinstance(choice := rule.chosen(posterior, state), Choice):
+    counted: list[SpikeCount] = []
+    while isinstance(choice := rule.chosen(posterior, state), PressChoice):
         assert choice.seconds == pytest.approx(
             10.0 + (60.0 if state.shape not in (None, rule.presses[choice.press].shape) else 0.0)
         )
         mean = 25 * np.exp(rule.prior.log_rate[truth, 7, choice.press])
-        counted.append(Counted(choice.press, float(mean.round())))
+        counted.append(SpikeCount(choice.press, float(mean.round())))
         posterior, state = rule.updated(posterior, state, counted[-1])
     return counted, state, choice
 
@@ -49,7 +49,7 @@ def test_a_resumed_run_repeats_posterior_and_choice(table: ResponseTable, times:
     """Bit for bit, after every press, and with another rule of the same seed."""
     rule, again = a_rule(table, times), a_rule(table, times)
     counted, _, _ = run(rule, 1, "bar:3.0")
-    counted[1] = Counted(counted[1].press, None)  # its count did not arrive
+    counted[1] = SpikeCount(counted[1].press, None)  # its count did not arrive
     now = rule.replayed([], "bar:3.0")
     for n, one in enumerate(counted):
         now = rule.updated(*now, one)
@@ -74,8 +74,8 @@ def test_never_beyond_the_minutes(table: ResponseTable, times: PressTimes) -> No
     """Although no candidate wins."""
     rule = a_rule(table, times, 2.0)
     posterior, state = rule.replayed([], "bar:1.5")
-    while isinstance(choice := rule.chosen(posterior, state), Choice):
-        posterior, state = rule.updated(posterior, state, Counted(choice.press, None))
+    while isinstance(choice := rule.chosen(posterior, state), PressChoice):
+        posterior, state = rule.updated(posterior, state, SpikeCount(choice.press, None))
     assert choice == End("no_time")
     assert 110 < state.elapsed_s <= 120
     assert {rule.presses[k].shape for k in state.made} == {"bar:1.5"}
@@ -85,9 +85,9 @@ def test_no_press_follows_itself(table: ResponseTable, times: PressTimes) -> Non
     rule = a_rule(table, times)
     posterior, state = rule.replayed([], "bar:1.5")
     first = rule.chosen(posterior, state)
-    assert isinstance(first, Choice)
+    assert isinstance(first, PressChoice)
     second = rule.chosen(posterior, replace_made(state, first.press))
-    assert isinstance(second, Choice)
+    assert isinstance(second, PressChoice)
     assert second.press != first.press
 
 
@@ -100,12 +100,12 @@ def test_a_free_change_is_made_and_a_dear_one_is_not(table: ResponseTable, times
     rule = a_rule(table, times, 3.0)
     start = rule.replayed([])
     free = rule.chosen(*start)
-    assert isinstance(free, Choice)
+    assert isinstance(free, PressChoice)
     (other,) = {press.shape for press in rule.presses} - {rule.presses[free.press].shape}
     changed = {}
     for change_s in (0.0, 100.0):
         dear = replace(rule, times=times._replace(change_s=change_s))
         choice = dear.chosen(*dear.replayed([], other))
-        assert isinstance(choice, Choice)
+        assert isinstance(choice, PressChoice)
         changed[change_s] = dear.presses[choice.press].shape != other
     assert changed == {0.0: True, 100.0: False}
