@@ -34,7 +34,9 @@ ChooseOption = Annotated[
 WITHIN_S = 30.0
 CountWithinOption = Annotated[
     float,
-    typer.Option(metavar="S", help="Longest wait for a count, in s; then the planned presses follow.", rich_help_panel=_PANEL),
+    typer.Option(
+        metavar="S", help="Longest wait for a count, in s; then the planned presses follow.", rich_help_panel=_PANEL
+    ),
 ]
 _MOST_WITHIN_S = 3600.0
 

@@ -16,7 +16,7 @@ from rig.clock import WallClock
 from rig.data import Run
 from rig.data.choices import BY_PLAN, PLAN_DONE, probabilities_of
 from rig.data.run_state import UNTIL_CHOSEN, Course
-from rig.design.adaptive import Counted
+from rig.design.adaptive import SpikeCount
 from rig.design.chooser import Chooser, ChooserLostError, Choosing, Decision, probabilities_as_text
 from rig.design.designed import Designed
 from rig.design.press_times import in_memory
@@ -313,11 +313,11 @@ def approved(choosing: Choosing, finger: Finger, folder: Path | None = None) -> 
     return make_plan(in_memory(run), choosing.config, finger, None, folder, known=dict(choosing.table.predictions))
 
 
-def counted_in(run: Run | None) -> tuple[Counted, ...]:
+def counted_in(run: Run | None) -> tuple[SpikeCount, ...]:
     """Return the presses of a journal whose count was taken in, with it, in order."""
     choices = [] if run is None else run.stream("choice")
     return tuple(
-        Counted(int(press["possible"]), None if after["count"] is None else float(after["count"]))
+        SpikeCount(int(press["possible"]), None if after["count"] is None else float(after["count"]))
         for press, after in pairwise(choices)
     )
 

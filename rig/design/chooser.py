@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, Protocol
 from threadpoolctl import threadpool_limits
 
 from rig.clock import WallClock
-from rig.design.adaptive import AdaptiveRule, Choice, Counted
+from rig.design.adaptive import AdaptiveRule, PressChoice, SpikeCount
 from rig.design.counts import TEN_MINUTES_S, CountModel
 from rig.design.counts_from.opened import opened
 from rig.design.counts_from.source import AcceptedCounts
@@ -59,7 +59,7 @@ class Choosing:
     config: Config
     table: ResponseTable
     times: PressTimes
-    history: tuple[Counted, ...] = ()
+    history: tuple[SpikeCount, ...] = ()
     made: int = 0  # presses in the journal of a stopped run; the count of the last one may still be missing
 
     @property
@@ -108,7 +108,7 @@ class ChooserHere:
             self._posterior, self._state = self._rule.replayed(what.history)
         self._minutes, self._table = what.request.minutes, what.table
         self._source = opened(what.source, what.config, what.table, what.model)
-        self._counts = AcceptedCounts(self._source, [_as_int(one.count) for one in what.history])
+        self._counts = AcceptedCounts(self._source, [_as_int(one.spikes) for one in what.history])
         self._counts.look(what.made)
         self.truth = self._source.truth()
         self._press: int | None = None
@@ -137,11 +137,11 @@ class ChooserHere:
         with threadpool_limits(1):
             if self._press is not None:
                 count = self._counts.count(len(self._state.made))
-                counted = Counted(self._press, count)
+                counted = SpikeCount(self._press, count)
                 self._posterior, self._state = self._rule.updated(self._posterior, self._state, counted)
             found = self._rule.chosen(self._posterior, self._state)
             probabilities = tuple(float(p) for p in self._posterior.probabilities[0])
-        possible, bits = (found.press, found.information_bits) if isinstance(found, Choice) else (None, None)
+        possible, bits = (found.press, found.information_bits) if isinstance(found, PressChoice) else (None, None)
         took_s = self._clock.monotonic_s() - began_s
         return Decision(count, possible, found.reason, bits, probabilities, took_s)
 

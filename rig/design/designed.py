@@ -64,8 +64,8 @@ class Designed:
         """
         if script.design is None:
             raise DesignError(
-                "--choose: {path} has no DESIGN; write a script with `rig design`",
-                code="no_design", path=str(script.path),
+                "--choose: {file} has no DESIGN; write a script with `rig design`",
+                code="no_design", file=script.path.name,
             )  # fmt: skip
         try:
             block = _Block.model_validate(script.design["DESIGN"])

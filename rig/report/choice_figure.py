@@ -61,12 +61,15 @@ def choice_figures(run: Run) -> list[PageFigure]:
         "Probability of each candidate against the number of counts. "
         f"Dotted: {100 * LEVEL:g} %, at which the presses end.{truth}{others}{plan} Data: choice.csv."
     )
-    return [
-        PageFigure("Probabilities", Plot((9.6, 4.2), lambda figure: _probabilities(figure, run, verdict)), caption)
-    ]
+    return [PageFigure("Probabilities", probabilities(run, verdict), caption)]
 
 
-def _probabilities(figure: Figure, run: Run, verdict: ChoiceVerdict) -> None:
+def probabilities(run: Run, verdict: ChoiceVerdict) -> Plot:
+    """Plot the probability of each candidate against the number of counts."""
+    return Plot((9.6, 4.2), lambda figure: _draw(figure, run, verdict))
+
+
+def _draw(figure: Figure, run: Run, verdict: ChoiceVerdict) -> None:
     axes = figure.subplots()
     counted = [one for one in run.stream("choice") if one["reason"] != BY_PLAN]
     found = [probabilities_of(one) for one in counted]
