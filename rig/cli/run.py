@@ -299,6 +299,19 @@ def run_command(
     leave(done)
 
 
+def _choice_of(stopped: StoppedRun) -> tuple[str | None, float]:
+    """Return the source of the counts of a stopped run, and how long it waits for one; no source for another run."""
+    if stopped.choose is None:
+        return None, WITHIN_S
+    source, within_s = stopped.choose.get("source"), stopped.choose.get("within_s")
+    if not isinstance(source, str) or not isinstance(within_s, int | float):
+        raise BadInputError(
+            "run folder {path}: its provenance does not say where the counts come from; start a new run",
+            code="bad_provenance", path=str(stopped.folder.path),
+        )  # fmt: skip
+    return source, float(within_s)
+
+
 @contextmanager
 def _adaptive(
     script: Script,
@@ -391,11 +404,8 @@ def resume_command(
                 leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
             with ExitStack() as opened:
                 finger = None if stage is None else opened.enter_context(FingerProcess(stopped.config.finger))
-                choice = (
-                    (None, 0.0) if stopped.choose is None else (stopped.choose["source"], stopped.choose["within_s"])
-                )
                 adaptive = opened.enter_context(
-                    _adaptive(stopped.script, *choice, stopped.config, finger, stopped, as_json=as_json)
+                    _adaptive(stopped.script, *_choice_of(stopped), stopped.config, finger, stopped, as_json=as_json)
                 )
                 confirm = _checked(stopped, owner, yes=yes)
                 done = carry_out(

@@ -686,7 +686,7 @@ def _chosen(world: World, figure: Figure) -> Shown:
         yield line, (range(3), [json.loads(event["probabilities"])[measure] for event in events])
     yield len(_lines(axes, marker="o", colour=GREY)), 2
     yield [text.get_text() for text in axes.get_legend().get_texts()], [label(name) for name in _LIKELY[:5]]
-    (dashed,) = (line.get_label() for line in axes.lines if line.get_linestyle() == "--")
+    (dashed,) = (line.get_label() for line in axes.lines if _is(line, marker="o", ls="--"))
     yield dashed == label("ep1"), True
 
 
