@@ -200,7 +200,7 @@ class ProbableCandidateJson(Output):
     in_set: bool
 
 
-class ChoiceJson(Output):
+class AdaptiveVerdictJson(Output):
     """The verdict of an adaptive run; `truth` is that of a virtual nerve, `planned_from` where counts stopped."""
 
     candidates: list[ProbableCandidateJson]
@@ -218,7 +218,7 @@ class FinishedRunJson(Output):
     duration_s: float
     wall_s: float
     report: File | None
-    choice: NotRequired[ChoiceJson]
+    choice: NotRequired[AdaptiveVerdictJson]
     missing: NotRequired[int]
     repeated: NotRequired[int]
     restarted: NotRequired[int]
@@ -468,7 +468,7 @@ class ShowJson(Output):
     done: int
     ending: EndingJson | None
     presses: list[PressesJson]
-    choice: NotRequired[ChoiceJson]
+    choice: NotRequired[AdaptiveVerdictJson]
     limits: dict[Key, Setting]
     """Table [limits] of the configuration, and the soft trip of the plan."""
     devices: RunDevicesJson

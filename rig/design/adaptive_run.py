@@ -105,7 +105,7 @@ class AdaptiveRun:
     @cached_property
     def recorded(self) -> list[Mapping[str, Any]]:
         """Choices in the journal."""
-        return [] if self.before is None else self.before.stream("choice")
+        return [] if self.before is None else list(self.before.stream("choice"))
 
     @cached_property
     def presses(self) -> Sequence[PossiblePress]:
@@ -268,7 +268,7 @@ class AdaptiveRun:
                 "target": None if press is None else press.kind,
                 "value": None if press is None else press.target,
                 "reason": found.reason,
-                "count": found.count,
+                "count": found.spikes,
                 "probabilities": probabilities_as_text(self.choosing.request.candidates, found.probabilities),
                 "information_bits": found.information_bits,
                 "possible": found.possible,

@@ -14,11 +14,10 @@ from rig.clock import WallClock
 from rig.design.adaptive import AdaptiveRule, PressChoice, SpikeCount
 from rig.design.counts import TEN_MINUTES_S, CountModel
 from rig.design.counts_from.opened import opened
-from rig.design.counts_from.source import AcceptedCounts
+from rig.design.counts_from.source import AcceptedCounts, MadePress
 from rig.design.design import DesignRequest
 from rig.design.exceptions import DesignError
 from rig.design.press_times import PressTimes
-from rig.design.presses import PossiblePress
 from rig.design.response_table import ResponseTable
 from rig.errors import CountError, RigError
 from rig.plan.config import Config
@@ -33,21 +32,12 @@ _END_S = 5.0
 class Decision(NamedTuple):
     """The count of the press before, and the next press by its number, or None; why, and what it is based on."""
 
-    count: int | None
+    spikes: int | None
     possible: int | None
     reason: str
     information_bits: float | None
     probabilities: tuple[float, ...]
     chosen_in_s: float
-
-
-class Made(NamedTuple):
-    """A press that was made: its number in the run, and its number among the possible presses."""
-
-    index: int
-    possible: int
-    press: PossiblePress
-    tau: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,7 +112,7 @@ class ChooserHere:
         state, press = self._state, self._table.presses[possible]
         change_s = self._rule.times.change_s if state.shape not in (None, press.shape) else 0.0
         tau = (state.elapsed_s + change_s - 30 * self._minutes) / TEN_MINUTES_S
-        self._source.made(Made(len(state.made), possible, press, tau))
+        self._source.made(MadePress(len(state.made), possible, press, tau))
 
     def is_ready(self) -> bool:
         """Return whether the count has arrived. Raises CountError."""

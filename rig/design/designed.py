@@ -80,7 +80,7 @@ class Designed:
         values: dict[str, Any] = block.model_dump()
         fingers, unknowns = values.pop("fingers"), Unknowns(**values.pop("unknowns"))
         found = script.parameters.model_dump()
-        held = {key: float(found[key]) for key in ("hold_s", "rest_s") if key in found}
+        held: dict[str, Any] = {key: float(found[key]) for key in ("hold_s", "rest_s") if key in found}
         if not held.get("hold_s", 1.0) > 0:
             raise DesignError("--set hold_s=0: counts need a hold, more than 0 s", code="no_hold")
         request = DesignRequest(**values, unknowns=unknowns, **held)

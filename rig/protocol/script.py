@@ -83,8 +83,8 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     title = str(metadata.get("title", name)) if isinstance(metadata, Mapping) else name
     source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
     design = getattr(module, "DESIGN", None)
-    found = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
-    return Script(path, name, title, source, checked, run, found)
+    blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
+    return Script(path, name, title, source, checked, run, blocks)
 
 
 def where_in_script(path: Path, error: BaseException) -> str:

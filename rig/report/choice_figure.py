@@ -1,6 +1,6 @@
 """Figure of an adaptive run: probabilities of the candidates after each count."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -13,7 +13,8 @@ from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, YELLOW, 
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW)
 
 
-class ChoiceRow(NamedTuple):
+@dataclass(frozen=True)
+class ChoiceRow:
     """A choice in words: the press, why, the count before it, expected information (bits), the best candidate."""
 
     index: int

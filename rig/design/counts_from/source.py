@@ -2,14 +2,27 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from rig.design.presses import PossiblePress
 from rig.errors import CountError
 
 
-class MadePress(Protocol):
-    """A press that was just made: its number in the run, from 0, and its number among the possible presses."""
+@dataclass(frozen=True)
+class MadePress:
+    """A press that was just made.
+
+    Attributes
+    ----------
+    index : int
+        Its number in the run, from 0.
+    possible : int
+        Its number among the presses that may be chosen.
+    press : PossiblePress
+    tau : float
+        Planned time from the middle of the session, in units of ten minutes.
+    """
 
     index: int
     possible: int

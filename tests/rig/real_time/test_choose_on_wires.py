@@ -129,39 +129,28 @@ import os, time
 
 
 class Source:
-    def made(self, press): pass
+    asked = False
+
+    def made(self, press): self.asked = True
     def truth(self): return None
     def close(self): pass
+    def new(self): return self.instead() if self.asked else []
 
 
 class Blocks(Source):
-    def new(self):
-        if getattr(self, "asked", False):
-            time.sleep(3600)
-        self.asked = True
-        return []
+    def instead(self): time.sleep(3600)
 
 
 class Floods(Source):
-    def new(self):
-        asked, self.asked = getattr(self, "asked", False), True
-        return [(0, 3)] * 1_000_000 if asked else []
+    def instead(self): return [(0, 3)] * 1_000_000
 
 
 class Crashes(Source):
-    def new(self):
-        if getattr(self, "asked", False):
-            os._exit(9)
-        self.asked = True
-        return []
+    def instead(self): os._exit(9)
 
 
 class Raises(Source):
-    def new(self):
-        if getattr(self, "asked", False):
-            raise ZeroDivisionError
-        self.asked = True
-        return []
+    def instead(self): raise ZeroDivisionError
 """
 
 
