@@ -3,7 +3,8 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from rig.compare.verdict import LEVEL, six_digits
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from sim.models.pictures import unit_of
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 Array = NDArray[np.float64]
 Range = tuple[float, float]
@@ -100,10 +104,15 @@ def spline_weights(at_nodes: Array, at: Array) -> Array:
     """Return (…, n) weights of a cubic spline through values at nodes (n,), for locations (…,)."""
     if len(at_nodes) == 1:
         return np.ones((*np.shape(at), 1))
+    return np.asarray(_cardinal(tuple(at_nodes.tolist()))(at))
+
+
+@lru_cache(maxsize=8)
+def _cardinal(at_nodes: tuple[float, ...]) -> "BSpline":
+    """Return the splines that are 1 at one node and 0 at the others."""
     from scipy.interpolate import make_interp_spline  # slow to import, and most comparisons do not need it
 
-    spline = make_interp_spline(at_nodes, np.eye(len(at_nodes)), k=min(3, len(at_nodes) - 1))
-    return np.asarray(spline(at))
+    return make_interp_spline(np.array(at_nodes), np.eye(len(at_nodes)), k=min(3, len(at_nodes) - 1))
 
 
 @dataclass(frozen=True)

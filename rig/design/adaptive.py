@@ -74,9 +74,6 @@ class SpikeCount(NamedTuple):
     spikes: float | None
 
 
-Choice, Counted = PressChoice, SpikeCount
-
-
 @dataclass(frozen=True, eq=False)
 class AdaptiveRule:
     """Choice among the presses that may be made.

@@ -28,7 +28,8 @@ LEFT_OVER = 2
 
 _THREADS = 2
 
-_FAR = 15.0  # in log evidence, behind the best candidate: not refined, as it stays improbable
+# A candidate is refined if its log evidence may come this near to the best one's; fewer draws may miss more of it.
+_NEAR, _MISSED = 3.0, 12.0
 
 SEPARATED = 0.8
 """Share of right choices between two candidates from which they count as separated."""
@@ -145,8 +146,12 @@ def expected_confusion(
     draws: int,
     seed: int,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    few: float = FEW,
 ) -> list[Confusion]:
-    """Return the confusion of every design, over the same fibers: `each` for every candidate."""
+    """Return the confusion of every design, over the same fibers: `each` for every candidate.
+
+    Where fewer than `few` draws count effectively, they are refined.
+    """
     sets = each * len(candidates)
     truth = np.repeat(np.arange(len(candidates)), each)
     fibers = draw_fibers(sets, table, model.unknowns, seed + 17, evenly=False)
@@ -164,7 +169,7 @@ def expected_confusion(
 
     def of_candidate(c: int) -> tuple[Array, Array, dict[tuple[int, int], _Best]]:
         log_rate = log_rates(relative_rates(table, candidates[c], known))
-        return _evidence(model, sums, log_rate, known)
+        return _evidence(model, sums, log_rate, known, few)
 
     def refined(at: tuple[int, int, int]) -> Refined:
         d, s, c = at
@@ -181,9 +186,9 @@ def expected_confusion(
             best.append(start)
         for d in range(len(designs)):
             progress(len(candidates) + d, total)
-            near = evidence[d] > evidence[d].max(axis=1, keepdims=True) - _FAR
-            few = np.argwhere(near & (effective[d] < FEW)).tolist()
-            for (s, c), one in zip(few, pool.map(refined, [(d, s, c) for s, c in few]), strict=True):
+            behind = evidence[d].max(axis=1, keepdims=True) - evidence[d]
+            near = np.argwhere((effective[d] < few) & (behind < _NEAR + _MISSED / effective[d])).tolist()
+            for (s, c), one in zip(near, pool.map(refined, [(d, s, c) for s, c in near]), strict=True):
                 evidence[d, s, c], effective[d, s, c] = one
     return [
         Confusion(
@@ -208,7 +213,7 @@ class _Best(NamedTuple):
 
 
 def _evidence(
-    model: CountModel, sums: Sequence[CountSums], log_rate: Floats, known: FiberDraws
+    model: CountModel, sums: Sequence[CountSums], log_rate: Floats, known: FiberDraws, few: float
 ) -> tuple[Array, Array, dict[tuple[int, int], _Best]]:
     """Return (designs, s) log evidence of a candidate and effective draws, and the best ones where these are few."""
     evidence = np.empty((len(sums), len(sums[0].scatter)))
@@ -220,7 +225,7 @@ def _evidence(
         share = np.exp(likelihood - top[:, None])
         evidence[d] = top + np.log(share.mean(axis=1))
         effective[d] = share.sum(axis=1) ** 2 / (share**2).sum(axis=1)
-        for s in np.flatnonzero(effective[d] < FEW).tolist():
+        for s in np.flatnonzero(effective[d] < few).tolist():
             draws = best_draws(likelihood[s])
             best[d, s] = _Best(draws, likelihood[s, draws])
     return evidence, effective, best

@@ -22,6 +22,7 @@ from rig.design.order import blocks_of, carry_over, history, imbalance, ordered
 from rig.design.press_times import PressTimes, allowed, press_times
 from rig.design.presses import Kind, PossiblePress, possible_presses
 from rig.design.recorded_counts import SessionVerdict, read_counts, session_verdict
+from rig.design.refined import FEW
 from rig.design.response_table import CANDIDATES, DEPTH_STEP_MM, X_STEP_MM, Counted, ResponseTable, response_table
 from rig.design.usual_designs import everything, usual_designs
 from rig.plan.config import Config
@@ -89,16 +90,18 @@ class DesignRequest:
 
 
 class Sizes(NamedTuple):
-    """Experiments for each design, and draws of fibers for each candidate."""
+    """Experiments for each design, draws of fibers for each candidate, and effective draws that suffice."""
 
     experiments: int
     draws: int
     of_curve: int
     draws_of_curve: int
     draws_of_bound: int
+    few: float
 
 
-_SIZES, _QUICK_SIZES = Sizes(360, 16384, 180, 8192, 32768), Sizes(120, 4096, 60, 2048, 4096)
+_COARSE = 3.0
+_SIZES, _QUICK_SIZES = Sizes(360, 16384, 180, 8192, 16384, FEW), Sizes(120, 4096, 60, 2048, 4096, _COARSE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -280,10 +283,10 @@ def _designed(
     bound = everything(table.presses, times, BOUND_MIN)
     evaluate = _Evaluation(table, request, model, progress)
     outcomes = [
-        *evaluate(main, sizes.experiments, sizes.draws, "candidates after this duration"),
-        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, "candidates after other durations"),
+        *evaluate(main, sizes.experiments, sizes.draws, sizes.few, "candidates after this duration"),
+        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, _COARSE, "candidates after other durations"),
     ]
-    (most,) = evaluate([bound], sizes.of_curve, sizes.draws_of_bound, "candidates after all presses")
+    (most,) = evaluate([bound], sizes.of_curve, sizes.draws_of_bound, sizes.few, "candidates after all presses")
     series = _relaxation(config)
     gap_s = float(times.press_s.mean()) - request.hold_s
     carried = carry_over(series, request.hold_s, gap_s) if series else None
@@ -331,13 +334,15 @@ class _Evaluation:
     model: CountModel
     progress: Progress
 
-    def __call__(self, designs: Sequence[OrderedDesign], experiments: int, draws: int, what: str) -> list[Confusion]:
+    def __call__(
+        self, designs: Sequence[OrderedDesign], experiments: int, draws: int, few: float, what: str
+    ) -> list[Confusion]:
         if not designs:
             return []
         names = self.request.candidates
         each = -(-experiments // len(names))
         shown = _part(self.progress, what)
-        return expected_confusion(self.table, names, self.model, designs, each, draws, self.request.seed, shown)
+        return expected_confusion(self.table, names, self.model, designs, each, draws, self.request.seed, shown, few)
 
 
 def _part(progress: Progress, what: str) -> Callable[[int, int], None]:

@@ -19,8 +19,8 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int64]
 
-FEW = 20.0
-"""Effective draws from which the evidence of a candidate is accurate enough (a quarter, as a standard error)."""
+FEW = 10.0
+"""Effective draws from which the evidence of a candidate is accurate enough (a third, as a standard error)."""
 
 BEST = 256
 """Draws from the prior that the first round begins with."""

@@ -61,7 +61,7 @@ def test_the_same_seed_makes_the_same_design(table: ResponseTable, times: PressT
 
 def test_candidates_that_see_the_same_are_not_separated(table: ResponseTable, times: PressTimes) -> None:
     (found,) = expected_confusion(
-        table, ("ep1", *ALIKE), MODEL, [everything(table.presses, times, 30.0)], 60, 1024, 1
+        table, ("ep1", *ALIKE), MODEL, [everything(table.presses, times, 30.0)], 60, 4096, 1
     )
     ((one, other, right),) = found.not_separated()
     assert {one, other} == set(ALIKE)

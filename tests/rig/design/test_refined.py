@@ -31,15 +31,15 @@ def test_refined_evidence(table: ResponseTable, true: str, candidate: str) -> No
 
     _, many = likelihood(MANY)
     exact = many.max() + np.log(np.exp(many - many.max()).mean())
-    assert effective_draws(many) > 1.5 * FEW
+    assert effective_draws(many) > 3 * FEW
     z, few = likelihood(512)
-    assert effective_draws(few) < FEW / 2
+    assert effective_draws(few) < FEW
     best = best_draws(few)
     found = [
         refined_evidence(table, candidate, MODEL, sums, z[best], few[best], np.random.default_rng(seed), used)
         for seed in range(8)
     ]
-    assert min(one.effective for one in found) > FEW
+    assert min(one.effective for one in found) > 2 * FEW
     share = np.exp([one.log_evidence - exact for one in found])
     assert share.mean() == pytest.approx(1.0, abs=0.25)
     assert share.std() < 0.4
