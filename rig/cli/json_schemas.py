@@ -196,7 +196,7 @@ class ProbableCandidateJson(Output):
     """A candidate after the counts of an adaptive run."""
 
     name: Name
-    probability: float
+    probability: Ratio
     in_set: bool
 
 
