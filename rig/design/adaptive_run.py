@@ -17,7 +17,7 @@ from rig.data import Run
 from rig.data.choices import BY_PLAN, PLAN_DONE, probabilities_of
 from rig.data.run_state import UNTIL_CHOSEN, Course
 from rig.design.adaptive import SpikeCount
-from rig.design.chooser import Chooser, ChooserLostError, Choosing, Decision, probabilities_as_text
+from rig.design.chooser import ChooserLostError, Choosing, Decision, NextPressChooser, probabilities_as_text
 from rig.design.designed import Designed
 from rig.design.press_times import in_memory
 from rig.design.presses import PossiblePress
@@ -91,10 +91,10 @@ class AdaptiveRun:
     designed: Designed
     choosing: Choosing
     within_s: float
-    open_chooser: Callable[[Choosing], Chooser]
+    open_chooser: Callable[[Choosing], NextPressChooser]
     before: Run | None = None
     approved: Plan = field(default_factory=Plan)  # every press that may be chosen
-    _chooser: Chooser | None = field(default=None, init=False)
+    _chooser: NextPressChooser | None = field(default=None, init=False)
     _truth: Mapping[str, Any] | None = field(default=None, init=False)
 
     def __post_init__(self) -> None:
@@ -230,7 +230,7 @@ class AdaptiveRun:
         self.close()
         engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run goes by the plan"})
 
-    def _chosen(self, engine: Engine, chooser: Chooser, step: ChoosePress) -> Decision | None:
+    def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""
         clock = WallClock()
         chooser.begin(step.last)

@@ -2,7 +2,6 @@
 
 import json
 import multiprocessing
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -67,7 +66,7 @@ class Choosing:
             )  # fmt: skip
 
 
-class Chooser(Protocol):
+class NextPressChooser(Protocol):
     """Chooser of presses that never blocks: begin(), then is_ready() until decision()."""
 
     truth: Mapping[str, Any] | None
@@ -215,6 +214,7 @@ class ChooserProcess:
 
 def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     belong_to_parent()
+    clock = WallClock()
     kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
     try:
         chooser = ChooserHere(what)
@@ -223,7 +223,7 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
         while True:
             chooser.begin(far.recv())
             while not chooser.is_ready():
-                time.sleep(_POLL_S)
+                clock.wait_s(_POLL_S)
             far.send(("gave", tuple(chooser.decision())))
     except (EOFError, BrokenPipeError):
         return

@@ -14,7 +14,7 @@ from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.design import design as designs
 from rig.design.adaptive_run import AdaptiveRun, ChoosePress
-from rig.design.chooser import Chooser, ChooserHere, ChooserLostError, Choosing, Decision
+from rig.design.chooser import ChooserHere, ChooserLostError, Choosing, Decision, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
 from rig.design.counts_from.lsl_stream import LslCounts
 from rig.design.counts_from.source import AcceptedCounts, CountSource
@@ -292,7 +292,7 @@ def _never() -> bool:
     return False
 
 
-class _Chooser(Chooser):
+class _Chooser(NextPressChooser):
     """Chooser that does at each look what a function says."""
 
     truth: Mapping[str, Any] | None = None
@@ -388,20 +388,6 @@ def test_a_stop_input_trips_during_the_wait(waiting: Callable[..., Any]) -> None
     with pytest.raises(TripError) as caught:
         waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", code="hardware_trip"))
     assert caught.value.code == "hardware_trip"
-
-
-def test_a_choice_takes_less_than_a_third_of_a_second(some: ResponseTable, few_times: PressTimes) -> None:
-    chooser = ChooserHere(Choosing(REQUEST, TRUTH, Config(), some, few_times))
-    chooser.begin(None)
-    possible = chooser.decision().possible
-    for _ in range(3):
-        if possible is None:
-            break
-        chooser.begin(possible)
-        assert chooser.is_ready()
-        found = chooser.decision()
-        assert found.chosen_in_s < 0.3
-        possible = found.possible
 
 
 def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
