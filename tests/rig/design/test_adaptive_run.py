@@ -12,6 +12,7 @@ import pytest
 from rig.cli.choosing import adaptive_run
 from rig.data import read_run
 from rig.data.choices import verdict_of
+from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
 from rig.design import design as designs
 from rig.design.adaptive_run import AdaptiveRun, ChoosePress
 from rig.design.chooser import ChooserHere, ChooserLostError, Choosing, Decision, NextPressChooser
@@ -199,6 +200,20 @@ def test_what_is_refused_before_anything_moves(
     assert ended.json["code"] == code, ended.err
     assert ended.code == 2
     assert not list(here.glob("runs/*")), "nothing moved"
+
+
+def test_a_step_that_is_not_chosen_yet_is_named_so_until_it_is() -> None:
+    """As terminal, panel and `rig watch` show it: the plan's presses are not those that come."""
+    move, press = ("move", 1, 0), ("indentation_start", 0, 0)
+    planned = Course(9.0, {move: 1.0, press: 2.0}, {move: "move to x = +1.00 mm", press: "press bar:3.0"})
+    agenda = Agenda(AdaptiveRun.course(planned))
+    assert agenda.now == UNTIL_CHOSEN["move"]
+    assert agenda.next == UNTIL_CHOSEN["indentation_start"]
+    agenda.event("move", {"x_mm": -0.5})
+    agenda.event(
+        "indentation_start", {"index": 0, "indentor": "step:1", "x_mm": -0.5, "target": "doi_mm", "value": 1}
+    )
+    assert "step:1" in agenda.now
 
 
 # --- counts that cannot be right ---
