@@ -239,6 +239,12 @@ class RunAborted(EngineError):  # noqa: N818
     default_code = "run_aborted"
 
 
+class CountError(EngineError):
+    """A count of spikes that cannot be right; the indentor is lifted."""
+
+    default_code = "bad_count"
+
+
 class ScriptError(EngineError):
     """The protocol failed while it ran."""
 

@@ -130,9 +130,7 @@ class _LogForwarder(logging.Handler):
 
 
 def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
-    give_way(_GIVES_WAY)
-    _ignore_terminal()
-    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
+    belong_to_parent()
     keep_freed_memory()
     _MODELS.addHandler(_LogForwarder(far))
     _MODELS.setLevel(logging.DEBUG)
@@ -141,6 +139,13 @@ def _serve(far: "Connection[Any, Any]", config: FingertipConfig) -> None:
         while True:
             function, arguments, options = far.recv()
             _send(far, *_answer(load, function, arguments, options))
+
+
+def belong_to_parent() -> None:
+    """Yield to the parent, end with it, and leave terminal signals to it."""
+    give_way(_GIVES_WAY)
+    _ignore_terminal()
+    threading.Thread(target=_end_with_parent, name="parent", daemon=True).start()
 
 
 def _ignore_terminal() -> None:

@@ -150,7 +150,7 @@ def command(
             from sim.models.fingertip import Fingertip
 
             finger = Fingertip.load(settings.finger)
-        with _Shown(as_json=as_json) as shown:
+        with ShownProgress(as_json=as_json) as shown:
             if counts is not None:
                 verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
             else:
@@ -160,7 +160,7 @@ def command(
             return
         words = _command(context, to)
         with busy("checking and rehearsing the script …", as_json=as_json):
-            script = checked_script(found, settings, finger, about_the_design(found), words)
+            script = checked_script(found, settings, finger, plausible, about_the_design(found), words)
         found = script.design
         rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
         with busy("writing the script and the page …", as_json=as_json):
@@ -196,7 +196,7 @@ def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
         out.print(line)
 
 
-class _Shown:
+class ShownProgress:
     """Progress of a design: of tables by tasks, of all else by parts."""
 
     def __init__(self, *, as_json: bool) -> None:
@@ -205,7 +205,7 @@ class _Shown:
         self._what = ""
         self._now: Activity | None = None
 
-    def __enter__(self) -> "_Shown":
+    def __enter__(self) -> "ShownProgress":
         return self
 
     def __exit__(self, *error: object) -> None:

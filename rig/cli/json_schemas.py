@@ -192,6 +192,23 @@ class PackageJson(Output):
 # --- experiment ---
 
 
+class ProbableCandidateJson(Output):
+    """A candidate after the counts of an adaptive run."""
+
+    name: Name
+    probability: Ratio
+    in_set: bool
+
+
+class AdaptiveVerdictJson(Output):
+    """The verdict of an adaptive run; `truth` is that of a virtual nerve, `planned_from` where counts stopped."""
+
+    candidates: list[ProbableCandidateJson]
+    ended: Code | None
+    truth: Name | None
+    planned_from: int | None
+
+
 class FinishedRunJson(Output):
     """A run that was carried out or resumed."""
 
@@ -201,6 +218,7 @@ class FinishedRunJson(Output):
     duration_s: float
     wall_s: float
     report: File | None
+    choice: NotRequired[AdaptiveVerdictJson]
     missing: NotRequired[int]
     repeated: NotRequired[int]
     restarted: NotRequired[int]
@@ -260,6 +278,15 @@ class PlannedStepJson(Output):
     """Soft trip and overshoot of a press, which the vibration does not exceed either."""
 
 
+class PossiblePressesJson(Output):
+    """All presses that an adaptive run may choose."""
+
+    presses: int
+    peak_force_gwt: float
+    peak_pressure_kpa: float
+    soft_trip_n: float
+
+
 class CheckJson(Output):
     """A protocol against the limits."""
 
@@ -281,6 +308,7 @@ class CheckJson(Output):
     stop_distance_mm: float
     overshoot_gwt: float
     steps: list[PlannedStepJson]
+    possible: NotRequired[PossiblePressesJson]
 
 
 class IdentifiedParameterJson(Output):
@@ -453,6 +481,7 @@ class ShowJson(Output):
     done: int
     ending: EndingJson | None
     presses: list[PressesJson]
+    choice: NotRequired[AdaptiveVerdictJson]
     limits: dict[Key, Setting]
     """Table [limits] of the configuration, and the soft trip of the plan."""
     devices: RunDevicesJson

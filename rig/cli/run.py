@@ -2,10 +2,10 @@
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, closing, contextmanager, nullcontext
+from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -13,6 +13,15 @@ from rich.table import Table
 from rig.bench.checks import expired_calibrations, refuse_bench
 from rig.bench.real import Request
 from rig.bench.virtual import refuse_twinless
+from rig.cli.choosing import (
+    WITHIN_S,
+    ChooseOption,
+    CountWithinOption,
+    adaptive_run,
+    possible_presses_as_json,
+    refuse_choose,
+    source_of,
+)
 from rig.cli.confirm import (
     Confirm,
     at_the_page,
@@ -48,7 +57,7 @@ from rig.cli.output import (
     print_json,
     screen_aside,
 )
-from rig.cli.script_execution import RunOwner, carry_out, leave, make_whole, new_run, owning
+from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import StageInHand
@@ -72,6 +81,9 @@ AfferentsOption = Annotated[
     ),
 ]
 
+if TYPE_CHECKING:
+    from rig.design.adaptive_run import AdaptiveRun
+
 _COLUMNS = {
     "index": "",
     "indentor": "",
@@ -91,6 +103,9 @@ def check_command(
     config: FingerConfigOption = None,
     finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
+    choose: Annotated[
+        bool, typer.Option("--choose", help="Also check every press that `rig run --choose` may choose.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
@@ -106,6 +121,8 @@ def check_command(
             plan = make_plan(script, settings, finger, told=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
+        if choose:
+            found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
@@ -145,8 +162,16 @@ def _tell(found: dict[str, Any]) -> None:
         f"{found['overshoot_gwt']:.3g} gwt",
         *(_ramp(step) for step in found["steps"] if "ramp_mm_s" in step),
         *(_vibration(step) for step in found["steps"] if "vibration_hz" in step),
+        *([_possible(found["possible"])] if "possible" in found else []),
     ):
         out.print(line)
+
+
+def _possible(found: dict[str, Any]) -> str:
+    return (
+        f"{found['presses']} presses may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
+    )
 
 
 def _ramp(step: dict[str, Any]) -> str:
@@ -186,6 +211,8 @@ def dry_run_command(
     ] = "max",
     subject: SubjectOption = None,
     afferents: AfferentsOption = None,
+    choose: ChooseOption = None,
+    count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
@@ -199,7 +226,10 @@ def dry_run_command(
         faster = _times_real(speed)
         spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
         into = new_run(out_dir, subject)
-        with owning(script, settings, into, config_file=config) as owner:
+        with (
+            owning(script, settings, into, config_file=config) as owner,
+            _adaptive(script, choose, count_within_s, settings, None, as_json=as_json) as adaptive,
+        ):
             done = carry_out(
                 script,
                 settings,
@@ -210,6 +240,7 @@ def dry_run_command(
                 pace=None if faster is None else 1 / faster,
                 begins=beginning.begins,
                 spikes=spikes,
+                choose=adaptive,
             )
     leave(done)
 
@@ -243,18 +274,23 @@ def run_command(
     mounted: MountedOption = None,
     yes: YesOption = False,
     afferents: AfferentsOption = None,
+    choose: ChooseOption = None,
+    count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with one_line_errors(as_json=as_json, beginning=beginning):
         settings = with_finger(load_config(config), finger_file, force=force)
-        with FingerProcess(settings.finger) as finger:
+        with ExitStack() as opened:
+            finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
             spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
-            _refuse_mounts("run", script, settings, finger, mounted)
+            choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
+            adaptive = opened.enter_context(choice)
+            _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive)
             clock = WallClock(into.begins_at_s)
             with (
                 closing(StageInHand(settings, clock).open()) as stage,
@@ -273,8 +309,48 @@ def run_command(
                     ),
                     begins=beginning.begins,
                     spikes=spikes,
+                    choose=adaptive,
                 )
     leave(done)
+
+
+def _choice_of(stopped: StoppedRun) -> tuple[str | None, float]:
+    """Return the source of the counts of a stopped run, and how long it waits for one; no source for another run."""
+    if stopped.choose is None:
+        return None, WITHIN_S
+    source, within_s = stopped.choose.get("source"), stopped.choose.get("within_s")
+    if not isinstance(source, str) or not isinstance(within_s, int | float):
+        raise BadInputError(
+            "run folder {path}: its provenance does not say where the counts come from; start a new run",
+            code="bad_provenance", path=str(stopped.folder.path),
+        )  # fmt: skip
+    return source, float(within_s)
+
+
+@contextmanager
+def _adaptive(
+    script: Script,
+    source: str | None,
+    within_s: float,
+    config: Config,
+    finger: FingerProcess | None,
+    stopped: StoppedRun | None = None,
+    *,
+    as_json: bool,
+) -> Iterator["AdaptiveRun | None"]:
+    """Check every press that may be chosen, and open the source of the counts; None without one.
+
+    Raises DesignError, BadInputError, CountError.
+    """
+    if source is None:
+        yield None
+        return
+    virtual = finger is None
+    refuse_choose(script, source, within_s, virtual=virtual)
+    there = loaded(config, finger, as_json=as_json)
+    run = adaptive_run(script, source_of(source), within_s, config, there, stopped, virtual=virtual, as_json=as_json)
+    with run:
+        yield run
 
 
 def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManager[None]] = nullcontext) -> str:
@@ -311,6 +387,7 @@ def _refuse_mounts(
     finger: Finger,
     mounted: str | None,
     stopped: StoppedRun | None = None,
+    adaptive: "AdaptiveRun | None" = None,
 ) -> None:
     """Raise BadInputError if a non-interactive run mounts an indentor manually, before a port is opened.
 
@@ -320,7 +397,8 @@ def _refuse_mounts(
         parse_shape(mounted)
     if not can_answer():
         before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
-        refuse_mounts(command, make_plan(script, config, finger, before, folder).mounts, mounted)
+        plan = make_plan(script, config, finger, before, folder) if adaptive is None else adaptive.approved
+        refuse_mounts(command, plan.mounts, mounted)
 
 
 def resume_command(
@@ -339,7 +417,11 @@ def resume_command(
         ):
             if stopped.run is not None and stopped.complete:
                 leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
-            with nullcontext() if stage is None else FingerProcess(stopped.config.finger) as finger:
+            with ExitStack() as opened:
+                finger = None if stage is None else opened.enter_context(FingerProcess(stopped.config.finger))
+                adaptive = opened.enter_context(
+                    _adaptive(stopped.script, *_choice_of(stopped), stopped.config, finger, stopped, as_json=as_json)
+                )
                 confirm = _checked(stopped, owner, yes=yes)
                 done = carry_out(
                     stopped.script,
@@ -352,6 +434,7 @@ def resume_command(
                     confirm=confirm,
                     pace=None if stage is None else 1.0,
                     begins=beginning.begins,
+                    choose=adaptive,
                 )
     leave(done)
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
+from rig.cli.choosing import choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import busy, complain, one_line_errors, out, print_json
 from rig.data import dictionary
@@ -202,6 +203,7 @@ def _run_as_json(run: Run) -> dict[str, Any]:
         "done": about.done,
         "ending": ending_of(run, about.state),
         "presses": _presses(run),
+        **({} if (choice := choice_as_json(run)) is None else {"choice": choice}),
         "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
         "devices": made.get("devices", {}) | _identities(run),
         "versions": [{"package": "python", "version": made.get("python", _UNKNOWN)}]
@@ -281,6 +283,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
         ("state", f"{run['state']}, {run['done']} of {run['planned']} indentations"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
+        *(choice_lines(run["choice"]) if "choice" in run else ()),
         *((name, _pairs(run[name])) for name in ("limits", "devices")),
         ("versions", ", ".join(f"{one['package']} {one['version']}" for one in run["versions"])),
         ("model", _pairs(run["model"])),

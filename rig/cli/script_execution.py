@@ -12,6 +12,7 @@ import filelock
 import typer
 
 from rig.bench.checks import checked_subject
+from rig.cli.choosing import choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.nerve import add_spikes, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
@@ -29,7 +30,7 @@ from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
 from rig.errors import BadInputError, code_of
 from rig.plan.config import Config
-from rig.plan.finger_model import about_model
+from rig.plan.finger_model import Predictions, about_model
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
@@ -42,6 +43,7 @@ from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 if TYPE_CHECKING:
+    from rig.design.adaptive_run import AdaptiveRun
     from rig.plan.nerve import WantedSpikes
     from sim.models.fingertip import Fingertip
 
@@ -260,20 +262,28 @@ def carry_out(
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
     spikes: "WantedSpikes | None" = None,
+    choose: "AdaptiveRun | None" = None,
 ) -> FinishedRun:
     """Check the script, run or resume it, write its report, and print the location.
 
     `confirm` is called after all checks and before any motion (None starts at once), `begins` before the first
     motion. `pace` is real seconds per second of bench time; None runs as fast as possible. `finger` serves a run
-    whose own process must not solve. `spikes` are simulated after the run, before its report.
+    whose own process must not solve. `spikes` are simulated after the run, before its report. `choose` chooses the
+    presses.
     """
-    session = _planned(script, config, into, loaded(config, finger, as_json=as_json))
+    known = None if choose is None else choose.approved.predictions
+    script = script if choose is None else choose.as_script()
+    session = _planned(script, config, into, loaded(config, finger, as_json=as_json), known)
+    if choose is not None:
+        session = choose.applied(session)
     if spikes is not None:
         asked(session.finger, spikes.drawn)  # which refuses afferents that have no place
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
     began = time.perf_counter()
     owner.at("running")
     course = None if isinstance(page.rehearsal, EngineError) else page.rehearsal.course
+    if course is not None and choose is not None:
+        course = choose.course(course)
     shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
         done = how(
@@ -301,10 +311,16 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
         return finger
 
 
-def _planned(script: Script, config: Config, into: NewRun | StoppedRun, finger: Finger) -> Session:
+def _planned(
+    script: Script,
+    config: Config,
+    into: NewRun | StoppedRun,
+    finger: Finger,
+    known: Predictions | None = None,
+) -> Session:
     before, folder = (None, None) if isinstance(into, NewRun) else (into.run, into.folder.path)
     with checking_the_script() as show_steps:
-        plan = make_plan(script, config, finger, before, folder, show_steps)
+        plan = make_plan(script, config, finger, before, folder, show_steps, known)
     return Session(script, config, finger, plan, into)
 
 
@@ -372,6 +388,7 @@ def leave(done: FinishedRun) -> NoReturn:
 def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) -> None:
     run, ending = done.run, done.ending
     report = str(done.folder.report) if done.folder.report.exists() else None
+    chosen = choice_as_json(run)
     counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted} if resumed else {}
     if as_json:
         print_json(
@@ -382,6 +399,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
                 "duration_s": done.duration_s,
                 "wall_s": wall_s,
                 "report": report,
+                **({} if chosen is None else {"choice": chosen}),
                 **counts,
                 **failure(done),
             }
@@ -392,6 +410,8 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
         for some, limits in motions_in_contact(run):
             out.print(f"{some}: {limits}")
+        for about, words in [] if chosen is None else choice_lines(chosen):
+            out.print(f"{about:<8}{words}")
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
         for about, words in {} if ending is None else ending.lines.items():
             out.print(f"{about:<8}{words}")

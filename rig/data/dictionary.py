@@ -24,6 +24,7 @@ TABLES = {
     "retract": "the indentor was lifted to clearance",
     "reference": "a reference press was compared with the first one",
     "rest": "a pause without contact ended",
+    "choice": "the next press was chosen from the counts so far, or the presses ended",
     "checkpoint": "the protocol passed a checkpoint",
     "note": "the protocol wrote a note",
     "alarm": "an alarm was raised; the run continued unless limits.on_alarm is trip",
@@ -102,6 +103,13 @@ MEANINGS = {
     "drift_gwt": "drift of the previous zero: mean force in the air just before; empty at the first zeroing",
     "deviation": "largest deviation from the first reference press, relative to its force",
     "rest_s": "duration of the pause",
+    "choice.index": "number of the indentation that was chosen, from 0",
+    "choice.reason": "why this press, or why there is none (docs/adaptive_runs.md)",
+    "count": "spikes in the hold of the indentation before; empty if no count arrived",
+    "probabilities": "probability of each candidate after that count, as JSON",
+    "information_bits": "information (bits) that the press is expected to give about which candidate is true",
+    "possible": "number of the press among those that the run may choose from, from 0; empty at the end",
+    "chosen_in_s": "time between the arrival of the count and the choice",
     "name": "name of the checkpoint",
     "text": "text of the note",
     "reason": "reason, as text",
@@ -152,7 +160,7 @@ MODEL_TABLES = {
 
 TEXT = frozenset({
     *("indentor", "target", "condition", "phase", "at", "controller", "sensor", "contact"),
-    *("name", "text", "reason", "by"),
+    *("name", "text", "reason", "by", "probabilities"),
 })  # fmt: skip
 FLAGS = frozenset({"stable"})
 

@@ -61,7 +61,9 @@ class Run:
 
     @property
     def missing(self) -> int:
-        """Number of planned indentations that are not done."""
+        """Number of planned indentations that are not done; none if the counts ended an adaptive run."""
+        if any(event.get("possible") is None for event in self.stream("choice")):
+            return 0
         return max(int(self.start["planned_indentations"]) - len(self.done), 0)
 
     @property
@@ -173,6 +175,7 @@ _TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
     "parameters": dict,
     "virtual": bool,
     "subject": (str, type(None)),
+    "choose": (dict, type(None)),
     "devices": dict,
     "versions": dict,
     "model": (dict, type(None)),

@@ -209,6 +209,10 @@ def written_ns(folder: RunFolder) -> int:
         return 0
 
 
+UNTIL_CHOSEN = {"mount": "mount the chosen indentor", "move": "move to the chosen press", BEGUN: "chosen press"}
+"""Words of steps that an adaptive run has not chosen yet, by stream."""
+
+
 class Agenda:
     """Present and next step of a run, from all of its events."""
 
@@ -224,6 +228,8 @@ class Agenda:
         name = self._milestones.name(stream, data)
         if name is not None:
             self._passed = self._index.get(name, self._passed)
+            if self._words.get(name) == UNTIL_CHOSEN.get(stream, ""):
+                self._words = {**self._words, name: step_in_words(stream, data)}
 
     @property
     def now(self) -> str:

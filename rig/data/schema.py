@@ -50,6 +50,10 @@ STREAMS = {
     "retract": {"height_mm": "mm", "contact_s": "s", "contact": "", "force_gwt": "gwt"},
     "reference": {"index": "", "deviation": ""},
     "rest": {"rest_s": "s"},
+    "choice": {
+        "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "reason": "", "count": "",
+        "probabilities": "", "information_bits": "", "possible": "", "chosen_in_s": "s",
+    },
     "checkpoint": {"name": ""},
     "note": {"text": ""},
     "alarm": {"reason": ""},

@@ -77,6 +77,7 @@ _LEADS_TO = {
     **dict.fromkeys(("home", "zero", "note", "checkpoint", "trip"), "homing, zero and notes"),
     **dict.fromkeys(("clearance", "move", "moving"), "lateral moves"),
     "rest": "rest",
+    "choice": "rest",
     "approach": "approach",
     "back off": "touch-off",
     "touch": "touch-off",
@@ -177,7 +178,7 @@ HOLD_COLUMNS = (
 )
 """Columns of the table of many runs, after RUN_COLUMNS: one row for each finished hold."""
 
-LISTED = ("indentation_start", "touch", "hold_end")
+LISTED = ("indentation_start", "touch", "hold_end", "choice")
 """Streams for lists and tables of many runs."""
 
 FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, RecursionError)

@@ -4,7 +4,9 @@ import tempfile
 from pathlib import Path
 from typing import NamedTuple
 
+from rig.compare.plausible_fingers import PlausibleFingers
 from rig.design.design import Design, shortened
+from rig.design.designed import as_block
 from rig.design.exceptions import DesignError
 from rig.design.script_text import script_text
 from rig.plan.config import Config
@@ -24,14 +26,17 @@ class CheckedScript(NamedTuple):
     duration_s: float
 
 
-def checked_script(found: Design, config: Config, finger: Finger, about: str, command: str) -> CheckedScript:
+def checked_script(
+    found: Design, config: Config, finger: Finger, plausible: PlausibleFingers | None, about: str, command: str
+) -> CheckedScript:
     """Return the script of a design; its last presses are left out if the rehearsal takes longer than the session.
 
     Raises BadInputError if the planner refuses it, EngineError if the rehearsal fails.
     """
     request = found.request
     for _ in range(_ROUNDS):
-        text = script_text(found.blocks, found.table.presses, about, command, request.hold_s, request.rest_s)
+        block = as_block(request, plausible)
+        text = script_text(found.blocks, found.table.presses, about, command, request.hold_s, request.rest_s, block)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "designed.py"
             path.write_text(text, encoding="utf-8")

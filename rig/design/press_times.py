@@ -107,6 +107,7 @@ def allowed(
             rig.home()
             rig.zero()
             shape = press.shape
+        walk.held_s = 0.0  # A session makes few of them.
         try:
             press.make(rig, hold_s)
         except BadInputError as error:

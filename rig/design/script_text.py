@@ -20,6 +20,9 @@ METADATA = {{
     "source": {source},
 }}
 
+# What the presses were chosen for; `rig run --choose` chooses again after each count.
+{design}
+
 # Shape, then x (mm) and {target} of its presses, in order.
 BLOCKS = (
 '''
@@ -58,22 +61,24 @@ def script_text(
     command: str,
     hold_s: float,
     rest_s: float,
+    design: str,
 ) -> str:
-    """Return the script of presses in blocks, each of one shape."""
+    """Return the script of presses in blocks, each of one shape; `design` is its block DESIGN."""
     kind = presses[0].kind
     target = {"doi_mm": "depth (mm)", "force_gwt": "force (gwt)"}[kind]
     head = _HEAD.format(
         title="Presses chosen to distinguish candidate measures; written by `rig design`.",
         about=textwrap.fill(about, _WIDTH),
-        source=_literal(command),
+        source=literal(command),
         target=target,
+        design=design,
     )
     lines = []
     for block in blocks:
         pairs = ", ".join(f"({presses[k].x_mm:g}, {presses[k].target:g})" for k in block)
         wrapped = textwrap.wrap(pairs + ",", _WIDTH - 8, break_long_words=False)
         wrapped = _whole_pairs(wrapped)
-        lines += [f"    ({_literal(presses[block[0]].shape)}, ("]
+        lines += [f"    ({literal(presses[block[0]].shape)}, ("]
         lines += [f"        {line}" for line in wrapped]
         lines += ["    )),"]
     return head + "\n".join(lines) + "\n)\n" + _TAIL.format(kind=kind, hold_s=hold_s, rest_s=rest_s)
@@ -93,6 +98,6 @@ def _whole_pairs(lines: Sequence[str]) -> list[str]:
     return [line for line in (*found, rest) if line]
 
 
-def _literal(text: str) -> str:
+def literal(text: str) -> str:
     """Return a Python literal in double quotes."""
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -30,6 +30,7 @@ class Script:
     source: str
     parameters: ProtocolParameters
     run: Callable[[Rig], None]
+    design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
 
 
 def shipped_protocols() -> Path:
@@ -81,7 +82,9 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     metadata = getattr(module, "METADATA", {})
     title = str(metadata.get("title", name)) if isinstance(metadata, Mapping) else name
     source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
-    return Script(path, name, title, source, checked, run)
+    design = getattr(module, "DESIGN", None)
+    blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
+    return Script(path, name, title, source, checked, run, blocks)
 
 
 def where_in_script(path: Path, error: BaseException) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rig.data import Run
+from rig.data.choices import WHY_ENDED, verdict_of
 from rig.data.folder import replace_text
 from rig.data.run import read_provenance
 from rig.data.spike_files import read_spikes
@@ -18,6 +19,7 @@ from rig.plan.finger_model import PredictedHold, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import PredictionCheck, found
 from rig.report import run_figures, run_tables
+from rig.report.choice_figure import choice_figures, choice_rows
 from rig.report.nerve_figures import nerve_figures
 from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
@@ -104,6 +106,9 @@ def _write_page(
         scheduled=run_tables.scheduled(run),
         conditions=run_tables.condition_rows(run, found),
         figures=run_page_figures(run, found),
+        choices=choice_rows(run),
+        verdict=verdict_of(run),
+        why_ended=WHY_ENDED,
         small_strain=_small_strain(found),
         phases=run_tables.phases(run),
         why_approach=run_tables.why_approach(run),
@@ -123,7 +128,7 @@ def _write_page(
 def run_page_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     """Return the figures of the page, in its order."""
     read = any(run.stream(stream) for stream in run_figures.SAMPLES)
-    over_time = [_over_time(run)] if read else []
+    over_time = [*choice_figures(run), *([_over_time(run)] if read else [])]
     if not found:
         return over_time
     moved = any(len(members) > 1 for members in by_group(found).values())

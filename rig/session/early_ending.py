@@ -15,7 +15,7 @@ from rig.data.tables import ENDED_EARLY
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.contact import ContactKind, KnownContact
 from rig.engine.limits import AT_MM
-from rig.errors import LostRecordError
+from rig.errors import CountError, LostRecordError
 from sim.finger_process import FingerLostError
 
 Left = Literal["lifted", "raised", "held", "not moved"]
@@ -24,6 +24,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (RunAborted, "check that the finger is well"),
     (TripError, "check that the finger is well, and find out what caused the trip"),
     (LimitError, "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"),
+    (CountError, "correct the counts, then resume"),
     (ScriptError, "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"),
     (OSError, "free disk space, then resume"),
     (LostRecordError, "find out who moved or deleted the files of the run, then resume"),

@@ -3,6 +3,7 @@
 import platform
 import subprocess
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import version
@@ -40,6 +41,7 @@ class StoppedRun:
     virtual: bool
     run: Run | None
     subject: str | None = None
+    choose: Mapping[str, Any] | None = None  # of an adaptive run
 
     @property
     def begins_at_s(self) -> float:
@@ -121,6 +123,7 @@ def _read(folder: RunFolder) -> StoppedRun:
         virtual=about["virtual"],
         run=run,
         subject=about.get("subject"),
+        choose=about.get("choose"),
     )
 
 

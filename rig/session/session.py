@@ -152,6 +152,7 @@ class Session:
     attendant: Attendant = field(default_factory=Nobody)
     handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
+    chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
 
     @property
     def before(self) -> Run | None:
@@ -248,7 +249,7 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     script, config, into = session.script, session.config, session.into
     if isinstance(into, StoppedRun):
         return into.folder
-    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject)
+    about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
     return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, session.plan.shape_files)
 
 
@@ -351,8 +352,13 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "subject": session.into.subject,
         "virtual": virtual,
         **_button(session),
+        **_choose(session),
         **({} if session.config.identified is None else {"promised": promised(session.plan)}),
     }
+
+
+def _choose(session: Session) -> dict[str, Any]:
+    return {} if session.chooses is None else {"choose": dict(session.chooses)}
 
 
 def _button(session: Session) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import ast
 import inspect
+import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -45,6 +46,7 @@ from rig.report import (
     run_figures,
     verdict_figures,
 )
+from rig.report.choice_figure import choice_figures
 from rig.report.comparison_report import shape_figures, shown_measures, simulation_figures
 from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
@@ -658,6 +660,36 @@ def _growth(world: World, figure: Figure) -> Shown:
     yield _lines(axes, ls="--")[0][1], [np.log2(3)] * 2
 
 
+_LIKELY = ("sed", "ep1", "e22", "mean", "s22", "e11", "e12")
+"""Candidates of an adaptive run, the most probable one first; the last two are grey."""
+
+
+def _adaptive(run: Run) -> Run:
+    """The same run, with choices: the probabilities part from one another with each of two counts."""
+    events = []
+    for number in range(3):
+        weight = np.linspace(2.0, 1.0, len(_LIKELY)) ** number
+        found = dict(zip(_LIKELY, (weight / weight.sum()).tolist(), strict=True))
+        possible = None if number == 2 else number
+        reason = "one_candidate" if possible is None else "same_shape"
+        events.append({"index": number, "possible": possible, "reason": reason, "probabilities": json.dumps(found)})
+    start = {**run.start, "choose": {"truth": {"candidate": "ep1"}}}
+    return replace(run, start=start, events={**run.events, "choice": events})
+
+
+def _chosen(world: World, figure: Figure) -> Shown:
+    axes = _panels(figure)[0]
+    events = _adaptive(world.run).stream("choice")
+    named = {name: line for name, line in _named(axes).items() if not name.startswith("_")}
+    for name, line in named.items():
+        measure = next(one for one in _LIKELY if label(one) == name)
+        yield line, (range(3), [json.loads(event["probabilities"])[measure] for event in events])
+    yield len(_lines(axes, marker="o", colour=GREY)), 2
+    yield [text.get_text() for text in axes.get_legend().get_texts()], [label(name) for name in _LIKELY[:5]]
+    (dashed,) = (line.get_label() for line in axes.lines if _is(line, marker="o", ls="--"))
+    yield dashed == label("ep1"), True
+
+
 def _decoded(world: World, figure: Figure) -> Shown:
     skin, energy = _panels(figure)
     given = world.coding["decoded"]
@@ -818,6 +850,9 @@ FIGURES: dict[str, Row] = {
     "identification_page.correlations": Row(_identification("Correlations"), _correlations),
     "design_page.curves": Row(_bare(lambda w: design_page.curves(w.design)), _failures),
     "design_page.confusion": Row(_bare(lambda w: design_page.confusion(w.design.outcome)), _confusion),
+    "choice_figure.probabilities": Row(
+        _titled("Probabilities", lambda w: choice_figures(_adaptive(w.run))), _chosen
+    ),
     "design_page.growth": Row(_bare(lambda w: design_page.growth(w.design)), _growth),
     "benchmark_page.pareto": Row(_titled("Error against time", lambda w: benchmark_page.figures(w.speed)), _pareto),
     "benchmark_page.cost_against_nodes": Row(_titled("Cost", lambda w: benchmark_page.figures(w.speed)), _cost),

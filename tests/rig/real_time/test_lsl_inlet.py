@@ -83,3 +83,38 @@ def test_an_inlet_receives_every_reading_and_step_of_a_press(
     streams.send_signal(signal.SIGINT)
     assert until(lambda: streams.poll() is not None)
     assert streams.returncode == 0
+
+
+COUNTS = """\
+import json, sys, time
+import pylsl
+from rig.design.counts_from.lsl_stream import opened
+from rig.design.counts_from.source import AcceptedCounts
+from rig.errors import CountError
+
+found = []
+for kind, samples in (("double64", ([0.0, 7.0], [1.0, float("nan")])), ("string", (["0", "12"], ["1", "many"]))):
+    outlet = pylsl.StreamOutlet(pylsl.StreamInfo(f"counts_{kind}", "Counts", 2, pylsl.IRREGULAR_RATE, kind, kind))
+    source = opened(f"counts_{kind}")
+    counts = AcceptedCounts(source)
+    try:
+        for number, sample in enumerate(samples):
+            outlet.push_sample(sample)
+            while counts.count(number) is None:
+                counts.look(2)
+                time.sleep(0.005)
+            found.append(counts.count(number))
+    except CountError as error:
+        found.append(error.code)
+    source.close()
+print(json.dumps(found))
+"""
+
+
+def test_counts_of_a_stream_are_taken_in_and_wrong_ones_are_errors(
+    begun: Callable[..., "subprocess.Popen[str]"],
+) -> None:
+    """Numbers or texts: the first sample is a count, the second cannot be one."""
+    lab = begun("-c", COUNTS)
+    assert lab.stdout is not None
+    assert json.loads(lab.stdout.readline()) == [7, "bad_count", 12, "bad_count"]

@@ -1,0 +1,162 @@
+"""`--choose`: options of an adaptive run, its preparation, and what commands print of it."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from rig.cli.output import busy
+from rig.data import Run
+from rig.data.choices import WHY_ENDED, verdict_of
+from rig.errors import BadInputError
+from rig.plan.config import Config
+from rig.plan.plan import Plan
+from rig.protocol.script import Script
+from rig.session.resume import StoppedRun
+from sim.finger_process import Finger
+
+if TYPE_CHECKING:
+    from rig.design.adaptive_run import AdaptiveRun
+    from rig.design.chooser import Choosing
+    from rig.design.designed import Designed
+
+_PANEL = "Adaptive run"
+ChooseOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="COUNTS",
+        help="Choose each press after the count: COUNTS.csv, lsl:STREAM, virtual:SA1 or virtual:MEASURE.",
+        rich_help_panel=_PANEL,
+    ),
+]
+WITHIN_S = 30.0
+CountWithinOption = Annotated[
+    float,
+    typer.Option(
+        metavar="S", help="Longest wait for a count, in s; then the planned presses follow.", rich_help_panel=_PANEL
+    ),
+]
+_MOST_WITHIN_S = 3600.0
+
+
+def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
+    """Return what a designed script says; raise an error for a wrong script or source before anything is computed."""
+    from rig.design.counts_from.opened import refuse_source, virtual_name
+    from rig.design.designed import Designed
+
+    if not (math.isfinite(within_s) and 0 < within_s <= _MOST_WITHIN_S):
+        raise BadInputError(
+            "{option} {value:g}: must be more than {low:g} and at most {high:g}",
+            code="outside_range", option="--count-within-s", value=within_s, low=0.0, high=_MOST_WITHIN_S,
+        )  # fmt: skip
+    refuse_source(source)
+    if virtual and virtual_name(source) is None:
+        raise BadInputError(
+            "--choose {value}: a dry-run has no nerve to record; use virtual:SA1 or virtual:MEASURE",
+            code="not_virtual", value=source,
+        )  # fmt: skip
+    return Designed.of(script)
+
+
+def adaptive_run(
+    script: Script,
+    source: str,
+    within_s: float,
+    config: Config,
+    finger: Finger,
+    stopped: StoppedRun | None = None,
+    *,
+    virtual: bool,
+    as_json: bool,
+) -> "AdaptiveRun":
+    """Return the adaptive run of a designed script, with every press that may be chosen checked.
+
+    Raises DesignError, BadInputError.
+    """
+    from rig.design.adaptive_run import AdaptiveRun
+    from rig.design.chooser import ChooserHere, ChooserProcess
+
+    designed = refuse_choose(script, source, within_s, virtual=virtual)
+    before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
+    choosing, plan = _checked(designed, source, config, finger, before, folder, as_json=as_json)
+    opener = ChooserHere if virtual else ChooserProcess
+    return AdaptiveRun(script, designed, choosing, within_s, opener, before, plan)
+
+
+def _checked(
+    designed: "Designed",
+    source: str,
+    config: Config,
+    finger: Finger,
+    before: Run | None,
+    folder: Path | None,
+    *,
+    as_json: bool,
+) -> tuple["Choosing", Plan]:
+    """Return what a choice needs, and the plan of every press that may be chosen."""
+    from threadpoolctl import threadpool_limits
+
+    from rig.cli.design import ShownProgress
+    from rig.design import design
+    from rig.design.adaptive_run import approved, counted_in, presses_in
+    from rig.design.chooser import Choosing
+
+    with ShownProgress(as_json=as_json) as shown, threadpool_limits(1):
+        table, times, _ = design.bench_of(
+            designed.request, config, finger, designed.plausible, shown.count, shown.progress
+        )
+    choosing = Choosing(designed.request, source, config, table, times, counted_in(before), presses_in(before))
+    choosing.refuse_too_short()
+    with busy("checking every press that may be chosen …", as_json=as_json, size=len(table.presses)):
+        return choosing, approved(choosing, finger, folder)
+
+
+def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> dict[str, Any]:
+    """Return how many presses an adaptive run may choose, their highest force and pressure, and its soft trip."""
+    from rig.design.designed import Designed
+
+    _, plan = _checked(Designed.of(script), "", config, finger, None, None, as_json=as_json)
+    return {
+        "presses": len(plan.indentations),
+        "peak_force_gwt": plan.peak_force_gwt,
+        "peak_pressure_kpa": 1000 * max(press.peak_pressure_mpa for press in plan.indentations),
+        "soft_trip_n": min(plan.soft_trip_n, config.limits.soft_trip_n),
+    }
+
+
+def source_of(text: str) -> str:
+    """Return the text of --choose as a run records it: a file by its absolute path, so that it resumes anywhere."""
+    return str(Path(text).absolute()) if text.endswith(".csv") else text
+
+
+def choice_as_json(run: Run) -> dict[str, Any] | None:
+    """Return the verdict of an adaptive run as JSON, or None for another run."""
+    found = verdict_of(run)
+    if found is None:
+        return None
+    candidates = [
+        {"name": name, "probability": p, "in_set": name in found.in_set} for name, p in found.probability.items()
+    ]
+    return {
+        "candidates": candidates,
+        "ended": found.ended,
+        "truth": found.truth,
+        "planned_from": found.planned_from,
+    }
+
+
+def choice_lines(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Return the lines about an adaptive run, by their label."""
+    rows = found["candidates"]
+    inside = ", ".join(f"{one['name']} {100 * one['probability']:.1f} %" for one in rows if one["in_set"])
+    lines = [("verdict", f"95 % set: {inside}")]
+    if found["truth"] is not None:
+        is_in = any(one["in_set"] and one["name"] == found["truth"] for one in rows)
+        lines.append(("truth", f"{found['truth']} (virtual nerve), {'in' if is_in else 'not in'} the set"))
+    if found["planned_from"] is not None:
+        lines.append(("plan", f"counts stopped; from press {found['planned_from']} on, the run went by the plan"))
+    if found["ended"] is not None:
+        lines.append(("ended", WHY_ENDED[found["ended"]]))
+    return lines

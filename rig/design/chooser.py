@@ -1,0 +1,241 @@
+"""Counts and the rule together: after each press the count is taken in, and the next press is chosen."""
+
+import json
+import multiprocessing
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from typing import Any, NamedTuple, Protocol
+
+from threadpoolctl import threadpool_limits
+
+from rig.clock import WallClock
+from rig.design.adaptive import AdaptiveRule, PressChoice, SpikeCount
+from rig.design.counts import TEN_MINUTES_S, CountModel
+from rig.design.counts_from.opened import opened
+from rig.design.counts_from.source import AcceptedCounts, MadePress
+from rig.design.design import DesignRequest
+from rig.design.exceptions import DesignError
+from rig.design.press_times import PressTimes
+from rig.design.response_table import ResponseTable
+from rig.errors import CountError, RigError
+from rig.plan.config import Config
+from sim.finger_process import belong_to_parent
+from sim.workers import leaving_signals_to_us
+
+_POLL_S = 0.002
+_BEGINS_S = 120.0
+_END_S = 5.0
+
+
+class Decision(NamedTuple):
+    """The count of the press before, and the next press by its number, or None; why, and what it is based on."""
+
+    spikes: int | None
+    possible: int | None
+    reason: str
+    information_bits: float | None
+    probabilities: tuple[float, ...]
+    chosen_in_s: float
+
+
+@dataclass(frozen=True, eq=False)
+class Choosing:
+    """What a choice needs: request, source, the presses within the limits with their responses and times."""
+
+    request: DesignRequest
+    source: str
+    config: Config
+    table: ResponseTable
+    times: PressTimes
+    history: tuple[SpikeCount, ...] = ()
+    made: int = 0  # presses in the journal of a stopped run; the count of the last one may still be missing
+
+    @property
+    def model(self) -> CountModel:
+        """Window and unknowns of the counts."""
+        return CountModel(self.request.hold_s, self.request.unknowns)
+
+    def refuse_too_short(self) -> None:
+        """Raise DesignError if not even one press fits into the session."""
+        needed_s = self.times.first_s + float(self.times.press_s.min())
+        if needed_s > 60 * self.request.minutes:
+            raise DesignError(
+                "{minutes:g} minutes are too short: the shortest press takes {needed_s:.0f} s",
+                code="too_few_minutes", minutes=self.request.minutes, needed_s=needed_s,
+            )  # fmt: skip
+
+
+class NextPressChooser(Protocol):
+    """Chooser of presses that never blocks: begin(), then is_ready() until decision()."""
+
+    truth: Mapping[str, Any] | None
+
+    def begin(self, possible: int | None) -> None:
+        """Ask for the next press, after this one was made, or for the first one."""
+
+    def is_ready(self) -> bool:
+        """Return whether there is a decision, or an error. Raises CountError."""
+
+    def decision(self) -> Decision:
+        """Return the decision."""
+
+    def close(self) -> None:
+        """End the source."""
+
+
+class ChooserHere:
+    """Chooser in this process, for virtual runs and for the process of a real one."""
+
+    def __init__(self, what: Choosing) -> None:
+        """Raise CountError if the source cannot be opened, or already has counts that cannot be right."""
+        with threadpool_limits(1):
+            self._rule = AdaptiveRule.of(
+                what.table, what.request.candidates, what.model, what.times, what.request.minutes,
+                seed=what.request.seed,
+            )  # fmt: skip
+            self._posterior, self._state = self._rule.replayed(what.history)
+        self._minutes, self._table = what.request.minutes, what.table
+        self._source = opened(what.source, what.config, what.table, what.model)
+        self._counts = AcceptedCounts(self._source, [_as_int(one.spikes) for one in what.history])
+        self._counts.look(what.made)
+        self.truth = self._source.truth()
+        self._press: int | None = None
+        self._clock = WallClock()
+
+    def begin(self, possible: int | None) -> None:
+        """Note the press, whose count is now awaited."""
+        self._press = possible
+        if possible is None:
+            return
+        state, press = self._state, self._table.presses[possible]
+        change_s = self._rule.times.change_s if state.shape not in (None, press.shape) else 0.0
+        tau = (state.elapsed_s + change_s - 30 * self._minutes) / TEN_MINUTES_S
+        self._source.made(MadePress(len(state.made), possible, press, tau))
+
+    def is_ready(self) -> bool:
+        """Return whether the count has arrived. Raises CountError."""
+        made = len(self._state.made)
+        self._counts.look(made + (self._press is not None))
+        return self._press is None or self._counts.count(made) is not None
+
+    def decision(self) -> Decision:
+        """Take the count in, and choose."""
+        began_s = self._clock.monotonic_s()
+        count = None
+        with threadpool_limits(1):
+            if self._press is not None:
+                count = self._counts.count(len(self._state.made))
+                counted = SpikeCount(self._press, count)
+                self._posterior, self._state = self._rule.updated(self._posterior, self._state, counted)
+            found = self._rule.chosen(self._posterior, self._state)
+            probabilities = tuple(float(p) for p in self._posterior.probabilities[0])
+        possible, bits = (found.press, found.information_bits) if isinstance(found, PressChoice) else (None, None)
+        took_s = self._clock.monotonic_s() - began_s
+        return Decision(count, possible, found.reason, bits, probabilities, took_s)
+
+    def close(self) -> None:
+        """Close the source."""
+        self._source.close()
+
+
+def _as_int(count: float | None) -> int | None:
+    return None if count is None else int(count)
+
+
+class ChooserLostError(CountError):
+    """Error of a process of the choice that ended, or that does not answer."""
+
+    default_code = "chooser_lost"
+
+
+class ChooserProcess:
+    """Chooser in a process of its own, for a run whose process must answer a stop at once; close() it.
+
+    Whatever a source does, it delays nothing here: this class only polls a pipe.
+    """
+
+    def __init__(self, what: Choosing) -> None:
+        """Begin the process, and wait until its source is open. Raises CountError, ChooserLostError."""
+        context = multiprocessing.get_context("spawn")
+        self._near, far = context.Pipe()
+        self._process = context.Process(target=_serve, args=(far, what), name="chooser", daemon=True)
+        with leaving_signals_to_us():
+            self._process.start()
+        far.close()
+        try:
+            if not self._near.poll(_BEGINS_S):
+                raise ChooserLostError(
+                    "--choose {source}: the source does not open within {within_s:g} s",
+                    source=what.source, within_s=_BEGINS_S,
+                )  # fmt: skip
+            self.truth: Mapping[str, Any] | None = self._received()
+        except BaseException:
+            self.close()
+            raise
+
+    def begin(self, possible: int | None) -> None:
+        """Send the press. Raises ChooserLostError."""
+        try:
+            self._near.send(possible)
+        except OSError:
+            raise self._lost() from None
+
+    def is_ready(self) -> bool:
+        """Return whether an answer waits. Raises ChooserLostError."""
+        try:
+            return self._near.poll(0.0)
+        except OSError:
+            raise self._lost() from None
+
+    def decision(self) -> Decision:
+        """Return the answer. Raises CountError, ChooserLostError."""
+        return Decision(*self._received())
+
+    def close(self) -> None:
+        """End the process, whatever it is doing."""
+        self._near.close()
+        self._process.kill()
+        self._process.join(_END_S)
+
+    def _received(self) -> Any:
+        try:
+            kind, found = self._near.recv()
+        except (EOFError, OSError):
+            raise self._lost() from None
+        if kind == "raised":
+            raise found
+        return found
+
+    @staticmethod
+    def _lost() -> ChooserLostError:
+        return ChooserLostError("the process that receives the counts has ended")
+
+
+def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
+    belong_to_parent()
+    clock = WallClock()
+    kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
+    try:
+        chooser = ChooserHere(what)
+        far.send(("gave", chooser.truth))
+        kind = ChooserLostError
+        while True:
+            chooser.begin(far.recv())
+            while not chooser.is_ready():
+                clock.wait_s(_POLL_S)
+            far.send(("gave", tuple(chooser.decision())))
+    except (EOFError, BrokenPipeError):
+        return
+    except Exception as error:
+        if not isinstance(error, RigError):
+            error = kind(
+                "the source of the counts failed: {exception}: {problem}",
+                code="source_failed", exception=type(error).__name__, problem=str(error),
+            )  # fmt: skip
+        far.send(("raised", error))
+
+
+def probabilities_as_text(candidates: Sequence[str], probabilities: Sequence[float]) -> str:
+    """Return probabilities for the journal, to the last bit."""
+    return json.dumps(dict(zip(candidates, probabilities, strict=True)))

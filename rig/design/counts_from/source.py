@@ -1,0 +1,111 @@
+"""What a source of counts does, and the counts that a run accepts from it."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from rig.design.presses import PossiblePress
+from rig.errors import CountError
+
+
+@dataclass(frozen=True)
+class MadePress:
+    """A press that was just made.
+
+    Attributes
+    ----------
+    index : int
+        Its number in the run, from 0.
+    possible : int
+        Its number among the presses that may be chosen.
+    press : PossiblePress
+    tau : float
+        Planned time from the middle of the session, in units of ten minutes.
+    """
+
+    index: int
+    possible: int
+    press: PossiblePress
+    tau: float
+
+
+class CountSource(Protocol):
+    """Source of the spikes counted in the holds of a run.
+
+    A real run asks it in a process of its own, so that a source which blocks or crashes delays no stop. A source of
+    your own is a class with these methods, and a function that opens it: `--choose my_module:my_function`.
+    """
+
+    def made(self, press: MadePress) -> None:
+        """Note that a press has been made, whose count is asked for next."""
+
+    def new(self) -> Sequence[tuple[Any, Any]]:
+        """Return what arrived since the last call, as pairs of a press's number (from 0) and its count.
+
+        Pairs are returned as they came, without a wait; the run checks them. Raises CountError.
+        """
+
+    def truth(self) -> Mapping[str, Any] | None:
+        """Return what is known of a virtual nerve, with its candidate under `candidate`; None for a recorded one."""
+
+    def close(self) -> None:
+        """Release what the source has opened."""
+
+
+class AcceptedCounts:
+    """Counts by press: each a whole number, once, and of a press that was made.
+
+    Parameters
+    ----------
+    source : CountSource
+    known : sequence of int or None
+        Counts in the journal of a stopped run, which may arrive once more.
+    """
+
+    def __init__(self, source: CountSource, known: Sequence[int | None] = ()) -> None:
+        self.source = source
+        self._known = {index: count for index, count in enumerate(known) if count is not None}
+        self._found: dict[int, int] = {}
+
+    def look(self, presses: int) -> None:
+        """Take in what arrived while so many presses have been made. Raises CountError."""
+        for press, count in self.source.new():
+            self._take(press, count, presses)
+
+    def count(self, index: int) -> int | None:
+        """Return the count of a press, or None if it has not arrived."""
+        return self._found.get(index)
+
+    def _take(self, press: Any, count: Any, presses: int) -> None:
+        index = _whole(press, "no_press_number", "the number of a press {value}: must be a whole number from 0")
+        if index >= presses:
+            raise CountError(
+                "a count for press {index} arrived, which was not made; the last one was {last}",
+                code="press_not_made", index=index, last=presses - 1,
+            )  # fmt: skip
+        spikes = _whole(
+            count, "bad_count", "the count {value} of press {index}: must be a whole number from 0", index
+        )
+        if index in self._found or self._known.get(index, spikes) != spikes:
+            before = self._found.get(index, self._known.get(index))
+            raise CountError(
+                "two counts for press {index}, {before} and {count}: there must be one",
+                code="two_counts", index=index, before=before, count=spikes,
+            )  # fmt: skip
+        self._found[index] = spikes
+
+
+_MOST = 1_000_000
+
+
+def _whole(value: Any, code: str, sentence: str, index: int | None = None) -> int:
+    """Return a whole number from 0. Raises CountError."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(value, bool) or not (0 <= number <= _MOST and number == math.floor(number)):
+        about = {} if index is None else {"index": index}
+        raise CountError(sentence, code=code, value=repr(value)[:60], **about)
+    return int(number)

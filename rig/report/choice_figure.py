@@ -1,0 +1,90 @@
+"""Figure of an adaptive run: probabilities of the candidates after each count."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from rig.data import Run
+from rig.data.choices import BY_PLAN, LEVEL, ChoiceVerdict, probabilities_of, verdict_of
+from rig.report.page_parts import PageFigure
+from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, label
+
+_COLORS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW)
+
+
+@dataclass(frozen=True)
+class ChoiceRow:
+    """A choice in words: the press, why, the count before it, expected information (bits), the best candidate."""
+
+    index: int
+    press: str
+    reason: str
+    count: str
+    information: str
+    best: str
+
+
+def choice_rows(run: Run) -> list[ChoiceRow]:
+    """Return the choices of a run in order, for its table."""
+    rows = []
+    for one in run.stream("choice"):
+        ranked = sorted(probabilities_of(one).items(), key=lambda found: -found[1])
+        name, p = ranked[0]
+        bits, count = one.get("information_bits"), one.get("count")
+        rows.append(
+            ChoiceRow(
+                int(one["index"]),
+                "–" if one.get("possible") is None else _press(one),
+                str(one["reason"]).replace("_", " "),
+                "–" if count is None else f"{count:g}",
+                "–" if bits is None else f"{bits:.2f}",
+                f"{name} {100 * p:.1f} %",
+            )
+        )
+    return rows
+
+
+def _press(one: dict[str, object]) -> str:
+    unit = {"doi_mm": "mm", "force_gwt": "gwt"}[str(one["target"])]
+    return f"{one['indentor']} at {one['x_mm']:+.2f} mm to {one['value']:g} {unit}"
+
+
+def choice_figures(run: Run) -> list[PageFigure]:
+    """Return the figure of the probabilities; none for a run without choices."""
+    verdict = verdict_of(run)
+    if verdict is None:
+        return []
+    truth = "" if verdict.truth is None else f" Dashed: {label(verdict.truth)}, the truth of the virtual nerve."
+    others = " Grey: all others." if len(verdict.probability) > len(_COLORS) else ""
+    plan = "" if verdict.planned_from is None else " From there on counts are missing, and the run goes by the plan."
+    caption = (
+        "Probability of each candidate against the number of counts. "
+        f"Dotted: {100 * LEVEL:g} %, at which the presses end.{truth}{others}{plan} Data: choice.csv."
+    )
+    return [PageFigure("Probabilities", probabilities(run, verdict), caption)]
+
+
+def probabilities(run: Run, verdict: ChoiceVerdict) -> Plot:
+    """Plot the probability of each candidate against the number of counts."""
+    return Plot((9.6, 4.2), lambda figure: _draw(figure, run, verdict))
+
+
+def _draw(figure: Figure, run: Run, verdict: ChoiceVerdict) -> None:
+    axes = figure.subplots()
+    counted = [one for one in run.stream("choice") if one["reason"] != BY_PLAN]
+    found = [probabilities_of(one) for one in counted]
+    steps = np.arange(len(found))
+    for k, name in reversed(list(enumerate(verdict.probability))):
+        colored = k < len(_COLORS)
+        axes.plot(
+            steps, [one[name] for one in found],
+            color=_COLORS[k] if colored else GREY, lw=1.8 if colored else 0.8,
+            ls="--" if name == verdict.truth else "-", marker="o", ms=3.5 if colored else 2,
+            label=label(name) if colored else None,
+        )  # fmt: skip
+    axes.axhline(LEVEL, color="black", lw=0.9, ls=DOTTED)
+    axes.set(xlabel="number of counts (1)", ylabel="probability (1)", ylim=(-0.02, 1.02))
+    axes.set_xticks(steps[:: max(1, -(-len(steps) // 12))])
+    handles, names = axes.get_legend_handles_labels()
+    axes.legend(handles[::-1], names[::-1], loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)

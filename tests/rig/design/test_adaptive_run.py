@@ -1,0 +1,432 @@
+"""Adaptive runs: choices in the journal, kill and resume at every press, what ends one, and what is refused."""
+
+import json
+import shutil
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.cli.choosing import adaptive_run
+from rig.data import read_run
+from rig.data.choices import verdict_of
+from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
+from rig.design import design as designs
+from rig.design.adaptive_run import AdaptiveRun, ChoosePress
+from rig.design.chooser import ChooserHere, ChooserLostError, Choosing, Decision, NextPressChooser
+from rig.design.counts_from.growing_file import GrowingFile
+from rig.design.counts_from.lsl_stream import LslCounts
+from rig.design.counts_from.source import AcceptedCounts, CountSource
+from rig.design.design import DesignRequest
+from rig.design.designed import Designed, as_block
+from rig.design.fibers import Unknowns
+from rig.design.press_times import PressTimes
+from rig.design.response_table import ResponseTable
+from rig.design.script_text import script_text
+from rig.engine import TripError
+from rig.errors import CountError, RunAborted
+from rig.plan.config import Config, load_config
+from rig.plan.plan import make_plan
+from rig.protocol.script import Script, load_script
+from rig.session.resume import StoppedRun, read_stopped
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from sim.models.fingertip import Fingertip
+from tests.program import NEAR_HOME, Program
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+SHAPES = ("bar:1.5", "bar:3.0")
+REQUEST = DesignRequest(
+    ("ep1", "sed", "e22"), SHAPES, 0.9, "doi_mm", (0.25, 0.5, 1.0), Unknowns(rate_per_s=(60.0, 100.0)),
+    hold_s=0.2, rest_s=0.5, change_s=30.0, seed=2,
+)  # fmt: skip
+TRUTH = "virtual:e22@4"
+DRY = ("dry-run", "designed.py", "--config", "rig.toml")
+
+
+@pytest.fixture
+def some(table: ResponseTable) -> ResponseTable:
+    """Return every sixth press of two shapes."""
+    return table.only(range(0, len(table.presses), 6))
+
+
+@pytest.fixture
+def few_times(times: PressTimes, some: ResponseTable) -> PressTimes:
+    """Return the times of these presses."""
+    return PressTimes(times.first_s, times.press_s[: len(some.presses)], 30.0)
+
+
+_PREDICTIONS: dict[Any, Any] = {}
+"""Of the finger, each solved once; the bumps know nothing of them."""
+
+
+@pytest.fixture
+def here(
+    some: ResponseTable, few_times: PressTimes, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Path:
+    """Return a folder with a designed script; the table of responses is that of bumps."""
+    assert finger is not None
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(designs, "press_times", lambda *_: few_times)
+    (tmp_path / "rig.toml").write_text(NEAR_HOME, encoding="utf-8")
+    monkeypatch.setattr(designs, "response_table", lambda *_: some)
+    monkeypatch.setattr(ResponseTable, "predictions", _PREDICTIONS)
+    blocks = [np.array([0, 4, 7]), np.array([11, 14, 18])]
+    text = script_text(blocks, some.presses, "About.", "rig design", 0.2, 0.5, as_block(REQUEST, None))
+    (tmp_path / "designed.py").write_text(text, encoding="utf-8")
+    return tmp_path
+
+
+def _choices(run: Path) -> list[dict[str, Any]]:
+    """Return the choices of a run without what depends on the clock."""
+    clocks = ("t_s", "chosen_in_s")
+    return [{k: v for k, v in one.items() if k not in clocks} for one in read_run(run).stream("choice")]
+
+
+def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) -> None:
+    """The verdict is beside the truth in output, JSON and report; each press is what the choice before it says."""
+    ended = program(*DRY, "--choose", TRUTH, "--json")
+    assert ended.code == 0, ended.err
+    choice = ended.json["choice"]
+    assert (choice["truth"], choice["planned_from"]) == ("e22", None)
+    run = read_run(Path(ended.json["run"]))
+    choices = run.stream("choice")
+    made = [(one["indentor"], one["x_mm"], one["value"]) for one in run.stream("indentation_start")]
+    assert [(one["indentor"], one["x_mm"], one["value"]) for one in choices[:-1]] == made
+    assert choices[-1]["reason"] == choice["ended"]
+    assert choices[-1]["possible"] is None
+    assert [one["count"] is None for one in choices] == [True, *[False] * len(made)]
+    assert {one["name"]: one["probability"] for one in choice["candidates"]} == json.loads(
+        choices[-1]["probabilities"]
+    )
+    assert run.complete
+    assert run.start["choose"]["truth"]["candidate"] == "e22"
+    assert 'id="verdict"' in run.folder.report.read_text(encoding="utf-8")
+    shown = program("show", run.folder.path, "--json").json
+    assert shown["choice"] == choice
+    again = program(*DRY, "--choose", TRUTH, "--json")
+    assert _choices(Path(again.json["run"])) == _choices(run.folder.path)
+
+
+def _cuts(lines: list[dict[str, Any]]) -> list[int]:
+    """Return the lengths of the journals that kills leave: in, before and after every press, and at its end."""
+    ends = ("choice", "hold_start", "hold_end", "rest")
+    return [n + 1 for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] in ends]
+
+
+def test_a_run_killed_anywhere_resumes_with_the_same_choices(
+    here: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Bit for bit: counts, probabilities, presses; no press is lost or made twice."""
+    config = load_config(here / "rig.toml")
+
+    def done(script: Script, into: NewRun | StoppedRun) -> FinishedRun:
+        stopped = into if isinstance(into, StoppedRun) else None
+        found = adaptive_run(script, TRUTH, 9.0, config, finger, stopped, virtual=True, as_json=True)
+        with found:
+            plan = make_plan(found.as_script(), config, finger, found.before, None, known=found.approved.predictions)
+            return dry_run(found.applied(Session(found.as_script(), config, finger, plan, into)))
+
+    whole = done(load_script(str(here / "designed.py")), NewRun(here / "runs")).folder.path
+    expected, presses = _choices(whole), len(read_run(whole).done)
+    assert presses >= 3
+    lines = (whole / "events.jsonl").read_bytes().splitlines(keepends=True)
+    cuts = _cuts([json.loads(line) for line in lines])
+    assert len(cuts) == 4 * presses + 1
+    for number, end in enumerate(cuts):
+        folder = here / f"cut{number}"
+        shutil.copytree(whole, folder)
+        (folder / "events.jsonl").write_bytes(b"".join(lines[:end]) + b'{"doc": "eve')
+        stopped = read_stopped(folder)
+        resumed = done(stopped.script, stopped)
+        assert resumed.complete, (end, resumed.problem)
+        assert _choices(folder) == expected, end
+        assert (len(resumed.run.done), resumed.run.repeated, resumed.run.missing) == (presses, 0, 0)
+        shutil.rmtree(folder)
+
+
+def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseTable, program: Program) -> None:
+    found = program("check", "designed.py", "--config", "rig.toml", "--choose", "--json").json
+    assert found["possible"]["presses"] == len(some.presses)
+    assert found["possible"]["peak_force_gwt"] >= found["peak_force_gwt"]
+    assert len(found["steps"]) == 6
+
+
+PLAIN = """\
+from rig.protocol import Rig
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(doi_mm=0.2)
+"""
+
+
+@pytest.mark.parametrize(
+    ("change", "options", "code"),
+    [
+        (("", ""), ("--choose", "virtual:ep9"), "unknown_nerve"),
+        (("", ""), ("--choose", "virtual:SA1@-1"), "bad_seed"),
+        (("", ""), ("--choose", "counts.txt"), "no_source"),
+        (("", ""), ("--choose", "lsl:"), "no_source"),
+        (("", ""), ("--choose", "counts.csv"), "not_virtual"),
+        (("", ""), ("--choose", TRUTH, "--count-within-s", "0"), "outside_range"),
+        (("", ""), ("--choose", TRUTH, "hold_s=0"), "no_hold"),
+        (('"e22"', '"e99"'), ("--choose", TRUTH), "unknown_candidate"),
+        (('"minutes": 0.9', '"minutes": 0.2'), ("--choose", TRUTH), "too_few_minutes"),
+        (('["bar:1.5", "bar:3.0"]', '["bar:1.5"]'), ("--choose", TRUTH), "press_not_designed"),
+        (('["bar:1.5", "bar:3.0"]', '["bar:1.5", "gear:9"]'), ("--choose", TRUTH), "no_such"),
+        (('"targets": [0.25', '"targets": ["x"'), ("--choose", TRUTH), "invalid_value"),
+        (('"seed": 2', '"sow": 2'), ("--choose", TRUTH), "missing_key"),
+        (("BLOCKS = (", "BLOCKS = (3,"), ("--choose", TRUTH), "bad_blocks"),
+        ((None, PLAIN), ("--choose", TRUTH), "no_design"),
+    ],
+)
+def test_what_is_refused_before_anything_moves(
+    here: Path, program: Program, change: tuple[str | None, str], options: tuple[str, ...], code: str
+) -> None:
+    """In one line, without a run folder."""
+    path = here / "designed.py"
+    old, new = change
+    text = path.read_text(encoding="utf-8")
+    assert old is None or old in text
+    changed = new if old is None else text.replace(old, new, 1) if old else text
+    path.write_text(changed, encoding="utf-8")
+    ended = program(*DRY, *options, "--json")
+    assert ended.json["code"] == code, ended.err
+    assert ended.code == 2
+    assert not list(here.glob("runs/*")), "nothing moved"
+
+
+def test_a_step_that_is_not_chosen_yet_is_named_so_until_it_is() -> None:
+    """As terminal, panel and `rig watch` show it: the plan's presses are not those that come."""
+    move, press = ("move", 1, 0), ("indentation_start", 0, 0)
+    planned = Course(9.0, {move: 1.0, press: 2.0}, {move: "move to x = +1.00 mm", press: "press bar:3.0"})
+    agenda = Agenda(AdaptiveRun.course(planned))
+    assert agenda.now == UNTIL_CHOSEN["move"]
+    assert agenda.next == UNTIL_CHOSEN["indentation_start"]
+    agenda.event("move", {"x_mm": -0.5})
+    agenda.event(
+        "indentation_start", {"index": 0, "indentor": "step:1", "x_mm": -0.5, "target": "doi_mm", "value": 1}
+    )
+    assert "step:1" in agenda.now
+
+
+# --- counts that cannot be right ---
+
+
+class _Inlet:
+    def __init__(self, samples: list[list[Any]]) -> None:
+        self.samples = samples
+
+    def pull_chunk(self, timeout: float, max_samples: int) -> tuple[list[list[Any]], list[float]]:
+        found, self.samples = self.samples, []
+        return found, [0.0] * len(found)
+
+    def close_stream(self) -> None:
+        return None
+
+
+def _in_a_file(rows: list[tuple[Any, Any]], folder: Path) -> CountSource:
+    path = folder / "counts.csv"
+    path.write_text("index,count\n" + "".join(f"{a},{b}\n" for a, b in rows), encoding="utf-8")
+    return GrowingFile(path)
+
+
+def _in_a_stream(rows: list[tuple[Any, Any]], folder: Path) -> CountSource:
+    return LslCounts(_Inlet([[a, b] for a, b in rows]))
+
+
+WRONG = {
+    "nan": ([(0, float("nan"))], "bad_count"),
+    "infinite": ([(0, float("inf"))], "bad_count"),
+    "text": ([(0, "many")], "bad_count"),
+    "empty": ([(0, "")], "bad_count"),
+    "negative": ([(0, -1)], "bad_count"),
+    "fractional": ([(0, 2.5)], "bad_count"),
+    "huge": ([(0, 1e9)], "bad_count"),
+    "twice": ([(0, 3), (0, 4)], "two_counts"),
+    "twice the same": ([(0, 3), (0, 3)], "two_counts"),
+    "another than before": ([(1, 6)], "two_counts"),
+    "not made": ([(0, 3), (2, 4)], "press_not_made"),
+    "no number": ([("first", 3)], "no_press_number"),
+    "negative number": ([(-1, 3)], "no_press_number"),
+    "half a number": ([(0.5, 3)], "no_press_number"),
+}
+
+
+@pytest.mark.parametrize("source", [_in_a_file, _in_a_stream])
+@pytest.mark.parametrize("name", WRONG)
+def test_a_count_that_cannot_be_right_is_an_error(
+    name: str, source: Callable[[list[tuple[Any, Any]], Path], CountSource], tmp_path: Path
+) -> None:
+    rows, code = WRONG[name]
+    counts = AcceptedCounts(source(rows, tmp_path), [None, 5])
+    with pytest.raises(CountError) as caught:
+        counts.look(2)
+    assert caught.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("content", "code"),
+    [("0,3\n", "no_header"), ("index,count\n1\n", "bad_line"), ("index,count\n" + "x" * 300, "bad_line"),
+     ("index,count\n1,2,3\n", "bad_line"), ("\x00\x01\n", "no_header")],
+)  # fmt: skip
+def test_a_file_that_is_none_of_counts(content: str, code: str, tmp_path: Path) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(CountError) as caught:
+        GrowingFile(path).new()
+    assert caught.value.code == code
+
+
+def test_a_growing_file_gives_each_whole_line_once(tmp_path: Path) -> None:
+    path = tmp_path / "counts.csv"
+    source = GrowingFile(path)
+    assert source.new() == [], "not there yet"
+    found = []
+    for piece in ("index,co", "unt\n0,", "12", "\r\n1,3\n\n2", ",4\n"):
+        with path.open("a", encoding="utf-8", newline="") as file:
+            file.write(piece)
+        found += source.new()
+    assert found == [("0", "12"), ("1", "3"), ("2", "4")]
+    path.write_text("index,count\n", encoding="utf-8")
+    with pytest.raises(CountError) as caught:
+        source.new()
+    assert caught.value.code == "shortened"
+
+
+# --- the wait at clearance ---
+
+
+def _never() -> bool:
+    return False
+
+
+class _Chooser(NextPressChooser):
+    """Chooser that does at each look what a function says."""
+
+    truth: Mapping[str, Any] | None = None
+
+    def __init__(self, look: Callable[[], bool], possible: int | None = 5) -> None:
+        self._look, self._possible, self.closed = look, possible, False
+
+    def begin(self, possible: int | None) -> None:
+        return None
+
+    def is_ready(self) -> bool:
+        return self._look()
+
+    def decision(self) -> Decision:
+        return Decision(3, self._possible, "same_shape", 0.1, (0.2, 0.3, 0.5), 0.01)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a function that has a run at clearance wait for its second choice, and returns what came of it."""
+
+    def wait(
+        chooser: _Chooser,
+        within_s: float = 0.2,
+        problem: TripError | None = None,
+        interrupt: Callable[[], bool] = _never,
+    ) -> tuple[int | None, Any]:
+        script = load_script(str(here / "designed.py"))
+        choosing = Choosing(REQUEST, TRUTH, Config(), some, few_times)
+        run = AdaptiveRun(script, Designed.of(script), choosing, within_s, lambda _: chooser).opened()
+        bench = spring()
+        bench.journal.start({"protocol": "p"})
+        engine = bench.ready()
+        bench.interrupt = interrupt
+        engine.stop_problem = lambda *, at_rest: problem
+        found = run.choose(engine, ChoosePress(index=1, last=0, planned=7))
+        return found, bench
+
+    return wait
+
+
+def _raising(error: BaseException) -> Callable[[], bool]:
+    def look() -> bool:
+        raise error
+
+    return look
+
+
+@pytest.mark.parametrize(
+    "look", [_never, _raising(ChooserLostError("gone"))], ids=["no count arrives", "the source has ended"]
+)
+def test_without_counts_the_plan_goes_on_and_the_run_says_so(
+    waiting: Callable[..., Any], look: Callable[[], bool]
+) -> None:
+    chooser = _Chooser(look)
+    found, bench = waiting(chooser)
+    assert (found, chooser.closed) == (7, True)
+    (alarm,) = bench.of("alarm")
+    assert alarm["reason"]
+    (choice,) = bench.of("choice")
+    assert (choice["reason"], choice["possible"], choice["count"]) == ("plan", 7, None)
+
+
+@pytest.mark.parametrize("possible", [-1, 42, 10_000])
+def test_a_press_that_was_not_checked_is_refused(waiting: Callable[..., Any], possible: int) -> None:
+    with pytest.raises(CountError) as caught:
+        waiting(_Chooser(lambda: True, possible))
+    assert caught.value.code == "press_not_checked"
+
+
+def test_a_wrong_count_ends_the_run_before_a_motion(waiting: Callable[..., Any]) -> None:
+    with pytest.raises(CountError) as caught:
+        waiting(_Chooser(_raising(CountError("two", code="two_counts"))))
+    assert caught.value.code == "two_counts"
+
+
+def test_ctrl_c_at_the_wait_ends_the_run_at_a_safe_point(waiting: Callable[..., Any]) -> None:
+    with pytest.raises(RunAborted) as caught:
+        waiting(_Chooser(_never), within_s=60.0, interrupt=lambda: True)
+    assert caught.value.code == "stopped_at_a_safe_point"
+
+
+def test_stop_at_once_is_raised_from_the_wait(waiting: Callable[..., Any]) -> None:
+    """As `rig stop`, the panel and a second Ctrl-C interrupt the main thread."""
+    with pytest.raises(KeyboardInterrupt):
+        waiting(_Chooser(_raising(KeyboardInterrupt())), within_s=60.0)
+
+
+def test_a_stop_input_trips_during_the_wait(waiting: Callable[..., Any]) -> None:
+    with pytest.raises(TripError) as caught:
+        waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", code="hardware_trip"))
+    assert caught.value.code == "hardware_trip"
+
+
+def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Counts stop after the second press: all presses of the plan are made, and resumed, without a source."""
+
+    class _Stops(ChooserHere):
+        def is_ready(self) -> bool:
+            if len(self._state.made) == 2:
+                raise ChooserLostError("gone")
+            return super().is_ready()
+
+    monkeypatch.setattr("rig.design.chooser.ChooserHere", _Stops)
+    ended = program(*DRY, "--choose", TRUTH, "--json")
+    assert ended.code == 0, ended.err
+    run = read_run(Path(ended.json["run"]))
+    assert ended.json["choice"]["planned_from"] == 3
+    assert [one["reason"] for one in run.stream("choice")][3:] == ["plan"] * 3 + ["plan_done"]
+    assert len(run.done) == 6
+    verdict = verdict_of(run)
+    assert verdict is not None
+    assert verdict.ended == "plan_done"
+    lines = run.folder.events.read_bytes().splitlines(keepends=True)
+    cut = next(n for n, line in enumerate(lines) if b'"reason": "plan"' in line)
+    run.folder.events.write_bytes(b"".join(lines[: cut + 1]))
+    resumed = program("resume", run.folder.path, "--json")
+    assert resumed.code == 0, resumed.err
+    assert (resumed.json["indentations"], resumed.json["choice"]["planned_from"]) == (6, 3)
