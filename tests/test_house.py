@@ -75,7 +75,8 @@ FOREIGN = {
     "9bdd165",
     "c9f6b81",
     "8689918",
-}  # of grbl, grbl-sim, grblHAL and its core: docs/validation/devices.md
+    "4ec9f5c",
+}  # of grbl, grbl-sim, grblHAL and its core: docs/validation/devices.md; of TouchSim: docs/validation/nerve.md
 
 
 def _commits(text: str) -> set[str]:
