@@ -1,6 +1,6 @@
 """`rig decode --readings` with --axial: a row of receptors of the whole finger under a named axial shape."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -27,11 +27,19 @@ FILE = Path("r.csv")
 
 
 @pytest.fixture(scope="module")
-def cylinder() -> str:
+def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """An empty cache, which the tests of this file share: they ask for the same finger."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def cylinder(_one_cache: None) -> str:
     """What a cylinder of 6 mm at 0.2 mm is felt as in the receptor plane, with a hundredth of noise."""
     line = SkinLine(load("halfspace", CONFIG).surface, CONFIG.receptor_plane_mm, "skin")
     x_mm = line.below(line.angles(PLACES), 0.76)[:, X]
-    finger = load("finger", CONFIG, receptor_x_mm=x_mm.tolist(), cached=False)
+    finger = load("finger", CONFIG, receptor_x_mm=x_mm.tolist())
     sed = finger.indent("cylinder:6", 0.2, doi_mm=0.6).receptor_measures["sed"]
     sd = 0.01 * float(sed.max())
     said = sed + sd * np.random.default_rng(0).normal(size=len(sed))
@@ -45,7 +53,6 @@ def rig(
 ) -> Program:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setenv("RIG_CACHE_DIR", "kept")
     Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
     FILE.write_text(cylinder, encoding="utf-8")
     return program_of(monkeypatch, capsys)

@@ -1,7 +1,7 @@
 """`rig decode --readings` with z_mm: a sheet of receptors over x and z, and what is no sheet."""
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +23,18 @@ Cells = dict[str, np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def sphere() -> Cells:
+def _one_cache(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """An empty cache, which the tests of this file share: they ask for the same finger."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("RIG_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def sphere(_one_cache: None) -> Cells:
     """What a sphere of 4 mm is felt as, with a hundredth of noise."""
     places = {"receptor_x_mm": SIDE.tolist(), "receptor_z_mm": (PLANE + SIDE).tolist()}
-    finger = load("finger", FingertipConfig(mesh=MESH), slopes=(X, Z), cached=False, **places)
+    finger = load("finger", FingertipConfig(mesh=MESH), slopes=(X, Z), **places)
     pressed = finger.indent("sphere:2", 0.2, z_mm=PLANE + 0.2, doi_mm=0.5)
     sed, at = pressed.receptor_measures["sed"], pressed.model.receptors.position_mm
     sd = 0.01 * float(sed.max())
@@ -42,10 +50,11 @@ def sphere() -> Cells:
 
 
 @pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Program:
+def rig(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, _one_cache: None
+) -> Program:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
-    monkeypatch.setenv("RIG_CACHE_DIR", "kept")
     Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
     return program_of(monkeypatch, capsys)
 
