@@ -31,7 +31,9 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-Phase = Literal["clearance", "moving", "approach", "back off", "touch", "press", "ramp", "hold", "compliance"]
+Phase = Literal[
+    "clearance", "moving", "approach", "back off", "touch", "press", "ramp", "vibrate", "hold", "compliance"
+]
 """What was being done when the force was read."""
 
 Purpose = Literal["data", "precondition", "reference", "find"]
@@ -144,6 +146,41 @@ class Prediction:
         return self.highest_gwt * GWT_N / self.contact_area_mm2 * 1000
 
 
+@dataclass(frozen=True)
+class Vibration:
+    """A sine about a preload: amplitude is half of the way from the highest to the lowest position."""
+
+    amplitude_mm: float
+    period_s: float  # in steps of 0.1 ms
+    cycles: int
+
+    @classmethod
+    def of(cls, frequency_hz: float, amplitude_um: float, duration_s: float) -> "Vibration":
+        """Of whole cycles, as many as come nearest to the duration, and no faster than asked."""
+        period_s = math.ceil(10_000 / frequency_hz - 1e-9) / 10_000
+        return cls(amplitude_um / 1000, period_s, max(round(duration_s / period_s), 1))
+
+    @property
+    def frequency_hz(self) -> float:
+        """Cycles per second."""
+        return 1 / self.period_s
+
+    @property
+    def amplitude_um(self) -> float:
+        """Amplitude in micrometers."""
+        return 1000 * self.amplitude_mm
+
+    @property
+    def duration_s(self) -> float:
+        """Of all cycles."""
+        return self.cycles * self.period_s
+
+    @property
+    def speed_mm_s(self) -> float:
+        """Highest speed, half-way."""
+        return 2 * math.pi * self.amplitude_mm / self.period_s
+
+
 @dataclass(frozen=True, kw_only=True)
 class PlannedIndentation(Prediction):
     """One press of a script, and what the model expects of it."""
@@ -151,3 +188,4 @@ class PlannedIndentation(Prediction):
     increments: int
     hold_s: float
     ramp_mm_s: float | None = None  # speed of a ramp
+    vibration: Vibration | None = None

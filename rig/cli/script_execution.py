@@ -24,7 +24,7 @@ from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
-from rig.data.tables import ramps
+from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
 from rig.errors import BadInputError, code_of
@@ -390,7 +390,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
-        for some, limits in ramps(run):
+        for some, limits in motions_in_contact(run):
             out.print(f"{some}: {limits}")
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
         for about, words in {} if ending is None else ending.lines.items():

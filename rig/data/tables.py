@@ -81,7 +81,7 @@ _LEADS_TO = {
     "back off": "touch-off",
     "touch": "touch-off",
     **dict.fromkeys(("press", "ramp"), "press and seek"),
-    "hold": "hold",
+    **dict.fromkeys(("hold", "vibrate"), "hold"),
     "retract": "lift",
 }
 _UNTIL_THEN = "paused"  # The time before a pause belongs to the interrupted activity.
@@ -129,19 +129,26 @@ def booked_s(run: Run) -> dict[str, float]:
     return totals
 
 
-def ramps(run: Run) -> list[tuple[str, str]]:
-    """Return the ramps of a run by their speed, and their force limits, in words."""
-    found: dict[float, list[TableRow]] = {}
+def motions_in_contact(run: Run) -> list[tuple[str, str]]:
+    """Return the ramps and vibrations of a run by what was commanded, and their force limits, in words."""
+    found: dict[str, list[TableRow]] = {}
     for event in run.stream("ramp"):
-        found.setdefault(event["speed_mm_s"], []).append(event)
+        found.setdefault(f"ramps at {event['speed_mm_s']:g} mm/s", []).append(event)
+    for event in run.stream("vibrate"):
+        found.setdefault(f"vibrations {sine_in_words(event)}", []).append(event)
     return [
         (
-            f"ramps at {speed_mm_s:g} mm/s",
+            what,
             f"{len(some)}, tripped from {min(one['trip_gwt'] for one in some):.2f} gwt on, at rest within "
             f"{max(one['stop_mm'] for one in some):.2g} mm and below {max(one['bound_gwt'] for one in some):.2f} gwt",
         )
-        for speed_mm_s, some in found.items()
+        for what, some in found.items()
     ]
+
+
+def sine_in_words(event: Mapping[str, Any]) -> str:
+    """Return the sine of a vibration in words."""
+    return f"at {event['frequency_hz']:.4g} Hz, {event['amplitude_um']:g} µm"
 
 
 def _stamps(run: Run) -> list[tuple[float, str]]:

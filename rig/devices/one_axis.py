@@ -239,10 +239,18 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
         axis.native_speed(speed_mm_s)
         if not self._trusted:
             raise StageNotHomed(self._name)
-        try:
+
+        def looks() -> Iterator[Look]:
             for stop_mm in self._stops(name, target_mm):
-                for look in axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s):
-                    yield self._status({name: look})
+                yield from axis.moving(stop_mm, speed_mm_s, lambda: self._trusted, look_s)
+
+        yield from self._watched(name, looks())
+
+    def _watched(self, name: str, looks: Iterator[Look]) -> Looks:
+        """Yield the status at each look of a motion of an axis; an error ends the trust in the position."""
+        try:
+            for look in looks:
+                yield self._status({name: look})
         except (StageHeld, StageOverridden):
             raise
         except StageError:

@@ -15,12 +15,14 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
+    LOOK_S,
     Looks,
     MoveError,
     Stage,
     StageAlarm,
     StageError,
     StageHeld,
+    StageNotHomed,
     StageOverridden,
     StageReset,
     StageTimeout,
@@ -37,6 +39,9 @@ STOP_S, HALT_S = 1.0, 2.0
 # A stage that still moves so long after a stop gets an emergency stop.
 ESTOP_AFTER_S = 0.3
 TOLERANCE_MM = 2.5e-3
+SHORTEST_SINE_MS = 1.0
+# A sine has to take so much of its time at least, and not much more: two digits of its command may change places.
+SINE_IN_TIME, LATE_SINE_S = 0.98, 1.0
 LEAST_FIRMWARE = (7, 25)
 
 ALARMS = {
@@ -174,30 +179,66 @@ class ZaberAxis(WatchedAxis[Reply]):
         if not keep_on():
             raise self._stopped()
         self._command(f"move abs {target} {speed}")
-        low, high = sorted((start, target))
 
         def look() -> tuple[Reply, bool]:
             reply = self.look()
             if not keep_on():
                 raise self._stopped()
             self._refuse_interference(reply)
-            at = self._position(reply)
-            if not low - self._tolerance <= at <= high + self._tolerance:
-                at = self._position(self.look())  # Two digits of one reply may have changed places.
-            if not low - self._tolerance <= at <= high + self._tolerance:
-                self._link.send_now("stop")
-                raise self._not_there(at, to_mm)
+            self._refuse_off_its_way(reply, start, target)
             return reply, not reply.busy
 
         mm = abs(target - start) / self._counts_per_mm
         expected_s = self._travel_s(mm, speed_mm_s)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
-        at = self._position(self.look())
-        if abs(at - target) > self._tolerance:
-            at = self._position(self.look())
-        if abs(at - target) > self._tolerance:
-            raise self._not_there(at, to_mm)
+        self._be_at(target)
+
+    def vibrating(
+        self, amplitude_mm: float, period_s: float, cycles: int, keep_on: Callable[[], bool], look_s: float
+    ) -> Iterator[Reply]:
+        """Swing in a sine, from here to twice the amplitude away from home and back; yield each look, until its end.
+
+        The device counts the cycles, so that it ends by itself. The amplitude is rounded down to a microstep and the
+        period to 0.1 ms. A motion that leaves its way is stopped. Raises StageError; MoveError before any byte.
+        """
+        amplitude = math.floor(amplitude_mm * self._counts_per_mm + 1e-9)
+        if amplitude < 1:
+            raise MoveError(
+                "amplitude_mm must be at least {least_mm:.5f}, one microstep, got {amplitude_mm}",
+                code="too_small",
+                least_mm=1 / self._counts_per_mm,
+                amplitude_mm=amplitude_mm,
+            )
+        self._jogs_to = None
+        start = self._standing()
+        if not keep_on():
+            raise self._stopped()
+        begun_s, lasts_s = self._clock.monotonic_s(), cycles * period_s
+        period_ms = f"{period_s * 1000:.1f}".removesuffix(".0")
+        self._command(f"move sin {amplitude} {period_ms} {cycles}")
+        what = f"the vibration over {cycles} cycles"
+
+        def look() -> tuple[Reply, bool]:
+            reply = self.look()
+            if not keep_on():
+                raise self._stopped()
+            self._refuse_interference(reply)
+            self._refuse_off_its_way(reply, start, start + 2 * amplitude)
+            return reply, not reply.busy
+
+        yield from self._until(look, lasts_s / SINE_IN_TIME + LATE_SINE_S, lasts_s, what, look_s)
+        lasted_s = self._clock.monotonic_s() - begun_s
+        if lasted_s < SINE_IN_TIME * lasts_s:
+            raise StageError(
+                "{port}: {axis} axis: {what} was over after {lasted_s:.2f} s instead of {expected_s:.2f} s",
+                code="over_early",
+                what=what,
+                lasted_s=lasted_s,
+                expected_s=lasts_s,
+                **self._names,
+            )
+        self._be_at(start)
 
     def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
         """Extend the present motion by a distance, and return at once.
@@ -329,6 +370,24 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     # --- helpers ---
 
+    def _refuse_off_its_way(self, reply: Reply, start: int, target: int) -> None:
+        """Stop the chain and raise for a position that is not between two others, whichever is higher."""
+        low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
+        at = self._position(reply)
+        if not low <= at <= high:
+            at = self._position(self.look())  # Two digits of one reply may have changed places.
+        if not low <= at <= high:
+            self._link.send_now("stop")
+            raise self._not_there(at, target)
+
+    def _be_at(self, target: int) -> None:
+        """Raise unless the axis stands there, or does so when it is asked again."""
+        at = self._position(self.look())
+        if abs(at - target) > self._tolerance:
+            at = self._position(self.look())
+        if abs(at - target) > self._tolerance:
+            raise self._not_there(at, target)
+
     def _refuse_interference(self, reply: Reply) -> None:
         """Raise for what ends a motion: a fault, a reset, a hand at the knob, another program."""
         warnings = self.warnings(reply)
@@ -412,12 +471,12 @@ class ZaberAxis(WatchedAxis[Reply]):
             **self._names,
         )
 
-    def _not_there(self, at: int, target_mm: float) -> StageError:
+    def _not_there(self, at: int, target: int) -> StageError:
         return StageError(
             "{port}: {axis} axis is at {at_mm:.4f} mm instead of {target_mm:g} mm",
             code="not_there",
             at_mm=-at / self._counts_per_mm,
-            target_mm=target_mm,
+            target_mm=-target / self._counts_per_mm,
             **self._names,
         )
 
@@ -458,6 +517,13 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
             axis.set_limits()
         self._trusted = keep_on()
 
+    def vibrating(self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float = LOOK_S) -> Looks:
+        """Vibrate the z axis. Raises StageError; MoveError, StageNotHomed before any byte."""
+        if not self._trusted:
+            raise StageNotHomed(self._name)
+        axis = self._axes["z"]
+        return self._watched("z", axis.vibrating(amplitude_mm, period_s, cycles, lambda: self._trusted, look_s))
+
     def unlock(self) -> None:
         """Clear the warnings of both axes; the position stays untrusted. Raises StageError."""
         self._trusted = False
@@ -485,6 +551,14 @@ def steps_per_mm(stage: StageSettings, axis: str) -> float:
     """Return the microsteps per mm that the configuration gives; y has no motor."""
     own = stage.own(ZaberSettings)
     return -1e3 / (own.x if axis == "x" else own.z).microstep_um
+
+
+def highest_hz(stage: StageSettings, amplitude_mm: float) -> float:
+    """Return the frequency (Hz) at which a sine of this amplitude needs the acceleration of the stage.
+
+    The device does not limit a sine by its own `accel`; the shortest period is what the maker recommends.
+    """
+    return min(math.sqrt(stage.acceleration_mm_s2 / amplitude_mm) / (2 * math.pi), 1000 / SHORTEST_SINE_MS)
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
@@ -543,6 +617,7 @@ DEVICE = StageKind(
     steps_per_mm=steps_per_mm,
     twin="sim.devices.zaber:zaber_twin",
     ramps=True,
+    vibrates=highest_hz,
     probe=_probe,
     tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_zaber_client.py"),
     evidence=Evidence(

@@ -21,10 +21,17 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
-from rig.engine.motion import InterruptedMotionError, Motion, StrayedError, TouchError, insist
+from rig.engine.motion import (
+    InterruptedMotionError,
+    Motion,
+    PausedMotionError,
+    StrayedError,
+    TouchError,
+    insist,
+)
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
-from rig.records import NO_PRESS, Phase, PressId, as_fine
+from rig.records import NO_PRESS, Phase, PressId, Vibration, as_fine
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -167,6 +174,15 @@ class Engine:
             lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
         )
 
+    def vibrate(self, vibration: Vibration, each: EachReading) -> None:
+        """Swing from here down by twice the amplitude and back; `each` receives the readings as they arrive."""
+        lowest_mm = self.height_mm - 2 * vibration.amplitude_mm
+        refuse_height(self.settings, self.height_mm, lowest_mm, vibration.speed_mm_s, lowest_mm)
+        self._below_clearance()
+        self.beat()
+        look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
+        self.move(lambda: self.motion.vibrate(vibration, look_s), each=each)
+
     def move(
         self,
         motion: Callable[[], None],
@@ -186,8 +202,8 @@ class Engine:
             self.guarded(motion)
         except NoReadingError as error:
             self.trip(recast(TripError, error))
-        except TouchError:
-            pass  # The reading at rest is more accurate.
+        except (TouchError, PausedMotionError):
+            pass  # The reading at rest is more accurate. The next safe point takes the pause.
         except InterruptedMotionError as interruption:
             self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
@@ -224,6 +240,8 @@ class Engine:
             raise TouchError("a touch", force_gwt)
         if self._each is not None:
             self._each(force_gwt)
+            if self.bench.operator.pause.asked():
+                raise PausedMotionError("a pause", force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:
         """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
@@ -356,8 +374,10 @@ class Engine:
         """Journal a reading of a motion. Raises InterruptedMotionError if that fails: first the motion must end."""
         if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact.begin()
+        glanced = self.sensing.glanced
+        also = {} if glanced is None else glanced.also
         try:
-            self._record_sample(press, phase, force_gwt, doi_mm, record=self._journalled)
+            self._record_sample(press, phase, force_gwt, doi_mm, also=also, record=self._journalled)
         except RecordError as error:
             raise recast(InterruptedMotionError, error) from error
 

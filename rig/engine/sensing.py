@@ -105,6 +105,7 @@ class Sensing:
         self._baseline_n: float | None = 0.0
         self.away, self._before_gwt = False, 0.0
         self._at_rest_n = 0.0  # last settled reading, before the zero
+        self.glanced: ForceReading | None = None  # last reading during a motion
 
     def connect(self) -> str:
         """Connect the sensor and return its identity. Raises ForceError."""
@@ -267,7 +268,7 @@ class Sensing:
         """
         if self._baseline_n is None:
             return None
-        reading = self._from_zero(self._read(0.0))
+        self.glanced = reading = self._from_zero(self._read(0.0))
         return (reading.force_n - self._baseline_n) / GWT_N
 
     def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> ForceZero:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rig.data import Run
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, VibrationBound, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
@@ -123,6 +123,7 @@ def make_plan(
         )
     refuse_unseen(plan, config)
     refuse_fast_ramps(plan, config)
+    refuse_vibrations(plan, config)
     return plan
 
 
@@ -130,10 +131,30 @@ def ramp_bound(plan: Plan, config: Config, ramp: PlannedIndentation) -> RampBoun
     """Return the bound of a planned ramp with the predicted stiffness; None for another press."""
     if ramp.ramp_mm_s is None:
         return None
-    limits = config.limits
-    area_gwt = pressure_limit_gwt(limits.max_pressure_kpa, ramp.contact_area_mm2)
-    trip_gwt = min(limits.soft_trip_n / GWT_N, plan.soft_trip_n / GWT_N, area_gwt)
-    return RampBound.of(config, ramp.ramp_mm_s, trip_gwt, ramp.highest_gwt, ramp.predicted_doi_mm)
+    return RampBound.of(
+        config, ramp.ramp_mm_s, _trip_gwt(plan, config, ramp), ramp.highest_gwt, ramp.predicted_doi_mm
+    )
+
+
+def vibration_bound(plan: Plan, config: Config, press: PlannedIndentation) -> VibrationBound | None:
+    """Return the bound of a planned vibration with the predicted stiffness; None for another press."""
+    if press.vibration is None:
+        return None
+    trip_gwt = _trip_gwt(plan, config, press)
+    return VibrationBound.of(config, press.vibration, trip_gwt, press.highest_gwt, press.predicted_doi_mm)
+
+
+def _trip_gwt(plan: Plan, config: Config, press: PlannedIndentation) -> float:
+    """Return the lowest trip of a planned press (gwt)."""
+    area_gwt = pressure_limit_gwt(config.limits.max_pressure_kpa, press.contact_area_mm2)
+    return min(config.limits.soft_trip_n / GWT_N, plan.soft_trip_n / GWT_N, area_gwt)
+
+
+def refuse_vibrations(plan: Plan, config: Config) -> None:
+    """Raise an error for a vibration that the stage cannot make, or the predicted finger not follow."""
+    for press in plan.all_presses:
+        if bound := vibration_bound(plan, config, press):
+            bound.refuse_beyond(BadInputError, press.x_mm)
 
 
 def refuse_fast_ramps(plan: Plan, config: Config) -> None:

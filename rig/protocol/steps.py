@@ -31,8 +31,10 @@ from rig.protocol.check import (
     refuse_seconds,
     refuse_speeds,
     refuse_target,
+    refuse_vibration,
+    refuse_vibration_depth,
 )
-from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target, Vibration
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -219,6 +221,7 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
     ramp: bool = False,
+    vibration: Vibration | None = None,
 ) -> ExpectedPresses:
     """Return the prediction for a press, checked against the limits.
 
@@ -237,6 +240,8 @@ def expect_press(
         Default: habits.press_speed_mm_s.
     ramp : bool, optional
         Whether the press is a ramp, at constant speed without increments.
+    vibration : Vibration, optional
+        What the hold is, instead of at rest.
 
     Returns
     -------
@@ -265,7 +270,8 @@ def expect_press(
     except NoPredictionError as error:
         raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
     ramp_mm_s = pace.speed_mm_s if ramp else None
-    planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
+    of_the_press = {"increments": increments, "hold_s": hold_s, "ramp_mm_s": ramp_mm_s, "vibration": vibration}
+    planned = PlannedIndentation(**vars(found), **of_the_press)
     refuse_reach(verb, planned, walk.settings)
     refuse_pressure(verb, planned, walk.settings.limits)
     return ExpectedPresses(spot.ids, planned)
@@ -378,6 +384,57 @@ class Ramp(Step[ExpectedPresses, Indentation]):
             speed_mm_s=self.speed_mm_s,
             ramp=True,
         )
+
+    def foreseen(self, expected: ExpectedPresses) -> Indentation:
+        return _foreseen(expected)
+
+    @classmethod
+    def answers(cls, before: Journalled) -> dict[int, Indentation]:
+        return _answers(before)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vibrate(Step[ExpectedPresses, Indentation]):
+    """Find contact, press by increments to a preload, vibrate about it, and lift."""
+
+    verb: ClassVar[str] = "vibrate"
+    owed: ClassVar[Owed] = Owed.ANSWER
+
+    frequency_hz: float
+    amplitude_um: float
+    duration_s: float
+    doi_mm: float | None = None
+    force_gwt: float | None = None
+
+    @property
+    def target(self) -> Target:
+        """Preload: depth or force. Raises BadInputError."""
+        return checked_target(self.verb, self.doi_mm, self.force_gwt)
+
+    @property
+    def vibration(self) -> Vibration:
+        """The sine, in whole cycles."""
+        return Vibration.of(self.frequency_hz, self.amplitude_um, self.duration_s)
+
+    def check(self, walk: Walk) -> Spot:
+        check_press(self.verb, self.target, walk, increments=1, hold_s=0.0)
+        refuse_vibration(self.verb, self.frequency_hz, self.amplitude_um, self.duration_s, walk.settings)
+        walk.hold(self.verb, self.vibration.duration_s)
+        return walk.spot("data", 1, self.marks)
+
+    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
+        vibration = self.vibration
+        expected = expect_press(
+            self.verb,
+            self.target,
+            spot,
+            walk,
+            increments=1,
+            hold_s=vibration.duration_s,
+            vibration=vibration,
+        )
+        refuse_vibration_depth(self.verb, expected.planned, walk.settings.limits)
+        return expected
 
     def foreseen(self, expected: ExpectedPresses) -> Indentation:
         return _foreseen(expected)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
-from rig.data.tables import booked_s, ramps, tables
+from rig.data.tables import booked_s, motions_in_contact, sine_in_words, tables
 from rig.plan.finger_model import PredictedHold
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
@@ -93,21 +93,21 @@ _DEPTHS = 60
 class Condition:
     """Presses with the same indentor, x and target of the last hold, and the indices of the repeats.
 
-    Ramps also have the same speed; 0 is a press by increments.
+    Ramps and vibrations also have the same motion; a press by increments has none.
     """
 
     indentor: str
     x_mm: float
     target: str  # doi_mm or force_gwt
     value: float
-    ramp_mm_s: float
+    motion: str
     indices: tuple[int, ...]
 
     @property
     def group(self) -> str:
         """Label that conditions at other positions share, e.g. "step:1 to 2.33 gwt"."""
-        speed = f" at {self.ramp_mm_s:g} mm/s" if self.ramp_mm_s else ""
-        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}{speed}"
+        motion = f" {self.motion}" if self.motion else ""
+        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}{motion}"
 
     @property
     def place(self) -> str:
@@ -126,11 +126,11 @@ class Loading:
 
 def conditions(run: Run) -> list[Condition]:
     """Return the conditions of finished indentations, by indentor, target and position."""
-    speeds = {event["index"]: event["speed_mm_s"] for event in run.stream("ramp")}
+    motions = {event["index"]: f"at {event['speed_mm_s']:g} mm/s" for event in run.stream("ramp")}
+    motions |= {event["index"]: sine_in_words(event) for event in run.stream("vibrate")}
 
-    def alike(start: dict[str, Any]) -> tuple[str, float, str, float, float]:
-        speed_mm_s = speeds.get(start["index"], 0.0)
-        return start["indentor"], start["x_mm"], start["target"], start["value"], speed_mm_s
+    def alike(start: dict[str, Any]) -> tuple[str, float, str, float, str]:
+        return start["indentor"], start["x_mm"], start["target"], start["value"], motions.get(start["index"], "")
 
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
     ordered = sorted(begun, key=alike)
@@ -170,7 +170,10 @@ def samples_of(run: Run) -> Samples:
 
 
 def past_touch(samples: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the readings of press and hold; of a ramp, without the press that may have come first."""
+    """Return the readings of press and hold; of a ramp, without the press that may have come first.
+
+    Readings of a vibration are left out: their depths are those of the poll before.
+    """
     down = "ramp" if any(sample["phase"] == "ramp" for sample in samples) else "press"
     return [sample for sample in samples if sample["phase"] in (down, "hold")]
 
@@ -235,7 +238,7 @@ def limits(run: Run) -> list[tuple[str, str]]:
         rows.append(("highest measured force", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
     if depths:
         rows.append(("deepest", f"{max(depths):.3f} mm"))
-    rows += ramps(run)
+    rows += motions_in_contact(run)
     rows.append(("total contact time", f"{run.contact_s:.1f} s"))
     return rows + [(f"limits.{key}", as_number(table[key])) for key in _LIMITS if key in table]
 

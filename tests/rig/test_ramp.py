@@ -1,6 +1,7 @@
 """A ramp and hold at constant speed: what it does, what ends it on every stage, and what is refused."""
 
 import itertools
+import json
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -12,6 +13,7 @@ import rig.engine.indentation as indentations
 import rig.protocol.check as checks
 from rig.devices.base import StageError
 from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
+from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.indentation import ramp
 from rig.engine.limits import RAMP_MARGIN, RampBound, Stopping
@@ -467,6 +469,32 @@ def test_a_pause_is_taken_before_the_ramp_and_begins_it_anew(spring: Make) -> No
     done = ramp(engine, **SLOW, hold_s=0.0)
     assert len(bench.of("paused")) == len(bench.of("ramp")) == 1
     assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
+
+
+def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) -> None:
+    asked: list[bool] = []
+    forces: list[float] = []
+    faulty.pause = Pause(lambda: bool(asked), lambda: not asked.clear())
+    _in_the_ramp(faulty, lambda: asked.append(True))
+    faulty.on_sample["paused"] = lambda: forces.append(faulty.worst_n / GWT_N)
+    done = _ramp(faulty)
+    assert 2.0 < forces[0] < 5.0
+    assert faulty.journal_path.read_text(encoding="utf-8").count('"hold": 1, "target"') == 1
+    assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
+
+
+def test_samples_of_a_ramp_have_the_side_axes_of_the_sensor(tmp_path: Path) -> None:
+    bench = FaultyBench(tmp_path, {**BENCHES["net_ft"], "limits": {"soft_trip_n": SOFT_TRIP_N}})
+    verbs.mount(bench.engine, "bar:3.0")
+    verbs.home(bench.engine)
+    verbs.zero(bench.engine)
+    verbs.move_to(bench.engine, 0.0)
+    ramp(bench.engine, 0.5, 0.3, hold_s=0.1, expected_contact_mm=PREDICTED.contact_mm)
+    bench.journal.close()
+    documents = map(json.loads, bench.journal_path.read_text(encoding="utf-8").splitlines())
+    samples = [one["data"] for one in documents if one.get("doc") == "event" and one["stream"] == "sample"]
+    also = {phase: {key for s in samples if s["phase"] == phase for key in s} for phase in ("ramp", "hold")}
+    assert also["ramp"] == also["hold"] > {"fx_n", "tz_nm"}
 
 
 # --- plan, summary, dry-run, resume ---

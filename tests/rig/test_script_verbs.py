@@ -23,6 +23,7 @@ from rig.protocol.steps import (
     Retract,
     Step,
     Touch,
+    Vibrate,
     Zero,
 )
 from rig.records import PressId
@@ -47,6 +48,11 @@ VERBS: dict[str, tuple[Script, Step[Any, Any], Step[Any, Any]]] = {
         lambda rig: rig.ramp(doi_mm=0.3, speed_mm_s=0.2),
         Ramp(doi_mm=0.3, speed_mm_s=0.2),
         Ramp(doi_mm=0.3, speed_mm_s=0.2, hold_s=1.0),
+    ),
+    "vibrate": (
+        lambda rig: rig.vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3),
+        Vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3),
+        Vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3, force_gwt=None),
     ),
     "precondition": (
         lambda rig: rig.precondition(presses=2, force_gwt=1.0),
@@ -73,7 +79,7 @@ def _from_ready(script: Script, parameters: ProtocolParameters | None = None) ->
         rig.note("ready")
         script(rig)
 
-    found = walked(whole, parameters=parameters)
+    found = walked(whole, parameters=parameters, stage={"kind": "zaber"})  # It has every verb.
     for kept in (found.steps, found.spots, found.expected, found.answers):
         del kept[:5]
     return found

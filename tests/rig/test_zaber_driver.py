@@ -1,5 +1,6 @@
 """The Zaber driver byte for byte: transcripts of the maker's client, faults, retries; and the virtual chain."""
 
+import math
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -9,14 +10,25 @@ import pytest
 from pydantic import ValidationError
 
 from rig.bench.virtual import virtual_stage
-from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import (
+    MoveError,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageHeld,
+    StageNotHomed,
+    StageOverridden,
+    StageReset,
+    StageTimeout,
+)
 from rig.devices.make_drivers import stage_driver
+from rig.devices.zaber import highest_hz
 from rig.devices.zaber_link import LATE_S, READ_TRIES, REPLY_S, ZaberLink, checksum, frame, parse_reply, unsealed
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from sim.devices.zaber import ZaberChain
+from sim.devices.zaber import CommandRejected, ZaberChain
 from tests.error_codes import raises
 
 # --- frames, as the maker's client sends and reads them ---
@@ -27,6 +39,9 @@ SENT = [
     ("/1 1 03 home:32\n", (1, 1, 3, "home")),
     ("/1 1 05 move abs 10000:BB\n", (1, 1, 5, "move abs 10000")),
     ("/1 1 09 move rel 500:06\n", (1, 1, 9, "move rel 500")),
+    ("/1 1 00 move sin 400 125 4:FD\n", (1, 1, 0, "move sin 400 125 4")),
+    ("/1 1 02 move sin 400 142.9 2.5:34\n", (1, 1, 2, "move sin 400 142.9 2.5")),
+    ("/1 1 06 move sin stop:D1\n", (1, 1, 6, "move sin stop")),
     ("/1 1 06:F8\n", (1, 1, 6, "")),
     ("/1 1 15 stop:12\n", (1, 1, 15, "stop")),
     ("/0 0 21 stop:17\n", (0, 0, 21, "stop")),
@@ -288,6 +303,146 @@ def test_a_device_without_checksums_is_refused() -> None:
     bench.chain.devices[1].settings["comm.checksum"] = "0"
     with raises(StageError, "no_checksum"):
         bench.stage.connect()
+
+
+# --- a sine ---
+#
+# Zaber ASCII protocol manual, `move sin amplitude period [count]`: the amplitude is half of the peak-to-peak
+# distance, in microsteps; a positive one begins at the lowest count. The period is in ms, by 0.1, from 0.2 on. Both
+# ends must lie within the limits. Without a count the sine lasts until another motion or a stop pre-empts it;
+# `move sin stop` ends it with its cycle. Speed and acceleration follow from amplitude and period alone.
+
+
+def at_2_5_mm(**tables: Any) -> Bench:
+    """The z axis 1000 microsteps from home, 400 of them in a mm."""
+    bench = bench_of(**tables)
+    bench.stage.move_to(z_mm=-2.5, speed_mm_s=5.0)
+    bench.sent.clear()
+    return bench
+
+
+@pytest.mark.parametrize(
+    ("own", "amplitude_mm", "period_s", "command"),
+    [
+        ({}, 0.05, 0.125, "2 1 move sin 20 125 4"),
+        ({}, 0.0524, 0.1429, "2 1 move sin 20 142.9 4"),
+        ({}, 0.0025, 1.0, "2 1 move sin 1 1000 4"),
+        (FINE, 0.05, 0.0101, "2 1 move sin 524 10.1 4"),
+    ],
+)
+def test_a_sine_is_one_command_with_a_count(
+    own: dict[str, Any], amplitude_mm: float, period_s: float, command: str
+) -> None:
+    bench = at_2_5_mm(stage=own)
+    begun_s = bench.clock.monotonic_s()
+    lowest_mm = highest_mm = -2.5
+    for look in bench.stage.vibrating(amplitude_mm=amplitude_mm, period_s=period_s, cycles=4):
+        assert look is not None
+        lowest_mm, highest_mm = min(lowest_mm, look.z_mm), max(highest_mm, look.z_mm)
+    assert [words for words in bench.commands() if "move" in words] == [command]
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(4 * period_s, abs=0.1)
+    assert highest_mm <= -2.5 + 1e-3
+    assert lowest_mm >= -2.5 - 2 * amplitude_mm - 1e-9
+    assert bench.stage.status().z_mm == pytest.approx(-2.5, abs=1e-3)
+    assert bench.stage.homed
+
+
+def test_the_device_follows_the_sine_and_ends_it_without_the_program() -> None:
+    bench = at_2_5_mm()
+    next(bench.stage.vibrating(amplitude_mm=0.05, period_s=2.0, cycles=2))
+    begun_s = bench.chain.z._sine[0] if bench.chain.z._sine else math.nan
+    asked = len(bench.sent)
+    for share, z_mm in (
+        (0.25, -2.55),
+        (0.5, -2.6),
+        (0.75, -2.55),
+        (1.0, -2.5),
+        (1.5, -2.6),
+        (2.0, -2.5),
+        (5.0, -2.5),
+    ):
+        counts = bench.chain.z.carriage_at(begun_s + share * 2.0)
+        assert counts / 400 == pytest.approx(z_mm, abs=1.3e-3)
+    bench.clock.wait_s(5.0)
+    assert not bench.chain.z.busy
+    assert len(bench.sent) == asked
+
+
+@pytest.mark.parametrize("share", [0.1, 0.25, 0.4, 0.6, 0.75, 0.9])
+@pytest.mark.parametrize("stop", ["halt", "stop"])
+def test_a_stop_in_any_phase_goes_beyond_neither_end(share: float, stop: str) -> None:
+    """At 5 Hz and 50 µm the sine needs 49.3 mm/s² of the device's 61."""
+    bench = at_2_5_mm()
+    looks = bench.stage.vibrating(amplitude_mm=0.05, period_s=0.2, cycles=100, look_s=0.02)
+    next(looks)
+    begun_s, _ = bench.chain.z._sine or (math.nan, 0.0)
+    bench.clock.wait_s(begun_s + (2 + share) * 0.2 - bench.clock.monotonic_s())
+    asked_s = bench.clock.monotonic_s()
+    getattr(bench.stage, stop)()
+    assert bench.clock.monotonic_s() - asked_s < 0.15
+    assert bench.stage.homed is (stop == "halt")
+    assert "NI" in bench.chain.z.warnings
+    for n in range(200):
+        z_mm = bench.chain.z.carriage_at(asked_s + n * 0.001) / 400
+        assert -2.6 - 1.3e-3 <= z_mm <= -2.5 + 1.3e-3
+
+
+def test_a_sine_that_is_no_sine_of_a_stage_is_refused_before_any_byte() -> None:
+    bench = at_2_5_mm()
+    with raises(MoveError, "too_small", amplitude_mm=0.002):
+        list(bench.stage.vibrating(amplitude_mm=0.002, period_s=1.0, cycles=1))
+    assert not bench.sent
+    bench.stage.stop()
+    bench.sent.clear()
+    with raises(StageNotHomed, "not_homed"):
+        list(bench.stage.vibrating(amplitude_mm=0.05, period_s=1.0, cycles=1))
+    assert not bench.sent
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (["move", "sin", "20", "0.1", "1"], "BADDATA"),
+        (["move", "sin", "20", "100", "0"], "BADDATA"),
+        (["move", "sin", "20", "100", "1.3"], "BADDATA"),
+        (["move", "sin", "8000", "100", "1"], "BADDATA"),
+        (["move", "sin", "-501", "100", "1"], "BADDATA"),
+        (["move", "sin", "20", "100", "1", "1"], "BADCOMMAND"),
+        (["move", "sin", "stop"], "NOTSIN"),
+    ],
+)
+def test_what_the_device_refuses_of_a_sine(words: list[str], reason: str) -> None:
+    bench = at_2_5_mm()
+    with pytest.raises(CommandRejected, match=reason):
+        bench.chain.z.obey(words)
+    assert not bench.chain.z.busy
+
+
+@pytest.mark.parametrize(
+    ("sent", "done", "code"),
+    [
+        (b"sin 14 500 12", b"sin 41 500 12", "not_there"),
+        (b"sin 14 500 12", b"sin 14 500 21", "not_over"),
+        (b"sin 14 500 21", b"sin 14 500 12", "over_early"),
+        (b"sin 14 250 12", b"sin 14 520 12", "not_over"),
+        (b"sin 14 250 12", b"sin 14 205 12", "over_early"),
+    ],
+)
+def test_two_digits_that_change_places_in_a_sine_are_noticed(sent: bytes, done: bytes, code: str) -> None:
+    """The checksum is right."""
+    bench = at_2_5_mm()
+    read = bench.chain._read
+    bench.chain._read = lambda line: read(line.replace(sent, done))  # type: ignore[method-assign]
+    _, _, period_ms, cycles = sent.split()
+    with raises(StageError, code):
+        list(bench.stage.vibrating(amplitude_mm=0.035, period_s=int(period_ms) / 1000, cycles=int(cycles)))
+    assert not bench.stage.homed
+
+
+def test_the_highest_frequency_is_that_of_the_acceleration() -> None:
+    stage = Config.model_validate({"stage": {"kind": "zaber", "acceleration_mm_s2": 1000.0}}).stage
+    assert highest_hz(stage, 0.02) == pytest.approx(math.sqrt(1000 / 0.02) / (2 * math.pi))
+    assert highest_hz(stage, 1e-8) == 1000.0
 
 
 # --- what stops it ---

@@ -8,11 +8,11 @@ stepper.c (segments).
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import dropwhile
-from math import ceil, floor, inf, sqrt
+from math import ceil, cos, floor, inf, pi, sin, sqrt
 
 # --- motion ---
 #
-# Motion is stored as pieces of constant acceleration, exact at any time.
+# Motion is stored as pieces of constant acceleration, or of a sine, exact at any time.
 
 Vec = tuple[float, float, float]
 Counts = tuple[int, int, int]
@@ -34,13 +34,44 @@ class ConstantAcceleration:
     def mm(self) -> float:
         return (self.v0 + 0.5 * self.accel * self.duration_s) * self.duration_s
 
+    def mm_at(self, tau_s: float) -> float:
+        return (self.v0 + 0.5 * self.accel * tau_s) * tau_s
+
+    def speed_at(self, tau_s: float) -> float:
+        return max(self.v0 + self.accel * tau_s, 0.0)
+
+    def until(self, tau_s: float) -> "ConstantAcceleration":
+        return ConstantAcceleration(tau_s, self.v0, self.accel)
+
+
+@dataclass(frozen=True, slots=True)
+class Sine:
+    """A sine from one turning point, in duration_s; half_s: from one turning point to the other."""
+
+    duration_s: float
+    half_s: float
+    amplitude_mm: float
+
+    @property
+    def mm(self) -> float:
+        return self.mm_at(self.duration_s)
+
+    def mm_at(self, tau_s: float) -> float:
+        return self.amplitude_mm * (1.0 - cos(pi * tau_s / self.half_s))
+
+    def speed_at(self, tau_s: float) -> float:
+        return self.amplitude_mm * pi / self.half_s * sin(pi * tau_s / self.half_s)
+
+    def until(self, tau_s: float) -> "Sine":
+        return Sine(tau_s, self.half_s, self.amplitude_mm)
+
 
 @dataclass(frozen=True, slots=True)
 class Piece:
-    """Constant acceleration in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
+    """One such piece in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
 
     t0_s: float
-    ramp: ConstantAcceleration
+    ramp: ConstantAcceleration | Sine
     origin: Vec
     slope: Vec
     done_mm: float = 0.0
@@ -51,7 +82,7 @@ class Piece:
 
     def mm_at(self, t_s: float) -> float:
         tau = min(max(t_s - self.t0_s, 0.0), self.ramp.duration_s)
-        return (self.ramp.v0 + 0.5 * self.ramp.accel * tau) * tau
+        return self.ramp.mm_at(tau)
 
     def at(self, t_s: float) -> Vec:
         mm = self.mm_at(t_s)
@@ -94,16 +125,21 @@ class Track:
         return (round(x), round(y), round(z))
 
     def speed_at(self, t_s: float) -> float:
-        """Return the speed along the path in mm/s."""
+        """Return the speed along the path in mm/s; negative on the way back of a sine."""
         piece = self.piece_at(t_s) if t_s < self.end_s else None
         if piece is None or t_s >= piece.t1_s:
             return 0.0
-        return max(piece.ramp.v0 + piece.ramp.accel * (t_s - piece.t0_s), 0.0)
+        return piece.ramp.speed_at(t_s - piece.t0_s)
 
     def piece_at(self, t_s: float) -> Piece | None:
         """Return the last piece that began by t_s."""
         index = bisect_right(self._starts, t_s) - 1
         return self._pieces[index] if index >= 0 else None
+
+    @property
+    def has_play(self) -> bool:
+        """Whether a nut is behind its screw on the way up."""
+        return self._has_play
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
         """Replace all motion after t_s by pieces, after which the carriage rests at `rest`."""
@@ -124,7 +160,7 @@ class Track:
         del self._pieces[index:], self._starts[index:], self._nuts[index:]
         if self._pieces and self._pieces[-1].t1_s > t_s:
             last = self._pieces[-1]
-            shorter = ConstantAcceleration(t_s - last.t0_s, last.ramp.v0, last.ramp.accel)
+            shorter = last.ramp.until(t_s - last.t0_s)
             self._pieces[-1] = Piece(last.t0_s, shorter, last.origin, last.slope, last.done_mm)
 
     def _prune(self, now_s: float) -> None:
