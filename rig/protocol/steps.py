@@ -270,8 +270,9 @@ def expect_press(
     except NoPredictionError as error:
         raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
     ramp_mm_s = pace.speed_mm_s if ramp else None
-    of_the_press = {"increments": increments, "hold_s": hold_s, "ramp_mm_s": ramp_mm_s, "vibration": vibration}
-    planned = PlannedIndentation(**vars(found), **of_the_press)
+    planned = PlannedIndentation(
+        **vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s, vibration=vibration
+    )
     refuse_reach(verb, planned, walk.settings)
     refuse_pressure(verb, planned, walk.settings.limits)
     return ExpectedPresses(spot.ids, planned)
