@@ -1,6 +1,7 @@
 """Vibrations under one fault: of the command, of the device's sine, of a cell that reads half, and of limits."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,22 +57,20 @@ def _read_as(bench: FaultyBench, old: bytes, new: bytes) -> None:
 # --- the command ---
 
 
-@pytest.mark.parametrize("sine", [SINE, SLOW, LONG])
+@pytest.mark.parametrize("sine", [SINE, LONG])
 @pytest.mark.parametrize("at", range(10))
 def test_no_bytes_of_a_sine_that_change_places_press_deeper(faulty: FaultyBench, sine: Vibration, at: int) -> None:
     """A checksum does not notice it; a fast sine may show its upper end alone in every report."""
     told = f"20 {sine.period_s * 1000:g} {sine.cycles}".encode()
     (_, swapped), *_ = WireFault("swap", at).pieces(b" " + told)
     _read_as(faulty, told, swapped[1:] if swapped[:1] == b" " else swapped)
-    try:
+    with suppress(StageError, TripError):
         _vibrate(faulty, sine)
-    except (StageError, TripError):
-        pass
     assert faulty.worst_n / GWT_N <= _lowest_gwt(sine)
 
 
-@pytest.mark.parametrize("amplitude", [21, 22, 25, 41, 202, 500])
-@pytest.mark.parametrize("period_ms", [50, 100, 250])
+@pytest.mark.parametrize("amplitude", [21, 41, 202])
+@pytest.mark.parametrize("period_ms", [50, 250])
 def test_the_device_refuses_a_larger_amplitude(faulty: FaultyBench, amplitude: int, period_ms: int) -> None:
     _read_as(faulty, b"20 250 8", f"{amplitude} {period_ms} 8".encode())
     with pytest.raises(StageRejected):
@@ -222,7 +221,7 @@ def test_an_amplitude_below_a_microstep_leaves_the_stage_homed(faulty: FaultyBen
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
-@pytest.mark.parametrize("nearer_mm", [0.3, 0.4, 0.45, 0.5])
+@pytest.mark.parametrize("nearer_mm", [0.4, 0.45, 0.5])
 def test_readings_that_never_see_the_peak_keep_the_bound(faulty: FaultyBench, phase: float, nearer_mm: float) -> None:
     """The sensor shows one phase of each cycle again and again, as if it were read once a cycle."""
     begun_s: list[float] = []
@@ -238,8 +237,6 @@ def test_readings_that_never_see_the_peak_keep_the_bound(faulty: FaultyBench, ph
         faulty.nearer_mm = nearer_mm
 
     _in_the_vibration(faulty, alias)
-    try:
+    with suppress(TripError):
         _vibrate(faulty)
-    except TripError:
-        pass
     assert faulty.worst_n / GWT_N <= bound_gwt()
