@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 from rig.clock import Clock
@@ -24,6 +25,7 @@ from rig.devices.base import (
     StageHeld,
     StageNotHomed,
     StageOverridden,
+    StageRejected,
     StageReset,
     StageTimeout,
 )
@@ -42,6 +44,8 @@ TOLERANCE_MM = 2.5e-3
 SHORTEST_SINE_MS = 1.0
 # A sine has to take so much of its time at least, and not much more: two digits of its command may change places.
 SINE_IN_TIME, LATE_SINE_S = 0.98, 1.0
+# By so much a device may begin its sine before or after the exchange that commands it.
+SINE_LATE_S = 0.02
 LEAST_FIRMWARE = (7, 25)
 
 ALARMS = {
@@ -78,6 +82,30 @@ def _always() -> bool:
     return True
 
 
+@dataclass(frozen=True)
+class _SineInTime:
+    """A sine from a turning point at `start` (counts), that began between begun_s and known_s."""
+
+    start: int
+    amplitude: int
+    period_s: float
+    begun_s: float
+    known_s: float
+    tolerance: float
+
+    def misses(self, at: int, asked_s: float, heard_s: float) -> bool:
+        """Return whether the sine is nowhere at `at` between two times; not if they are half a cycle apart."""
+        late_s = SINE_LATE_S + (1 - SINE_IN_TIME) * (heard_s - self.begun_s)
+        first = max(asked_s - self.known_s - late_s, 0.0) / self.period_s
+        last = (heard_s - self.begun_s + late_s) / self.period_s
+        if last - first >= 0.5:
+            return False
+        ends = [self.amplitude * (1 - math.cos(2 * math.pi * share)) for share in (first, last)]
+        low = 0.0 if math.floor(last) > math.floor(first) else min(ends)
+        high = 2.0 * self.amplitude if math.floor(last + 0.5) > math.floor(first + 0.5) else max(ends)
+        return not low - self.tolerance <= at - self.start <= high + self.tolerance
+
+
 class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
@@ -100,6 +128,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._acceleration_mm_s2 = math.inf
         self._question = "get encoder.pos" if address.encoder else "get pos"
         self._jogs_to: int | None = None
+        self._narrow = False  # whether limit.max may be that of a sine
 
     @property
     def steps_per_mm(self) -> float:
@@ -136,10 +165,14 @@ class ZaberAxis(WatchedAxis[Reply]):
         """
         for setting, value in (("limit.min", 0), ("limit.max", self._travel)):
             if self._number(f"get {setting}") != value:
-                self._command(f"set {setting} {value}")
-                found = self._number(f"get {setting}")
-                if found != value:
-                    self._refuse_setting(setting, found, value)
+                self._set_limit(setting, value)
+        self._narrow = False
+
+    def _set_limit(self, setting: str, value: int) -> None:
+        self._command(f"set {setting} {value}")
+        found = self._number(f"get {setting}")
+        if found != value:
+            self._refuse_setting(setting, found, value)
 
     # --- motion ---
 
@@ -176,6 +209,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         speed, target = self.native_speed(speed_mm_s), self._counts(to_mm)
         self._jogs_to = None
         start = self._standing()
+        if self._narrow:
+            self.set_limits()
         if not keep_on():
             raise self._stopped()
         self._command(f"move abs {target} {speed}")
@@ -194,14 +229,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self._be_at(target)
 
-    def vibrating(
-        self, amplitude_mm: float, period_s: float, cycles: int, keep_on: Callable[[], bool], look_s: float
-    ) -> Iterator[Reply]:
-        """Swing in a sine, from here to twice the amplitude away from home and back; yield each look, until its end.
-
-        The device counts the cycles, so that it ends by itself. The amplitude is rounded down to a microstep and the
-        period to 0.1 ms. A motion that leaves its way is stopped. Raises StageError; MoveError before any byte.
-        """
+    def sine_counts(self, amplitude_mm: float) -> int:
+        """Return the amplitude of a sine in microsteps, rounded down. Raises MoveError below 1."""
         amplitude = math.floor(amplitude_mm * self._counts_per_mm + 1e-9)
         if amplitude < 1:
             raise MoveError(
@@ -210,21 +239,45 @@ class ZaberAxis(WatchedAxis[Reply]):
                 least_mm=1 / self._counts_per_mm,
                 amplitude_mm=amplitude_mm,
             )
+        return amplitude
+
+    def vibrating(
+        self, amplitude_mm: float, period_s: float, cycles: int, keep_on: Callable[[], bool], look_s: float
+    ) -> Iterator[Reply]:
+        """Swing in a sine, from here to twice the amplitude away from home and back; yield each look, until its end.
+
+        The device counts the cycles, so that it ends by itself. The amplitude is rounded down to a microstep and the
+        period to 0.1 ms. A motion that leaves its way is stopped. A sine may be so fast that no report shows its
+        lower end, and its command cannot be read back, so the device gets that end as its limit first: it refuses a
+        larger amplitude. Raises StageError; MoveError before any byte.
+        """
+        amplitude = self.sine_counts(amplitude_mm)
         self._jogs_to = None
         start = self._standing()
+        lasts_s, period_ms = cycles * period_s, f"{period_s * 1000:.1f}".removesuffix(".0")
+        self._narrow = True
+        self._set_limit("limit.max", self._number("get pos") + 2 * amplitude)
         if not keep_on():
             raise self._stopped()
-        begun_s, lasts_s = self._clock.monotonic_s(), cycles * period_s
-        period_ms = f"{period_s * 1000:.1f}".removesuffix(".0")
-        self._command(f"move sin {amplitude} {period_ms} {cycles}")
+        begun_s = self._clock.monotonic_s()
+        try:
+            self._command(f"move sin {amplitude} {period_ms} {cycles}")
+            sine = _SineInTime(start, amplitude, period_s, begun_s, self._clock.monotonic_s(), self._tolerance)
+        finally:
+            with suppress(StageRejected):  # A later move tries again, at rest.
+                self._set_limit("limit.max", self._travel)
+                self._narrow = False
         what = f"the vibration over {cycles} cycles"
 
         def look() -> tuple[Reply, bool]:
+            asked_s = self._clock.monotonic_s()
             reply = self.look()
             if not keep_on():
                 raise self._stopped()
             self._refuse_interference(reply)
             self._refuse_off_its_way(reply, start, start + 2 * amplitude)
+            if reply.busy and self._out_of_time(sine, reply, asked_s) and self._out_of_time(sine):
+                self._end_sine(what, period_s)
             return reply, not reply.busy
 
         yield from self._until(look, lasts_s / SINE_IN_TIME + LATE_SINE_S, lasts_s, what, look_s)
@@ -380,6 +433,22 @@ class ZaberAxis(WatchedAxis[Reply]):
             self._link.send_now("stop")
             raise self._not_there(at, target)
 
+    def _out_of_time(self, sine: "_SineInTime", reply: Reply | None = None, asked_s: float | None = None) -> bool:
+        """Return whether a reply, or a new one, shows a sine of another period."""
+        asked_s = self._clock.monotonic_s() if asked_s is None else asked_s
+        reply = self.look() if reply is None else reply
+        return reply.busy and sine.misses(self._position(reply), asked_s, self._clock.monotonic_s())
+
+    def _end_sine(self, what: str, period_s: float) -> None:
+        """End a sine of another period with its cycle and raise: from its speed a stop might pass the lower end."""
+        self._command("move sin stop")
+        until_s = self._clock.monotonic_s() + min(period_s, ESTOP_AFTER_S)
+        while self.look().busy and self._clock.monotonic_s() < until_s:
+            self._clock.wait_s(POLL_S)
+        raise StageError(
+            "{port}: {axis} axis: {what} has another period", code="out_of_time", what=what, **self._names
+        )
+
     def _be_at(self, target: int) -> None:
         """Raise unless the axis stands there, or does so when it is asked again."""
         at = self._position(self.look())
@@ -522,6 +591,7 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
         if not self._trusted:
             raise StageNotHomed(self._name)
         axis = self._axes["z"]
+        axis.sine_counts(amplitude_mm)
         return self._watched("z", axis.vibrating(amplitude_mm, period_s, cycles, lambda: self._trusted, look_s))
 
     def unlock(self) -> None:

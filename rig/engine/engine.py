@@ -203,7 +203,7 @@ class Engine:
         except NoReadingError as error:
             self.trip(recast(TripError, error))
         except (TouchError, PausedMotionError):
-            pass  # The reading at rest is more accurate. The next safe point takes the pause.
+            pass  # The reading at rest is more accurate. What asked for the pause acts after the motion.
         except InterruptedMotionError as interruption:
             self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
@@ -240,7 +240,7 @@ class Engine:
             raise TouchError("a touch", force_gwt)
         if self._each is not None:
             self._each(force_gwt)
-            if self.bench.operator.pause.asked():
+            if self.contact.over or self.bench.operator.pause.asked():
                 raise PausedMotionError("a pause", force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:

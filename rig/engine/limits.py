@@ -121,9 +121,14 @@ class ContactTime:
         """Contact time so far (s), rounded for the journal."""
         return round(self.total_s, 6)
 
+    @property
+    def over(self) -> bool:
+        """Whether the contact time exceeds limits.max_contact_s."""
+        return self.total_s > self._longest_s
+
     def refuse_more(self) -> None:
         """Raise LimitError if the contact time exceeds limits.max_contact_s."""
-        if self.total_s > self._longest_s:
+        if self.over:
             raise LimitError(
                 "the finger has been touched for {contact_s:.1f} s in this run, longer than "
                 "limits.max_contact_s = {limit_s:g} s",
@@ -332,6 +337,14 @@ class RampBound:
 RELAXED_TO = 0.6
 
 
+def swing_gwt(amplitude_mm: float, force_gwt: float, doi_mm: float) -> float:
+    """Return by how much the force at the ends of a sine differs from the one at its middle (gwt).
+
+    By the slope of F ∝ d^1.5 at the depth and the force there, over `RELAXED_TO`.
+    """
+    return CONTACT_EXPONENT * force_gwt / doi_mm / RELAXED_TO * amplitude_mm
+
+
 @dataclass(frozen=True)
 class VibrationBound:
     """Force limits of a vibration about a preload, for F ∝ d^1.5 through its depth and force.
@@ -381,17 +394,17 @@ class VibrationBound:
         stop_mm = min(Stopping.in_one_move(settings, vibration.speed_mm_s).distance_mm, way_mm)
         deepest_mm = doi_mm * (bound_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
         left_mm = max(deepest_mm - stop_mm, 0.0)
-        slope_gwt_mm = CONTACT_EXPONENT * force_gwt / doi_mm / RELAXED_TO
+        end_gwt = swing_gwt(amplitude_mm, force_gwt, doi_mm)
         return cls(
             vibration,
             force_gwt,
-            force_gwt - slope_gwt_mm * amplitude_mm,
-            force_gwt + slope_gwt_mm * amplitude_mm,
+            force_gwt - end_gwt,
+            force_gwt + end_gwt,
             min(trip_gwt, force_gwt * (left_mm / doi_mm) ** CONTACT_EXPONENT),
             stop_mm,
             bound_gwt,
             highest_vibration_hz(settings, amplitude_mm),
-            1000 * max(force_gwt - settings.habits.touch_force_gwt, 0.0) / slope_gwt_mm,
+            1000 * max(force_gwt - settings.habits.touch_force_gwt, 0.0) / swing_gwt(1.0, force_gwt, doi_mm),
         )
 
     def refuse_beyond(self, kind: type[RigError], x_mm: float) -> None:

@@ -34,7 +34,7 @@ class TouchError(InterruptedMotionError):
 
 
 class PausedMotionError(InterruptedMotionError):
-    """A pause of the operator, which ends a motion in contact."""
+    """A pause of the operator, or the end of the contact time, which ends a motion in contact."""
 
     default_code = "paused"
 

@@ -243,6 +243,7 @@ class Press:
         limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
         engine.record(self.id.stream("vibrate"), {**data, **limits})
         engine.vibrate(vibration, self._each_of_vibration(bound, readings, times))
+        engine.contact.refuse_more()
         safe_point(engine)  # A pause ends the vibration.
         while (left_mm := engine.height_mm - height_mm) > 1e-9:
             engine.go_to_height(engine.height_mm - min(left_mm, self._habits.increment_mm), self._speed)

@@ -186,13 +186,18 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
     limits, doi_mm, force_gwt = settings.limits, planned.deepest_mm, planned.highest_gwt
     if doi_mm > limits.max_doi_mm:
         raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
-    if force_gwt > limits.max_force_gwt:
-        raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
+    refuse_force(verb, planned, force_gwt, limits)
     if force_gwt * GWT_N > limits.soft_trip_n:
         raise _means(verb, planned, "{force_n:.3g} N", limits, "soft_trip_n", force_n=force_gwt * GWT_N)
     deflection_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
     lowest_mm = planned.expected_contact_mm - max(doi_mm + deflection_mm, limits.search_mm)
     refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
+
+
+def refuse_force(verb: str, planned: PlannedIndentation, force_gwt: float, limits: LimitSettings) -> None:
+    """Raise an error for a target whose predicted force is beyond its limit."""
+    if force_gwt > limits.max_force_gwt:
+        raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
 
 
 def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None:

@@ -421,6 +421,7 @@ def test_a_carriage_that_leaves_its_way_is_stopped(
     _in_the_vibration(faulty, stray)
     if watched_by == "the engine":
         monkeypatch.setattr(ZaberAxis, "_refuse_off_its_way", lambda axis, *_: None)
+        monkeypatch.setattr(ZaberAxis, "_out_of_time", lambda axis, *_: False)
     with pytest.raises((StageError, TripError)) as caught:
         _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0), Target("doi_mm", 0.5))
     assert caught.value.code == {"the driver": "not_there", "the engine": "off_its_way"}[watched_by]

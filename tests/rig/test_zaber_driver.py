@@ -421,11 +421,11 @@ def test_what_the_device_refuses_of_a_sine(words: list[str], reason: str) -> Non
 @pytest.mark.parametrize(
     ("sent", "done", "code"),
     [
-        (b"sin 14 500 12", b"sin 41 500 12", "not_there"),
+        (b"sin 14 500 12", b"sin 41 500 12", "line_refused"),
         (b"sin 14 500 12", b"sin 14 500 21", "not_over"),
         (b"sin 14 500 21", b"sin 14 500 12", "over_early"),
-        (b"sin 14 250 12", b"sin 14 520 12", "not_over"),
-        (b"sin 14 250 12", b"sin 14 205 12", "over_early"),
+        (b"sin 14 250 12", b"sin 14 520 12", "out_of_time"),
+        (b"sin 14 250 12", b"sin 14 205 12", "out_of_time"),
     ],
 )
 def test_two_digits_that_change_places_in_a_sine_are_noticed(sent: bytes, done: bytes, code: str) -> None:

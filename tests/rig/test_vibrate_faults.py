@@ -1,0 +1,242 @@
+"""Vibrations under one fault: of the command, of the device's sine, of a cell that reads half, and of limits."""
+
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.base import MoveError, StageError, StageRejected
+from rig.devices.zaber_link import checksum
+from rig.engine import LimitError, Target, TripError
+from rig.engine.bench import Pause
+from rig.engine.engine import State
+from rig.engine.limits import CONTACT_EXPONENT
+from rig.errors import BadInputError
+from rig.plan.config import Config
+from rig.plan.plan import Plan, refuse_vibrations
+from rig.records import PlannedIndentation, Vibration
+from rig.units import GWT_N
+from sim.devices.zaber import CommandRejected
+from studies.faults.campaign.faults import WireFault
+from studies.faults.faulty_bench import PREDICTED, FaultyBench
+from studies.faults.outcomes import bound_gwt
+from tests.error_codes import raises
+from tests.rig.test_vibrate import PRELOAD, SINE, SLOW, ZABER, _bench, _in_the_vibration, _of, _vibrate
+
+STEP_MM = 0.0025
+LONG = Vibration.of(4.0, 50.0, 60.0)
+
+
+@pytest.fixture
+def faulty(tmp_path: Path) -> Iterator[FaultyBench]:
+    """A bench of Zaber's stage, ready at x = 0, that keeps its events."""
+    bench = _bench(tmp_path)
+    bench.worst_n = 0.0
+    yield bench
+    bench.journal.close()
+
+
+def _lowest_gwt(sine: Vibration, doi_mm: float = PRELOAD.value) -> float:
+    """The force at the lower end of a sine, and one step of the stage below it."""
+    return PREDICTED.force_at(PREDICTED.contact_mm - doi_mm - sine.amplitude_mm - 2 * STEP_MM) / GWT_N
+
+
+def _read_as(bench: FaultyBench, old: bytes, new: bytes) -> None:
+    """The device makes this sine, although it accepts the command."""
+    read = bench.board._read
+
+    def changed(line: bytes) -> None:
+        content = line[1:].rpartition(b":")[0].replace(b"move sin " + old, b"move sin " + new).decode()
+        read(f"/{content}:{checksum(content)}".encode() if b"move sin" in line else line)
+
+    bench.board._read = changed
+
+
+# --- the command ---
+
+
+@pytest.mark.parametrize("sine", [SINE, LONG])
+@pytest.mark.parametrize("at", range(10))
+def test_no_bytes_of_a_sine_that_change_places_press_deeper(faulty: FaultyBench, sine: Vibration, at: int) -> None:
+    """A checksum does not notice it; a fast sine may show its upper end alone in every report."""
+    told = f"20 {sine.period_s * 1000:g} {sine.cycles}".encode()
+    (_, swapped), *_ = WireFault("swap", at).pieces(b" " + told)
+    _read_as(faulty, told, swapped[1:] if swapped[:1] == b" " else swapped)
+    with suppress(StageError, TripError):
+        _vibrate(faulty, sine)
+    assert faulty.worst_n / GWT_N <= _lowest_gwt(sine)
+
+
+@pytest.mark.parametrize("amplitude", [21, 41, 202])
+@pytest.mark.parametrize("period_ms", [50, 250])
+def test_the_device_refuses_a_larger_amplitude(faulty: FaultyBench, amplitude: int, period_ms: int) -> None:
+    _read_as(faulty, b"20 250 8", f"{amplitude} {period_ms} 8".encode())
+    with pytest.raises(StageRejected):
+        _vibrate(faulty)
+    assert faulty.worst_n / GWT_N < _lowest_gwt(SINE)
+
+
+def test_the_limit_of_the_device_is_again_that_of_the_travel(faulty: FaultyBench) -> None:
+    z = faulty.board.z
+    travel = z.settings["limit.max"]
+    lowest: list[int] = []
+    begin = z._begin_sine
+    z._begin_sine = lambda *words: (lowest.append(z.settings["limit.max"] - z.position()), begin(*words))
+    _in_the_vibration(faulty, lambda: lowest.append(z.settings["limit.max"]))
+    _vibrate(faulty)
+    assert lowest == [40, travel]
+    assert z.settings["limit.max"] == travel
+
+
+def test_a_limit_that_cannot_be_reset_at_once_is_reset_before_the_next_move(faulty: FaultyBench) -> None:
+    z = faulty.board.z
+    travel = z.settings["limit.max"]
+    set_ = z._set
+
+    def busy(setting: str, value: str) -> str:
+        if z.busy:
+            raise CommandRejected("STATUSBUSY")
+        return set_(setting, value)
+
+    z._set = busy
+    _vibrate(faulty)
+    assert z.settings["limit.max"] == travel
+
+
+# --- the sine of the device ---
+
+
+@pytest.mark.parametrize(
+    ("sine", "ms"),
+    [
+        (LONG, 25),
+        (LONG, 80),
+        (LONG, 205),
+        (LONG, 520),
+        (SLOW, 100),
+        (SLOW, 500),
+        (Vibration.of(2.0, 100.0, 30.0), 50),
+    ],
+)
+@pytest.mark.parametrize("ended_by", ["nobody", "a pause", "a trip", "a stop"])
+def test_a_sine_of_another_period_ends_within_its_ends(
+    faulty: FaultyBench, sine: Vibration, ms: int, ended_by: str
+) -> None:
+    """From its speed the device would brake on a way of up to 2 mm, so the sine ends with its cycle."""
+    amplitude = round(sine.amplitude_mm / STEP_MM)
+    told, heard = f"{amplitude} {sine.period_s * 1000:g} {sine.cycles}", f"{amplitude} {ms} {sine.cycles}"
+    _read_as(faulty, told.encode(), heard.encode())
+    asked: list[bool] = []
+    faulty.pause = Pause(lambda: bool(asked), lambda: False)
+    acts: dict[str, Any] = {
+        "nobody": lambda: None,
+        "a pause": lambda: asked.append(True),
+        "a trip": lambda: setattr(faulty, "felt_n", lambda t_s: 90 * GWT_N),
+        "a stop": faulty.stage.stop,
+    }
+    _in_the_vibration(faulty, acts[ended_by], 0.71)
+    with pytest.raises((StageError, TripError)):
+        _vibrate(faulty, sine)
+    assert faulty.worst_n / GWT_N <= _lowest_gwt(sine)
+
+
+# --- a cell that reads half ---
+
+
+def _planned(sine: Vibration | None, force_gwt: float, doi_mm: float) -> PlannedIndentation:
+    return PlannedIndentation(
+        indentor="bar:3.0", x_mm=0.0, target=Target("force_gwt", force_gwt), expected_contact_mm=-0.3,
+        predicted_doi_mm=doi_mm, predicted_force_gwt=force_gwt, contact_area_mm2=20.0, peak_pressure_mpa=0.01,
+        increments=1, hold_s=1.0, vibration=sine,
+    )  # fmt: skip
+
+
+def _plan_of(*planned: PlannedIndentation) -> Plan:
+    plan = Plan()
+    plan.presses["data"] += planned
+    return plan
+
+
+@pytest.mark.parametrize("amplitude_um", [20.0, 50.0, 100.0, 200.0])
+@pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (8.0, 1.4), (2.0, 0.4)])
+def test_a_cell_that_reads_half_leaves_a_vibration_below_the_trip(
+    amplitude_um: float, force_gwt: float, doi_mm: float
+) -> None:
+    """The press to the preload then goes to twice the force; the soft trip is twice that of the lower end."""
+    sine = Vibration.of(1.0, amplitude_um, 1.0)
+    trip_gwt = _plan_of(_planned(sine, force_gwt, doi_mm)).soft_trip_n / GWT_N
+    true_mm = doi_mm * 2 ** (1 / CONTACT_EXPONENT)
+    lower_end_gwt = 2 * force_gwt * ((true_mm + sine.amplitude_mm) / true_mm) ** CONTACT_EXPONENT
+    assert lower_end_gwt < trip_gwt
+    assert _plan_of(_planned(None, force_gwt, doi_mm)).soft_trip_n == pytest.approx(2 * force_gwt * GWT_N)
+
+
+@pytest.mark.parametrize("amplitude_um", [20.0, 50.0, 80.0])
+def test_a_cell_that_reads_half_presses_no_further_than_the_bound(tmp_path: Path, amplitude_um: float) -> None:
+    sine = Vibration.of(1.0, amplitude_um, 1.0)
+    trip_n = _plan_of(_planned(sine, 8.0, 0.86)).soft_trip_n
+    bench = _bench(tmp_path, {"limits": {"soft_trip_n": trip_n}})
+    bench.engine.trips.soft_gwt = trip_n / GWT_N
+    bench.felt_n = lambda t_s: 0.5 * bench.true_n(t_s)
+    bench.worst_n = 0.0
+    _vibrate(bench, sine, Target("force_gwt", 8.0))
+    (begun,) = _of(bench, "vibrate")
+    assert 2 * 8.0 < bench.worst_n / GWT_N <= begun["bound_gwt"]
+    bench.journal.close()
+
+
+# --- limits ---
+
+
+def test_the_limit_of_force_counts_at_the_lower_end() -> None:
+    press = _planned(SINE, 8.0, 0.86)
+    plan = _plan_of(press)
+    peak_gwt = plan.peak_force_gwt
+    assert peak_gwt == pytest.approx(8.0 * (1 + 1.5 * 0.05 / 0.86 / 0.6))
+    refuse_vibrations(plan, Config.model_validate(ZABER | {"limits": {"max_force_gwt": peak_gwt + 0.01}}))
+    with raises(BadInputError, "means_beyond_limit", limit="max_force_gwt"):
+        refuse_vibrations(plan, Config.model_validate(ZABER | {"limits": {"max_force_gwt": peak_gwt - 0.01}}))
+
+
+def test_the_contact_time_ends_a_vibration(tmp_path: Path) -> None:
+    bench = _bench(tmp_path, {"limits": {"max_contact_s": 40.0}})
+    begun_s = bench.clock.monotonic_s()
+    with raises(LimitError, "contact_time"):
+        _vibrate(bench, Vibration.of(4.0, 50.0, 600.0))
+    assert bench.clock.monotonic_s() - begun_s < 90.0
+    assert bench.engine.state is State.READY
+    assert bench.height_mm == pytest.approx(2.0, abs=0.003)
+    bench.journal.close()
+
+
+def test_an_amplitude_below_a_microstep_leaves_the_stage_homed(faulty: FaultyBench) -> None:
+    with raises(MoveError, "too_small"):
+        list(faulty.stage.vibrating(amplitude_mm=0.002, period_s=1.0, cycles=1))
+    assert faulty.stage.homed
+
+
+# --- readings ---
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.25, 0.5, 0.75])
+@pytest.mark.parametrize("nearer_mm", [0.4, 0.45, 0.5])
+def test_readings_that_never_see_the_peak_keep_the_bound(faulty: FaultyBench, phase: float, nearer_mm: float) -> None:
+    """The sensor shows one phase of each cycle again and again, as if it were read once a cycle."""
+    begun_s: list[float] = []
+
+    def alias() -> None:
+        begun_s.append(faulty.clock.monotonic_s())
+
+        def seen(t_s: float) -> float:
+            at_s = begun_s[0] + (int((t_s - begun_s[0]) / SINE.period_s - phase) + phase) * SINE.period_s
+            return faulty.true_n(max(at_s, begun_s[0]))
+
+        faulty.felt_n = seen
+        faulty.nearer_mm = nearer_mm
+
+    _in_the_vibration(faulty, alias)
+    with suppress(TripError):
+        _vibrate(faulty)
+    assert faulty.worst_n / GWT_N <= bound_gwt()
