@@ -147,7 +147,7 @@ class Prediction:
 
 
 @dataclass(frozen=True)
-class Vibration:
+class SineMotion:
     """A sine about a preload: amplitude is half of the way from the highest to the lowest position."""
 
     amplitude_mm: float
@@ -155,7 +155,7 @@ class Vibration:
     cycles: int
 
     @classmethod
-    def of(cls, frequency_hz: float, amplitude_um: float, duration_s: float) -> "Vibration":
+    def of(cls, frequency_hz: float, amplitude_um: float, duration_s: float) -> "SineMotion":
         """Of whole cycles, as many as come nearest to the duration, and no faster than asked."""
         period_s = math.ceil(10_000 / frequency_hz - 1e-9) / 10_000
         return cls(amplitude_um / 1000, period_s, max(round(duration_s / period_s), 1))
@@ -188,4 +188,4 @@ class PlannedIndentation(Prediction):
     increments: int
     hold_s: float
     ramp_mm_s: float | None = None  # speed of a ramp
-    vibration: Vibration | None = None
+    vibration: SineMotion | None = None

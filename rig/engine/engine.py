@@ -31,7 +31,7 @@ from rig.engine.motion import (
 )
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
-from rig.records import NO_PRESS, Phase, PressId, Vibration, as_fine
+from rig.records import NO_PRESS, Phase, PressId, SineMotion, as_fine
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -174,7 +174,7 @@ class Engine:
             lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
         )
 
-    def vibrate(self, vibration: Vibration, each: EachReading) -> None:
+    def vibrate(self, vibration: SineMotion, each: EachReading) -> None:
         """Swing from here down by twice the amplitude and back; `each` receives the readings as they arrive."""
         lowest_mm = self.height_mm - 2 * vibration.amplitude_mm
         refuse_height(self.settings, self.height_mm, lowest_mm, vibration.speed_mm_s, lowest_mm)

@@ -12,7 +12,7 @@ from rig.engine.limits import CONTACT_EXPONENT, RampBound, VibrationBound, fit_c
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
-from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target, Vibration
+from rig.records import ContactFit, Hold, Indentation, Phase, PressId, SineMotion, Target
 
 _SHOWN_BY = 4  # readings
 
@@ -213,7 +213,7 @@ def ramp(
 def vibrate(
     engine: Engine,
     target: Target,
-    vibration: Vibration,
+    vibration: SineMotion,
     *,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,

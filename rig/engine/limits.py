@@ -12,7 +12,7 @@ from rig.clock import Clock
 from rig.devices.registry import highest_hz
 from rig.engine.corridor import PRINTED_MM
 from rig.errors import LimitError, RigError, TripError
-from rig.records import ContactFit, Vibration
+from rig.records import ContactFit, SineMotion
 from rig.settings import LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -355,7 +355,7 @@ class VibrationBound:
 
     Attributes
     ----------
-    vibration : Vibration
+    vibration : SineMotion
     force_gwt : float
         Force at the preload.
     least_gwt, peak_gwt : float
@@ -372,7 +372,7 @@ class VibrationBound:
         Largest amplitude at which the indentor stays in the skin.
     """
 
-    vibration: Vibration
+    vibration: SineMotion
     force_gwt: float
     least_gwt: float
     peak_gwt: float
@@ -384,7 +384,7 @@ class VibrationBound:
 
     @classmethod
     def of(
-        cls, settings: RigSettings, vibration: Vibration, trip_gwt: float, force_gwt: float, doi_mm: float
+        cls, settings: RigSettings, vibration: SineMotion, trip_gwt: float, force_gwt: float, doi_mm: float
     ) -> "VibrationBound":
         """Return it below the lowest trip of a press (gwt), for the force at the depth of the preload (mm)."""
         amplitude_mm = vibration.amplitude_mm

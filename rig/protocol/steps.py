@@ -34,7 +34,7 @@ from rig.protocol.check import (
     refuse_vibration,
     refuse_vibration_depth,
 )
-from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target, Vibration
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, SineMotion, Target
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -221,7 +221,7 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
     ramp: bool = False,
-    vibration: Vibration | None = None,
+    vibration: SineMotion | None = None,
 ) -> ExpectedPresses:
     """Return the prediction for a press, checked against the limits.
 
@@ -240,7 +240,7 @@ def expect_press(
         Default: habits.press_speed_mm_s.
     ramp : bool, optional
         Whether the press is a ramp, at constant speed without increments.
-    vibration : Vibration, optional
+    vibration : SineMotion, optional
         What the hold is, instead of at rest.
 
     Returns
@@ -413,9 +413,9 @@ class Vibrate(Step[ExpectedPresses, Indentation]):
         return checked_target(self.verb, self.doi_mm, self.force_gwt)
 
     @property
-    def vibration(self) -> Vibration:
+    def vibration(self) -> SineMotion:
         """The sine, in whole cycles."""
-        return Vibration.of(self.frequency_hz, self.amplitude_um, self.duration_s)
+        return SineMotion.of(self.frequency_hz, self.amplitude_um, self.duration_s)
 
     def check(self, walk: Walk) -> Spot:
         check_press(self.verb, self.target, walk, increments=1, hold_s=0.0)

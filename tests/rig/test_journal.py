@@ -204,7 +204,8 @@ def test_every_stream_of_a_run_says_its_units() -> None:
     for keys in STREAMS.values():
         for key, unit in keys.items():
             suffix = "mm/s" if key.endswith("_mm_s") else key.rsplit("_", 1)[-1]
-            if suffix in ("mm", "gwt", "s", "mm/s") and "_" in key:
+            suffix = {"hz": "1/s", "um": "µm"}.get(suffix, suffix)
+            if suffix in ("mm", "gwt", "s", "mm/s", "1/s", "µm") and "_" in key:
                 assert unit == suffix, key
             else:
                 assert unit == "", key

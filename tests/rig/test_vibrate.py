@@ -25,7 +25,7 @@ from rig.plan.config import Config
 from rig.plan.nerve import visits_of
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script
-from rig.records import Indentation, Vibration
+from rig.records import Indentation, SineMotion
 from rig.session.rehearsal_summary import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import NewRun, Session, dry_run
@@ -39,8 +39,8 @@ from tests.error_codes import raises
 
 ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}}
 PRELOAD = Target("doi_mm", 0.86)
-SINE = Vibration.of(4.0, 50.0, 2.0)
-SLOW = Vibration.of(1.0, 50.0, 4.0)
+SINE = SineMotion.of(4.0, 50.0, 2.0)
+SLOW = SineMotion.of(1.0, 50.0, 4.0)
 
 
 # --- the sine and its bound ---
@@ -53,7 +53,7 @@ SLOW = Vibration.of(1.0, 50.0, 4.0)
 def test_a_vibration_has_whole_cycles_and_is_no_faster_than_asked(
     frequency_hz: float, duration_s: float, period_s: float, cycles: int
 ) -> None:
-    found = Vibration.of(frequency_hz, 50.0, duration_s)
+    found = SineMotion.of(frequency_hz, 50.0, duration_s)
     assert (found.period_s, found.cycles) == (period_s, cycles)
     assert found.frequency_hz <= frequency_hz + 1e-9
     assert (found.amplitude_mm, found.duration_s) == (0.05, cycles * period_s)
@@ -67,7 +67,7 @@ def test_a_vibration_from_its_trip_ends_at_the_bound_of_a_press(
     frequency_hz: float, amplitude_um: float, tables: dict[str, Any], force_gwt: float, doi_mm: float
 ) -> None:
     """The way from end to end counts, or the distance of a ramp at the highest speed if it is shorter."""
-    settings, sine = RigSettings.model_validate(tables), Vibration.of(frequency_hz, amplitude_um, 1.0)
+    settings, sine = RigSettings.model_validate(tables), SineMotion.of(frequency_hz, amplitude_um, 1.0)
     bound = VibrationBound.of(settings, sine, 16.0, force_gwt, doi_mm)
     press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
     move = Stopping.in_one_move(settings, 2 * math.pi * amplitude_um / 1000 / sine.period_s)
@@ -131,7 +131,7 @@ def faulty(tmp_path: Path) -> Iterator[FaultyBench]:
     bench.journal.close()
 
 
-def _vibrate(bench: FaultyBench, sine: Vibration = SINE, target: Target = PRELOAD) -> Indentation:
+def _vibrate(bench: FaultyBench, sine: SineMotion = SINE, target: Target = PRELOAD) -> Indentation:
     return vibrate(bench.engine, target, sine, expected_contact_mm=PREDICTED.contact_mm)
 
 
@@ -182,9 +182,9 @@ def test_events_of_a_vibration_in_order(faulty: FaultyBench) -> None:
 
 
 @pytest.mark.parametrize("target", [PRELOAD, Target("force_gwt", 5.0)])
-@pytest.mark.parametrize("sine", [SINE, SLOW, Vibration.of(5.0, 25.0, 1.0)])
+@pytest.mark.parametrize("sine", [SINE, SLOW, SineMotion.of(5.0, 25.0, 1.0)])
 def test_the_carriage_stays_within_the_amplitude_about_the_preload(
-    faulty: FaultyBench, sine: Vibration, target: Target
+    faulty: FaultyBench, sine: SineMotion, target: Target
 ) -> None:
     """And goes from end to end."""
     heights: list[float] = []
@@ -228,12 +228,12 @@ def test_the_press_measures_again_each_time(faulty: FaultyBench) -> None:
 @pytest.mark.parametrize(
     ("sine", "code"),
     [
-        (Vibration.of(5.1, 50.0, 1.0), "vibration_too_fast"),
-        (Vibration.of(0.5, 345.0, 1.0), "vibration_leaves_skin"),
-        (Vibration.of(0.5, 250.0, 1.0), "vibration_too_large"),
+        (SineMotion.of(5.1, 50.0, 1.0), "vibration_too_fast"),
+        (SineMotion.of(0.5, 345.0, 1.0), "vibration_leaves_skin"),
+        (SineMotion.of(0.5, 250.0, 1.0), "vibration_too_large"),
     ],
 )
-def test_what_the_engine_refuses_by_the_measured_stiffness(faulty: FaultyBench, sine: Vibration, code: str) -> None:
+def test_what_the_engine_refuses_by_the_measured_stiffness(faulty: FaultyBench, sine: SineMotion, code: str) -> None:
     """It lifts; the vibration itself never begins."""
     with raises(LimitError, code, x_mm=0.0):
         _vibrate(faulty, sine)
@@ -278,7 +278,7 @@ def test_a_stage_of_another_package_cannot_vibrate_unless_it_says_so() -> None:
 @pytest.mark.parametrize("nearer_mm", [0.44, 0.47, 0.5])
 @pytest.mark.parametrize("after_s", [0.5, 0.56, 0.62, 0.69])
 def test_a_finger_that_comes_nearer_trips_in_any_phase(
-    faulty: FaultyBench, sine: Vibration, nearer_mm: float, after_s: float
+    faulty: FaultyBench, sine: SineMotion, nearer_mm: float, after_s: float
 ) -> None:
     """The lower end is then 1.35 to 1.41 mm deep in it, where the trip is at 1.31 and the bound at 1.42 mm."""
 
@@ -338,7 +338,7 @@ def test_a_late_or_slow_sensor_is_no_frozen_one(tmp_path: Path, period_s: float)
     """A cell that is read once a cycle shows the same each time; that is no reason to trip."""
     bench = _bench(tmp_path, {"force": {"latency_s": 0.2, "sample_period_s": period_s}})
     bench.felt_n = lambda t_s: bench.true_n(t_s - 0.2)
-    for sine in (Vibration.of(5.0, 20.0, 2.0), Vibration.of(0.5, 50.0, 4.0)):
+    for sine in (SineMotion.of(5.0, 20.0, 2.0), SineMotion.of(0.5, 50.0, 4.0)):
         assert len(_vibrate(bench, sine).holds) == 1
     bench.journal.close()
 
@@ -358,7 +358,7 @@ def test_a_lost_journal_ends_it_and_lifts(faulty: FaultyBench) -> None:
     _in_the_vibration(faulty, away)
     begun_s = faulty.clock.monotonic_s()
     with pytest.raises(RecordError):
-        _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0))
+        _vibrate(faulty, SineMotion.of(4.0, 50.0, 60.0))
     assert faulty.clock.monotonic_s() - begun_s < 30.0
     assert faulty.stage.homed
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
@@ -393,7 +393,7 @@ def test_an_engine_that_hangs_is_stopped_by_the_heartbeat(faulty: FaultyBench) -
     silence_s = faulty.config.limits.heartbeat_s + 1.0
     _in_the_vibration(faulty, lambda: faulty.after("vibrate", lambda: faulty.clock.wait_s(silence_s)))
     with pytest.raises((StageError, TripError)):
-        _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0))
+        _vibrate(faulty, SineMotion.of(4.0, 50.0, 60.0))
     assert faulty.engine.heartbeat.lost
     assert not faulty.stage.homed
 
@@ -423,7 +423,7 @@ def test_a_carriage_that_leaves_its_way_is_stopped(
         monkeypatch.setattr(ZaberAxis, "_refuse_off_its_way", lambda axis, *_: None)
         monkeypatch.setattr(ZaberAxis, "_out_of_time", lambda axis, *_: False)
     with pytest.raises((StageError, TripError)) as caught:
-        _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0), Target("doi_mm", 0.5))
+        _vibrate(faulty, SineMotion.of(4.0, 50.0, 60.0), Target("doi_mm", 0.5))
     assert caught.value.code == {"the driver": "not_there", "the engine": "off_its_way"}[watched_by]
     gone_mm = abs(faulty.height_mm - (PREDICTED.contact_mm - 0.5))
     assert gone_mm < 0.2 or faulty.height_mm > 0
@@ -435,7 +435,7 @@ def test_an_error_in_the_program_ends_it(faulty: FaultyBench, monkeypatch: pytes
 
     _in_the_vibration(faulty, lambda: monkeypatch.setattr(faulty.engine.sensing, "glance_gwt", broken))
     with pytest.raises(ZeroDivisionError):
-        _vibrate(faulty, Vibration.of(4.0, 50.0, 60.0))
+        _vibrate(faulty, SineMotion.of(4.0, 50.0, 60.0))
     at_mm = faulty.height_mm
     faulty.clock.wait_s(1.0)
     assert faulty.height_mm == at_mm
@@ -448,7 +448,7 @@ def test_a_pause_acts_within_it_and_begins_it_anew(faulty: FaultyBench, goes_on:
     asked_s: list[float] = []
     _in_the_vibration(faulty, lambda: (asked.append(True), asked_s.append(faulty.clock.monotonic_s())))
     faulty.on_sample["paused"] = lambda: asked_s.append(faulty.clock.monotonic_s())
-    sine = Vibration.of(4.0, 50.0, 10.0)
+    sine = SineMotion.of(4.0, 50.0, 10.0)
     if goes_on:
         assert len(_vibrate(faulty, sine).holds) == 1
     else:

@@ -16,7 +16,7 @@ from rig.engine.limits import CONTACT_EXPONENT
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, refuse_vibrations
-from rig.records import PlannedIndentation, Vibration
+from rig.records import PlannedIndentation, SineMotion
 from rig.units import GWT_N
 from sim.devices.zaber import CommandRejected
 from studies.faults.campaign.faults import WireFault
@@ -26,7 +26,7 @@ from tests.error_codes import raises
 from tests.rig.test_vibrate import PRELOAD, SINE, SLOW, ZABER, _bench, _in_the_vibration, _of, _vibrate
 
 STEP_MM = 0.0025
-LONG = Vibration.of(4.0, 50.0, 60.0)
+LONG = SineMotion.of(4.0, 50.0, 60.0)
 
 
 @pytest.fixture
@@ -38,7 +38,7 @@ def faulty(tmp_path: Path) -> Iterator[FaultyBench]:
     bench.journal.close()
 
 
-def _lowest_gwt(sine: Vibration, doi_mm: float = PRELOAD.value) -> float:
+def _lowest_gwt(sine: SineMotion, doi_mm: float = PRELOAD.value) -> float:
     """The force at the lower end of a sine, and one step of the stage below it."""
     return PREDICTED.force_at(PREDICTED.contact_mm - doi_mm - sine.amplitude_mm - 2 * STEP_MM) / GWT_N
 
@@ -59,7 +59,7 @@ def _read_as(bench: FaultyBench, old: bytes, new: bytes) -> None:
 
 @pytest.mark.parametrize("sine", [SINE, LONG])
 @pytest.mark.parametrize("at", range(10))
-def test_no_bytes_of_a_sine_that_change_places_press_deeper(faulty: FaultyBench, sine: Vibration, at: int) -> None:
+def test_no_bytes_of_a_sine_that_change_places_press_deeper(faulty: FaultyBench, sine: SineMotion, at: int) -> None:
     """A checksum does not notice it; a fast sine may show its upper end alone in every report."""
     told = f"20 {sine.period_s * 1000:g} {sine.cycles}".encode()
     (_, swapped), *_ = WireFault("swap", at).pieces(b" " + told)
@@ -117,12 +117,12 @@ def test_a_limit_that_cannot_be_reset_at_once_is_reset_before_the_next_move(faul
         (LONG, 520),
         (SLOW, 100),
         (SLOW, 500),
-        (Vibration.of(2.0, 100.0, 30.0), 50),
+        (SineMotion.of(2.0, 100.0, 30.0), 50),
     ],
 )
 @pytest.mark.parametrize("ended_by", ["nobody", "a pause", "a trip", "a stop"])
 def test_a_sine_of_another_period_ends_within_its_ends(
-    faulty: FaultyBench, sine: Vibration, ms: int, ended_by: str
+    faulty: FaultyBench, sine: SineMotion, ms: int, ended_by: str
 ) -> None:
     """From its speed the device would brake on a way of up to 2 mm, so the sine ends with its cycle."""
     amplitude = round(sine.amplitude_mm / STEP_MM)
@@ -145,7 +145,7 @@ def test_a_sine_of_another_period_ends_within_its_ends(
 # --- a cell that reads half ---
 
 
-def _planned(sine: Vibration | None, force_gwt: float, doi_mm: float) -> PlannedIndentation:
+def _planned(sine: SineMotion | None, force_gwt: float, doi_mm: float) -> PlannedIndentation:
     return PlannedIndentation(
         indentor="bar:3.0", x_mm=0.0, target=Target("force_gwt", force_gwt), expected_contact_mm=-0.3,
         predicted_doi_mm=doi_mm, predicted_force_gwt=force_gwt, contact_area_mm2=20.0, peak_pressure_mpa=0.01,
@@ -165,7 +165,7 @@ def test_a_cell_that_reads_half_leaves_a_vibration_below_the_trip(
     amplitude_um: float, force_gwt: float, doi_mm: float
 ) -> None:
     """The press to the preload then goes to twice the force; the soft trip is twice that of the lower end."""
-    sine = Vibration.of(1.0, amplitude_um, 1.0)
+    sine = SineMotion.of(1.0, amplitude_um, 1.0)
     trip_gwt = _plan_of(_planned(sine, force_gwt, doi_mm)).soft_trip_n / GWT_N
     true_mm = doi_mm * 2 ** (1 / CONTACT_EXPONENT)
     lower_end_gwt = 2 * force_gwt * ((true_mm + sine.amplitude_mm) / true_mm) ** CONTACT_EXPONENT
@@ -175,7 +175,7 @@ def test_a_cell_that_reads_half_leaves_a_vibration_below_the_trip(
 
 @pytest.mark.parametrize("amplitude_um", [20.0, 50.0, 80.0])
 def test_a_cell_that_reads_half_presses_no_further_than_the_bound(tmp_path: Path, amplitude_um: float) -> None:
-    sine = Vibration.of(1.0, amplitude_um, 1.0)
+    sine = SineMotion.of(1.0, amplitude_um, 1.0)
     trip_n = _plan_of(_planned(sine, 8.0, 0.86)).soft_trip_n
     bench = _bench(tmp_path, {"limits": {"soft_trip_n": trip_n}})
     bench.engine.trips.soft_gwt = trip_n / GWT_N
@@ -204,7 +204,7 @@ def test_the_contact_time_ends_a_vibration(tmp_path: Path) -> None:
     bench = _bench(tmp_path, {"limits": {"max_contact_s": 40.0}})
     begun_s = bench.clock.monotonic_s()
     with raises(LimitError, "contact_time"):
-        _vibrate(bench, Vibration.of(4.0, 50.0, 600.0))
+        _vibrate(bench, SineMotion.of(4.0, 50.0, 600.0))
     assert bench.clock.monotonic_s() - begun_s < 90.0
     assert bench.engine.state is State.READY
     assert bench.height_mm == pytest.approx(2.0, abs=0.003)
