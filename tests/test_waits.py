@@ -2,6 +2,7 @@
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -73,6 +74,7 @@ def _asks_a_clock(node: ast.expr) -> bool:
     return any(isinstance(inner, ast.Attribute) and inner.attr == "monotonic_s" for inner in ast.walk(node))
 
 
+@cache
 def _names(tree: ast.AST) -> set[str]:
     """All that is imported and called by name."""
     imported = {

@@ -9,6 +9,7 @@ import struct
 import sys
 import zlib
 from collections.abc import Callable
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +40,7 @@ from sim.config import FingertipConfig
 from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import read_profile
 from sim.contact.shapes import contents
+from tests.sources import trees_with
 
 Read = Callable[[Path], Any]
 ROOT = Path(__file__).parents[2]
@@ -195,14 +197,18 @@ OWN_FILES = {
 """Modules that also read what the package, or the program itself, has written."""
 
 
+READ = ("read_text", "read_bytes")
+
+
 def test_files_are_read_in_one_place() -> None:
     found = set()
-    for path in [path for package in ("rig", "sim", "rig_shared") for path in (ROOT / package).rglob("*.py")]:
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    packages = [trees_with(ROOT / package, "open", *READ) for package in ("rig", "sim", "rig_shared")]
+    for path, tree in chain.from_iterable(packages):
+        for node in ast.walk(tree):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 mode = next((one.value for one in node.args[:1] if isinstance(one, ast.Constant)), "r")
                 opens = node.func.attr == "open" and isinstance(node.func.value, ast.Name | ast.Call)
-                if node.func.attr in ("read_text", "read_bytes") or (opens and mode in ("rb", "rb+")):
+                if node.func.attr in READ or (opens and mode in ("rb", "rb+")):
                     found.add(str(path.relative_to(ROOT)))
     assert found <= OWN_FILES
 

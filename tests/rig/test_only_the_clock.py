@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 import rig
+from tests.sources import trees_with
 
 PACKAGE = Path(rig.__file__).parent
 FORBIDDEN = {"sleep", "time", "time_ns"}
@@ -37,7 +38,7 @@ def test_the_walk_finds_them(source: str) -> None:
 def test_only_the_clock_sleeps_or_asks_for_the_time() -> None:
     found = {
         path.relative_to(PACKAGE).as_posix(): uses
-        for path in sorted(PACKAGE.rglob("*.py"))
-        if (uses := _uses(ast.parse(path.read_text(encoding="utf-8"))))
+        for path, tree in trees_with(PACKAGE, "time")
+        if (uses := _uses(tree))
     }
     assert set(found) == {"clock.py"}, found

@@ -17,6 +17,7 @@ from sim.models.catalogue import BUILDERS, load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import strain_maps
 from tests.sim.coarse_mesh import coarse_mesh
+from tests.sources import trees_with
 
 Build = Callable[[FingertipConfig], object]
 
@@ -54,14 +55,17 @@ def test_it_is_said_before(what: str, caplog: pytest.LogCaptureFixture) -> None:
     assert len([record for record in caplog.records if record.name == condensed.__name__]) == factors
 
 
+FACTORS = ("PardisoFactor", "DissectionFactor")
+
+
 def test_nothing_is_factorised_elsewhere() -> None:
     """Factors are made in one function."""
     root = Path(str(files("sim")))
     makers = {
         path.relative_to(root).as_posix()
-        for path in root.rglob("*.py")
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in ("PardisoFactor", "DissectionFactor")
+        for path, tree in trees_with(root, *FACTORS)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and getattr(node.func, "id", "") in FACTORS
     }
     assert makers == {"models/condensed.py", "benchmark.py"}  # which measures how long one takes
 

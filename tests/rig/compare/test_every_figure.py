@@ -65,6 +65,7 @@ from sim.identification.prior import PARAMETERS, Prior
 from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import coarse_mesh
+from tests.sources import trees_with
 
 ROOT = Path(__file__).parents[3]
 Array = NDArray[np.float64]
@@ -1073,8 +1074,8 @@ MAY_BE_ABSENT = ("in the set", "not rejected, but worse", "rejected by its fit",
 def _written_labels() -> Iterator[tuple[str, str]]:
     """Every label of an axis that is written out in the sources, with its place."""
     for folder in ("rig", "sim", "studies", "examples"):
-        for path in sorted((ROOT / folder).rglob("*.py")):
-            for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        for path, tree in trees_with(ROOT / folder, "label"):
+            for node in ast.walk(tree):
                 if isinstance(node, ast.Call):
                     given = [k.value for k in node.keywords if k.arg in ("xlabel", "ylabel")]
                     name = node.func.attr if isinstance(node.func, ast.Attribute) else ""

@@ -19,6 +19,8 @@ from rig.devices.grbl import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from sim.devices import BalanceMenu, Load, SerialLine, VirtualBalance, VirtualGrbl
+from sim.devices.grbl import board
+from sim.devices.grbl.core import Mechanics
 from sim.serve.ports import PtyPort
 from sim.serve.real_time_loop import WallScheduler
 from tests.preloaded import Popen
@@ -41,6 +43,14 @@ NEAR = {
 }
 FAST = (b"$110=3000", b"$111=3000", b"$112=3000", b"$120=500", b"$121=500", b"$122=500", b"$24=600", b"$25=3000",
         b"$26=10")  # fmt: skip
+START_MM = (-6.0, -4.0, -2.5)
+"""Where a board begins, seen from its switches: above the finger."""
+
+
+@pytest.fixture(autouse=True)
+def _begins_near_its_switches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """To its switches from where a board usually begins the program takes 9 s."""
+    monkeypatch.setattr(board, "Mechanics", partial(Mechanics, start_mm=START_MM))
 
 
 def set_up(port: str, *more: bytes) -> None:
@@ -112,8 +122,7 @@ def rig(program: Program) -> Program:
 def whole(served: Callable[..., ServedBench], rig_toml: Callable[..., Path]) -> tuple[ServedBench, Path]:
     """A fast board and a balance with the finger between them, and their configuration.
 
-    The board has homed while it was fast: the program limits its speed to 5 mm/s, at which the first way to the
-    switches takes 9 s.
+    The board has homed while it was fast: the program limits its speed to 5 mm/s.
     """
     bench = served(Config.model_validate(NEAR), stage="grbl", force="mtsics")
     set_up(bench.ports["stage"], b"$H")
@@ -213,7 +222,7 @@ def block(rig_toml: Callable[..., Path]) -> Iterator[tuple[float, Callable[..., 
     mm_per_n, top_mm = 0.05, NEAR["frame"]["apex_z_mm"] + 0.03
     scheduler = WallScheduler()
     stage_line, force_line = SerialLine(scheduler, 115200), SerialLine(scheduler, 115200)
-    board = VirtualGrbl(scheduler, stage_line)
+    board = VirtualGrbl(scheduler, stage_line, mechanics=Mechanics(start_mm=START_MM))
 
     def force_n(t_s: float) -> float:
         return max(top_mm - board.carriage_steps_at(t_s)[2] / 400, 0.0) / mm_per_n
