@@ -85,7 +85,14 @@ NOT_RUN = {
     "rig dry-run bars --out rehearsals --afferents 3xSA1,5xRA": NERVE,
     "rig nerve RUN --afferents SA1@0,RA@0.5:1 --seed 3": NERVE,
     "rig serve --tcp 5000 --afferents 3xSA1,5xRA": "tests/rig/real_time/test_served_spikes.py",
-    'rig compare RUN --recorded "bar:3.0=RUN/synthetic_spikes.nwb#0" --window-s 0,0.2': NERVE,
+    (
+        "rig dry-run bars --set doi_mm=0.8 increments=1 from_mm=2.4 to_mm=-2.4 spacing_mm=0.4 --out rehearsals "
+        "--afferents SA1@0"
+    ): "tests/rig/test_followed_pages.py",
+    "RUN=$(ls -d rehearsals/*-bars-*)": "tests/rig/test_followed_pages.py",
+    'rig compare $RUN --recorded "bar:3.0=$RUN/synthetic_spikes.nwb#0" --out sa1.html': (
+        "tests/rig/test_followed_pages.py"
+    ),
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --minutes 10": DESIGN,
     "rig check designed.py": DESIGN,
     "rig dry-run designed.py": DESIGN,

@@ -15,7 +15,7 @@ EXAMPLES = ROOT / "examples" / "tutorial"
 NOT_RUN = {
     "tutorial": ["make setup", ". .venv/bin/activate", "cp examples/tutorial/synthetic_afferent.csv ."]
 }  # what every test run begins with
-PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding", "nerve")
+PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding")
 SECTIONS = {"nerve": "## From a protocol to a verdict"}
 """Headings of the sections that are followed, of pages that are not followed as a whole."""
 
@@ -29,7 +29,7 @@ def blocks(page: str) -> list[tuple[str, str]]:
     return re.findall(r"^```([^\n]*)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.parametrize("page", PAGES)
+@pytest.mark.parametrize("page", [*PAGES, *SECTIONS])
 def test_a_page_can_be_followed_literally(
     page: str, program: Program, empty_figures: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

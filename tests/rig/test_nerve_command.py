@@ -21,6 +21,7 @@ from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visit
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
 from sim.nerve.population import AfferentPopulation
 from sim.nerve.spike_stream import SpikeStream
@@ -126,6 +127,16 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
     assert alone.trains[0].spike_s == pytest.approx(first.trains[2].spike_s, abs=1e-9)
     other = _spikes(run, config, finger, seed=1)
     assert other.trains[0].spike_s.tolist() != first.trains[0].spike_s.tolist()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_a_coarser_signal_gives_as_many_spikes(run: Run, config: Config, finger: Fingertip) -> None:
+    drawn = WantedSpikes("SA1@0").drawn(finger)
+    fine, coarse = (
+        len(run_spikes(run, visits_of(run, config), finger, drawn, step_s=step_s).trains[0].spike_s)
+        for step_s in (MOST_STEP_S, 1e-3)
+    )
+    assert coarse == pytest.approx(fine, rel=0.15)
 
 
 @pytest.mark.usefixtures("cheap")
