@@ -23,6 +23,8 @@ SAMPLE_S = 5 * MOST_STEP_S
 """Time between poses (s)."""
 PATIENCE_S = 60.0
 """Longest wait for a table in contact (s); after it, the place has no spikes."""
+GAP_S = 2.0
+"""Time without a pose after which the bench was suspended: it is left out."""
 _KNOWN = 256
 _DECIMALS = 4
 _LONGEST = 21  # poses at once: within them the indentor hardly moves on
@@ -89,6 +91,7 @@ class LiveSpikes:
             for name, mine in afferents.groups.items()
         ]
         self._origin_s: float | None = None
+        self._lost_s = 0.0  # while the bench was suspended
         self._done = -1  # last sample of the signal
         self._poses: list[tuple[float, float, float, float]] = []  # time, x, height, along; the first is done
         self._tables: OrderedDict[IndentorPlace, _Table] = OrderedDict()
@@ -98,7 +101,9 @@ class LiveSpikes:
         """Take the next pose of the indentor: its time (s, any clock), place and height above the apex (mm)."""
         if self._origin_s is None:
             self._origin_s = t_s
-        self._poses.append((t_s, x_mm, above_mm, along_mm))
+        if self._poses and (gap_s := t_s - self._lost_s - self._poses[-1][0]) > GAP_S:
+            self._lost_s += gap_s - SAMPLE_S
+        self._poses.append((t_s - self._lost_s, x_mm, above_mm, along_mm))
 
     def take(self, made: PlaceTable) -> None:
         """Take a table."""
@@ -119,7 +124,7 @@ class LiveSpikes:
                 times.append(found_s)
             del self._poses[: min(_LONGEST, len(self._poses)) - 1]
             self._done += block.shape[1]
-        return np.concatenate(who), (self._origin_s or 0.0) + np.concatenate(times)
+        return np.concatenate(who), (self._origin_s or 0.0) + self._lost_s + np.concatenate(times)
 
     def _block(self, poses: list[tuple[float, float, float, float]]) -> Array | None:
         """Return the signal up to the last pose; None while a table is missing."""

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
     from sim.models.result import IndentationResult
 
-TICK_S = 4 * SAMPLE_S
+TICK_S = 6 * SAMPLE_S
 """Time between two messages of the bench (s)."""
 LATE_S = 0.005
 """Delay behind its own time at which a spike counts as late (s)."""

@@ -1,6 +1,6 @@
 """Spikes of simulated afferents in real time: how late they arrive beside a press, and what they cost.
 
-    .venv/bin/python -m studies.speed.live_spikes [--minutes 3] [--afferents "45xSA1,50xRA,5xPC"]
+    .venv/bin/python -m studies.speed.live_spikes [--minutes 3]
 
 `rig serve --afferents` runs in a process of its own. A second one presses and holds over the wire and asks the board
 where it is every 20 ms; a third one listens on the port of the spikes and compares the time of each line, which is on
@@ -26,10 +26,10 @@ from rig.devices.grbl import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from sim.measures.measures import MEASURES
-from sim.nerve.population import AfferentPopulation, SimulatedAfferent
+from sim.nerve.population import AfferentPopulation, SimulatedAfferent, wanted
 from studies.registry import show
 
-AFFERENTS = "45xSA1,50xRA,5xPC"
+FEW, MANY = "SA1@0,SA1@0.5,SA1@-0.5,RA@0,RA@0.5,RA@-0.5,RA@1,PC@0", "45xSA1,50xRA,5xPC"
 DEEPEST_MM, INCREMENT_MM, ASKS_S = 0.8, 0.05, 0.02
 HOLD_S, REST_S = 5.0, 1.0
 
@@ -97,6 +97,11 @@ def served(seconds: float, afferents: str | None) -> tuple[list[float], list[tup
     return trips_s, [(float(due_s), float(came_s)) for due_s, came_s in rows], said.strip().splitlines()[-1]
 
 
+def count_of(afferents: str) -> int:
+    """Return the number of afferents in a text."""
+    return sum(one.count for one in wanted(afferents))
+
+
 def cost(count: int, seconds: float = 4.0) -> float:
     """Return the processor time per second of so many afferents under a press (s/s)."""
     kinds = ("SA1", "RA") * (count // 2) + ("SA1",) * (count % 2)
@@ -135,33 +140,34 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(prog="python -m studies.speed.live_spikes")
     parser.add_argument("--minutes", type=float, default=3.0)
-    parser.add_argument("--afferents", default=AFFERENTS)
     parser.add_argument("--receive", type=int, metavar="PORT", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.receive is not None:
         receive(options.receive)
         return
-    trips_s, spikes, said = served(60 * options.minutes, options.afferents)
-    load = os.getloadavg()[0]
-    behind_s = [came_s - due_s for due_s, came_s in spikes]
-    late = sum(one > LATE_S for one in behind_s)
-    print(f"the server says: {said}")
-    table(
-        [
+    rows, trips = list[dict[str, str]](), dict[str, list[float]]()
+    for afferents in (FEW, MANY):
+        trips[f"with {count_of(afferents)}"], spikes, said = served(60 * options.minutes, afferents)
+        load = os.getloadavg()[0]
+        print(f"the server says: {said}")
+        behind_s = [came_s - due_s for due_s, came_s in spikes]
+        late = sum(one > LATE_S for one in behind_s)
+        rows.append(
             {
-                "afferents": options.afferents.replace(",", " "),
-                "load of the last minute": f"{load:.1f}",
+                "afferents": str(count_of(afferents)),
+                "processes that wait": f"{load:.1f}",
+                "minutes": f"{options.minutes:g}",
                 "spikes": str(len(spikes)),
                 **spread(behind_s),
-                f"late by more than {1000 * LATE_S:g} ms (%)": f"{100 * late / len(spikes):.3f}",
+                f"later than {1000 * LATE_S:g} ms (%)": f"{100 * late / len(spikes):.2f}",
             }
-        ]
-    )
-    alone_s, _, _ = served(60 * options.minutes, None)
+        )
+    trips["without"], _, _ = served(60 * options.minutes, None)
+    table(rows)
     table(
         [
-            {"served": name, "status requests": str(len(one)), **spread(one)}
-            for name, one in (("without afferents", alone_s), ("with afferents", trips_s))
+            {"afferents": name, "status requests": str(len(one)), **spread(one)}
+            for name, one in sorted(trips.items(), reverse=True)
         ]
     )
     table([{"afferents": str(count), "processor time (s/s)": f"{cost(count):.2f}"} for count in (10, 100, 200, 400)])

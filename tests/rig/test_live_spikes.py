@@ -159,6 +159,21 @@ def test_a_place_that_cannot_be_pressed_is_said_once_when_it_is(answer: Any, sai
     assert not sum(map(len, found.found))
 
 
+def test_a_suspended_bench_costs_nothing_and_goes_on() -> None:
+    """Ten years in a press: a signal over them would not fit into memory."""
+    t, depth = sampled(SAMPLE_S)
+    half, pause_s = 1500, 3e8
+    whole, suspended = Follower(), Follower()
+    whole.go(t, depth)
+    suspended.go(t[:half], depth[:half])
+    suspended.go(pause_s + t[half:], depth[half:])
+    before = [[one for one in row if one < t[half - 1]] for row in whole.found]
+    for row, other, first in zip(suspended.found, whole.found, before, strict=True):
+        assert len(row) == len(other)
+        assert row[: len(first)] == pytest.approx(first, abs=1e-9)
+        assert min(row[len(first) :], default=pause_s) >= pause_s
+
+
 def test_nobody_waits_for_ever() -> None:
     """And what is stored in the meantime has an end."""
     found = Follower(after=10**9)
