@@ -7,9 +7,11 @@ from typing import Any
 
 import pytest
 
+from rig.bench.virtual import stage_opener
 from rig.devices.base import MoveError, StageError, StageRejected
+from rig.devices.make_drivers import stage_driver
 from rig.devices.zaber_link import checksum
-from rig.engine import LimitError, Target, TripError
+from rig.engine import Engine, LimitError, Target, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.limits import CONTACT_EXPONENT
@@ -20,7 +22,7 @@ from rig.records import PlannedIndentation, Vibration
 from rig.units import GWT_N
 from sim.devices.zaber import CommandRejected
 from studies.faults.campaign.faults import WireFault
-from studies.faults.faulty_bench import PREDICTED, FaultyBench
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from studies.faults.outcomes import bound_gwt
 from tests.error_codes import raises
 from tests.rig.test_vibrate import PRELOAD, SINE, SLOW, ZABER, _bench, _in_the_vibration, _of, _vibrate
@@ -140,6 +142,30 @@ def test_a_sine_of_another_period_ends_within_its_ends(
     with pytest.raises((StageError, TripError)):
         _vibrate(faulty, sine)
     assert faulty.worst_n / GWT_N <= _lowest_gwt(sine)
+
+
+@pytest.mark.parametrize("at_s", [0.5, 0.56, 0.62, 0.69])
+def test_a_new_program_homes_over_a_sine_that_a_killed_one_left(faulty: FaultyBench, at_s: float) -> None:
+    class Killed(BaseException):
+        pass
+
+    def kill() -> None:
+        raise Killed
+
+    _in_the_vibration(faulty, lambda: faulty.after("vibrate", kill), at_s)
+    with pytest.raises(Killed):
+        _vibrate(faulty, LONG)
+    faulty.clock.wait_s(1.0)
+    assert faulty.board.z.busy
+    faulty.stage = stage_driver(
+        stage_opener(faulty.config, faulty.stage_line, faulty._stage_wire), faulty.clock, faulty.config
+    )
+    faulty.engine = Engine(faulty.config, faulty, faulty.journal, SOFT_TRIP_N)
+    faulty.engine.may_touch = True
+    verbs.home(faulty.engine)
+    assert faulty.stage.homed
+    assert faulty.height_mm == pytest.approx(25.0, abs=0.01)
+    assert faulty.worst_n / GWT_N <= _lowest_gwt(LONG)
 
 
 # --- a cell that reads half ---
