@@ -575,11 +575,17 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
         self._link = link
 
     def homing(self) -> Looks:
-        """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError."""
+        """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError.
+
+        A motion that a program left behind, such as a sine, is ended first: the device reports it as interrupted.
+        """
         self._trusted = False
         keep_on = self._until_stopped()
         for axis in self._up_first():
-            axis.refuse_alarm(axis.warnings(axis.look()), homing=True)
+            look = axis.look()
+            axis.refuse_alarm(axis.warnings(look), homing=True)
+            if look.busy:
+                axis.halt()
         for axis in self._up_first():
             for _ in axis.homing(keep_on):
                 yield None

@@ -393,7 +393,7 @@ class VibrationBound:
         way_mm = 2 * amplitude_mm + settings.stage.resolution_mm + PRINTED_MM
         stop_mm = min(Stopping.in_one_move(settings, vibration.speed_mm_s).distance_mm, way_mm)
         deepest_mm = doi_mm * (bound_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
-        left_mm = max(deepest_mm - stop_mm, 0.0)
+        left_mm = max(deepest_mm - stop_mm / RELAXED_TO, 0.0)  # A sensor may show the upper end alone.
         end_gwt = swing_gwt(amplitude_mm, force_gwt, doi_mm)
         return cls(
             vibration,

@@ -7,12 +7,14 @@ from typing import Any
 
 import pytest
 
+from rig.bench.virtual import stage_opener
 from rig.devices.base import MoveError, StageError, StageRejected
+from rig.devices.make_drivers import stage_driver
 from rig.devices.zaber_link import checksum
-from rig.engine import LimitError, Target, TripError
+from rig.engine import Engine, LimitError, Target, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
-from rig.engine.limits import CONTACT_EXPONENT
+from rig.engine.limits import CONTACT_EXPONENT, RELAXED_TO
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, refuse_vibrations
@@ -20,7 +22,7 @@ from rig.records import PlannedIndentation, SineMotion
 from rig.units import GWT_N
 from sim.devices.zaber import CommandRejected
 from studies.faults.campaign.faults import WireFault
-from studies.faults.faulty_bench import PREDICTED, FaultyBench
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from studies.faults.outcomes import bound_gwt
 from tests.error_codes import raises
 from tests.rig.test_vibrate import PRELOAD, SINE, SLOW, ZABER, _bench, _in_the_vibration, _of, _vibrate
@@ -142,6 +144,30 @@ def test_a_sine_of_another_period_ends_within_its_ends(
     assert faulty.worst_n / GWT_N <= _lowest_gwt(sine)
 
 
+@pytest.mark.parametrize("at_s", [0.5, 0.56, 0.62, 0.69])
+def test_a_new_program_homes_over_a_sine_that_a_killed_one_left(faulty: FaultyBench, at_s: float) -> None:
+    class Killed(BaseException):
+        pass
+
+    def kill() -> None:
+        raise Killed
+
+    _in_the_vibration(faulty, lambda: faulty.after("vibrate", kill), at_s)
+    with pytest.raises(Killed):
+        _vibrate(faulty, LONG)
+    faulty.clock.wait_s(1.0)
+    assert faulty.board.z.busy
+    faulty.stage = stage_driver(
+        stage_opener(faulty.config, faulty.stage_line, faulty._stage_wire), faulty.clock, faulty.config
+    )
+    faulty.engine = Engine(faulty.config, faulty, faulty.journal, SOFT_TRIP_N)
+    faulty.engine.may_touch = True
+    verbs.home(faulty.engine)
+    assert faulty.stage.homed
+    assert faulty.height_mm == pytest.approx(25.0, abs=0.01)
+    assert faulty.worst_n / GWT_N <= _lowest_gwt(LONG)
+
+
 # --- a cell that reads half ---
 
 
@@ -240,3 +266,43 @@ def test_readings_that_never_see_the_peak_keep_the_bound(faulty: FaultyBench, ph
     with suppress(TripError):
         _vibrate(faulty)
     assert faulty.worst_n / GWT_N <= bound_gwt()
+
+
+@pytest.mark.parametrize("amplitude_um", [50.0, 100.0])
+@pytest.mark.parametrize("phase", [0.0, 0.25])
+def test_tissue_that_has_relaxed_keeps_the_bound_unseen(tmp_path: Path, amplitude_um: float, phase: float) -> None:
+    """It keeps 0.6 of its force and swings by all of it; the finger comes nearer by 0.3 mm/s."""
+    sine = Vibration.of(3.0, amplitude_um, 20.0)
+    bench = _bench(tmp_path, {"limits": {"soft_trip_n": SOFT_TRIP_N, "max_doi_mm": 2.0}})
+    clock, seen_gwt = bench.clock, [0.0]
+    state = [clock.monotonic_s(), 0.0]
+
+    def elastic_n(t_s: float) -> float:
+        return PREDICTED.force_at(bench.reached_mm(bench.carriage.pose_at(t_s).above_apex_mm))
+
+    def true_n(t_s: float) -> float:
+        while state[0] + 0.002 <= t_s:
+            state[0] += 0.002
+            state[1] += (elastic_n(state[0]) - state[1]) * 0.001
+        return max(elastic_n(t_s) - (1 - RELAXED_TO) * state[1], 0.0)
+
+    def nearer() -> None:
+        bench.nearer_mm += 0.003
+        clock.call_at(clock.monotonic_s() + 0.01, nearer)
+
+    def look() -> None:
+        seen_gwt[0] = true_n(clock.monotonic_s())
+        clock.call_at(clock.monotonic_s() + sine.period_s, look)
+
+    def begin() -> None:
+        nearer()
+        look()
+        bench.felt_n = lambda t_s: seen_gwt[0]
+
+    bench.true_n = true_n  # type: ignore[method-assign]
+    _in_the_vibration(bench, begin, 5.0 + phase * sine.period_s)
+    with raises(TripError, "vibration_trip"):
+        _vibrate(bench, sine, Target("force_gwt", 8.0))
+    (begun,) = _of(bench, "vibrate")
+    assert bench.worst_n / GWT_N <= begun["bound_gwt"]
+    bench.journal.close()
