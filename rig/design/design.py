@@ -283,10 +283,12 @@ def _designed(
     bound = everything(table.presses, times, BOUND_MIN)
     evaluate = _Evaluation(table, request, model, progress)
     outcomes = [
-        *evaluate(main, sizes.experiments, sizes.draws, sizes.few, "candidates after this duration"),
-        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, _COARSE, "candidates after other durations"),
+        *evaluate(main, sizes.experiments, sizes.draws, sizes.few, "steps of the outcome"),
+        *evaluate(curve, sizes.of_curve, sizes.draws_of_curve, _COARSE, "steps of outcomes after other durations"),
     ]
-    (most,) = evaluate([bound], sizes.of_curve, sizes.draws_of_bound, sizes.few, "candidates after all presses")
+    (most,) = evaluate(
+        [bound], sizes.of_curve, sizes.draws_of_bound, sizes.few, "steps of the outcome of all presses"
+    )
     series = _relaxation(config)
     gap_s = float(times.press_s.mean()) - request.hold_s
     carried = carry_over(series, request.hold_s, gap_s) if series else None

@@ -246,7 +246,7 @@ def _assumptions(found: Design, command: str) -> Section:
         "Shear strains may have either sign. The rate rises with every other measure, in the sign of its plots.",
         "All candidates are equally probable beforehand, and one of them is true.",
         f"The evidence of a candidate is a mean over draws of fibers, of which {as_number(float(least), 2)} count "
-        "effectively in nine of ten experiments. Where fewer than 10 did, they were refined.",
+        "effectively in nine of ten experiments. Where too few did, they were refined.",
     )
     return Section("Assumptions", f"This command makes the same design: {command}", points=points)
 

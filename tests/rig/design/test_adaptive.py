@@ -8,6 +8,7 @@ import pytest
 from rig.design.adaptive import AdaptiveRule, AdaptiveState, End, PressChoice, SpikeCount
 from rig.design.counts import CountModel
 from rig.design.fibers import Unknowns
+from rig.design.posterior import LEVEL
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 from tests.rig.design.conftest import ALIKE
@@ -109,3 +110,24 @@ def test_a_free_change_is_made_and_a_dear_one_is_not(table: ResponseTable, times
         assert isinstance(choice, PressChoice)
         changed[change_s] = dear.presses[choice.press].shape != other
     assert changed == {0.0: True, 100.0: False}
+
+
+def test_one_count_ends_no_session(table: ResponseTable, times: PressTimes) -> None:
+    """Two in a row do; a press whose count is lost changes nothing."""
+    rule = a_rule(table, times)
+    posterior, state = rule.replayed([], "bar:1.5")
+    once, twice = (state._replace(sure=sure) for sure in (1, 2))
+    assert isinstance(rule.chosen(posterior, once), PressChoice)
+    assert rule.chosen(posterior, twice) == End("one_candidate")
+    assert rule.updated(posterior, once, SpikeCount(0, None))[1].sure == 1
+    middle = next(k for k, press in enumerate(rule.presses) if press.x_mm == 0)
+    assert rule.updated(posterior, once, SpikeCount(middle, 10.0))[1].sure == 0
+
+
+@pytest.mark.parametrize("truth", range(len(THREE)))
+def test_the_last_two_counts_agree(table: ResponseTable, times: PressTimes, truth: int) -> None:
+    rule = a_rule(table, times)
+    counted, state, _ = run(rule, truth)
+    likely = [rule.replayed(counted[:n])[0].probabilities[0].max() for n in range(len(counted) + 1)]
+    assert [p >= LEVEL for p in likely[-2:]] in ([True, True], [False, True])
+    assert state.sure == (2 if likely[-2] >= LEVEL else 1)
