@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     def done(script: Script, into: NewRun | StoppedRun) -> FinishedRun:
         stopped = into if isinstance(into, StoppedRun) else None
         found = adaptive_run(script, TRUTH, 9.0, config, finger, stopped, virtual=True, as_json=True)
-        with found:
+        with closing(found.opened()):
             plan = make_plan(found.as_script(), config, finger, found.before, None, known=found.approved.predictions)
             return dry_run(found.applied(Session(found.as_script(), config, finger, plan, into)))
 
