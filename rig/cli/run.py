@@ -349,7 +349,9 @@ def _adaptive(
     refuse_choose(script, source, within_s, virtual=virtual)
     there = loaded(config, finger, as_json=as_json)
     run = adaptive_run(script, source_of(source), within_s, config, there, stopped, virtual=virtual, as_json=as_json)
-    with run:
+    with closing(run):
+        with busy("opening the source of the counts …", as_json=as_json):
+            run.opened()
         yield run
 
 

@@ -182,12 +182,6 @@ class AdaptiveRun:
         if chooser is not None:
             chooser.close()
 
-    def __enter__(self) -> "AdaptiveRun":
-        return self.opened()
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def handler(self, engine: Engine, walk: Walk) -> "Adaptive":
         """Return the handler that waits for counts."""
         return Adaptive(engine, walk, self)

@@ -3,6 +3,7 @@
 import json
 import shutil
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     def done(script: Script, into: NewRun | StoppedRun) -> FinishedRun:
         stopped = into if isinstance(into, StoppedRun) else None
         found = adaptive_run(script, TRUTH, 9.0, config, finger, stopped, virtual=True, as_json=True)
-        with found:
+        with closing(found.opened()):
             plan = make_plan(found.as_script(), config, finger, found.before, None, known=found.approved.predictions)
             return dry_run(found.applied(Session(found.as_script(), config, finger, plan, into)))
 
@@ -298,6 +299,27 @@ def test_a_growing_file_gives_each_whole_line_once(tmp_path: Path) -> None:
     with pytest.raises(CountError) as caught:
         source.new()
     assert caught.value.code == "shortened"
+
+
+@pytest.mark.parametrize(
+    ("rows", "code"),
+    [("0,3\n", "press_not_made"), ("0,nan\n", "press_not_made"), ("x,1\n", "no_press_number"), (None, "no_file")],
+)
+def test_a_real_run_is_refused_before_a_port_is_opened(
+    here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, rows: str | None, code: str
+) -> None:
+    """Its source already has counts, of which none can be right before the first press, or it can never be read."""
+    monkeypatch.setattr("rig.cli.run.ready_for_a_real_run", lambda *_, **__: None)
+    monkeypatch.setattr("rig.cli.run.StageInHand", lambda *_: pytest.fail("a port was opened"))
+    monkeypatch.setattr("rig.design.chooser.ChooserProcess", ChooserHere)
+    counts = here / "counts.csv" if rows is not None else here / "no" / "counts.csv"
+    if rows is not None:
+        counts.write_text(f"index,count\n{rows}", encoding="utf-8")
+    options = ("--config", "rig.toml", "--choose", counts, "--mounted", "bar:1.5", "--yes", "--json")
+    ended = program("run", "designed.py", *options)
+    assert ended.json["code"] == code, ended.err
+    assert ended.json["ending"]["indentor"]["left"] == "not moved"
+    assert not list(here.glob("runs/*")), "nothing moved"
 
 
 # --- the wait at clearance ---
