@@ -272,7 +272,7 @@ def test_readings_that_never_see_the_peak_keep_the_bound(faulty: FaultyBench, ph
 @pytest.mark.parametrize("phase", [0.0, 0.25])
 def test_tissue_that_has_relaxed_keeps_the_bound_unseen(tmp_path: Path, amplitude_um: float, phase: float) -> None:
     """It keeps 0.6 of its force and swings by all of it; the finger comes nearer by 0.3 mm/s."""
-    sine = Vibration.of(3.0, amplitude_um, 20.0)
+    sine = SineMotion.of(3.0, amplitude_um, 20.0)
     bench = _bench(tmp_path, {"limits": {"soft_trip_n": SOFT_TRIP_N, "max_doi_mm": 2.0}})
     clock, seen_gwt = bench.clock, [0.0]
     state = [clock.monotonic_s(), 0.0]
