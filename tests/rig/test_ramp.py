@@ -479,7 +479,8 @@ def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) 
     faulty.on_sample["paused"] = lambda: forces.append(faulty.worst_n / GWT_N)
     done = _ramp(faulty)
     assert 2.0 < forces[0] < 5.0
-    assert faulty.journal_path.read_text(encoding="utf-8").count('"hold": 1, "target"') == 1
+    holds = faulty.journal_path.read_text(encoding="utf-8").count('"hold": 1, "target"')
+    assert holds == 1
     assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
 
 
