@@ -4,7 +4,7 @@ Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker
 
 A device counts microsteps away from its home position, and machine coordinates fall away from home, so the counts of
 an axis are minus the machine coordinate. The driver writes only `limit.min` and `limit.max`, and only if they differ,
-because a device stores its settings permanently.
+and `limit.max` around a sine: a device stores its settings permanently.
 """
 
 import math

@@ -1,7 +1,8 @@
 """Vibrations under one fault: of the command, of the device's sine, of a cell that reads half, and of limits."""
 
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import nullcontext, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ from rig.devices.zaber_link import checksum
 from rig.engine import Engine, LimitError, Target, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
-from rig.engine.limits import CONTACT_EXPONENT, RELAXED_TO
+from rig.engine.limits import CONTACT_EXPONENT, RELAXED_TO, VibrationBound
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, refuse_vibrations
@@ -224,6 +225,30 @@ def test_the_limit_of_force_counts_at_the_lower_end() -> None:
     refuse_vibrations(plan, Config.model_validate(ZABER | {"limits": {"max_force_gwt": peak_gwt + 0.01}}))
     with raises(BadInputError, "means_beyond_limit", limit="max_force_gwt"):
         refuse_vibrations(plan, Config.model_validate(ZABER | {"limits": {"max_force_gwt": peak_gwt - 0.01}}))
+
+
+@pytest.mark.parametrize(
+    ("sine", "code"),
+    [
+        (Vibration(15.0, 100.0, 1), "outside_travel"),
+        (Vibration(3.0, 10.0, 1), "below_floor"),
+        (Vibration(0.05, 0.05, 1), "too_fast"),
+    ],
+)
+def test_the_engine_sends_no_sine_beyond_a_limit(faulty: FaultyBench, sine: Vibration, code: str) -> None:
+    sines: list[object] = []
+    faulty.board.z._begin_sine = lambda *words: sines.append(words)
+    with raises(LimitError, code):
+        faulty.engine.vibrate(sine, lambda force_gwt: None)
+    assert not sines
+
+
+@pytest.mark.parametrize(("share", "refused"), [(0.89, False), (0.91, True)])
+def test_the_lower_end_stays_a_tenth_below_the_trip(share: float, refused: bool) -> None:
+    bound = VibrationBound.of(Config.model_validate(ZABER), SINE, 16.0, 8.0, 0.86)
+    near = replace(bound, peak_gwt=share * bound.trip_gwt)
+    with raises(LimitError, "vibration_too_large") if refused else nullcontext():
+        near.refuse_beyond(LimitError, 0.0)
 
 
 def test_the_contact_time_ends_a_vibration(tmp_path: Path) -> None:
