@@ -230,12 +230,12 @@ def test_the_limit_of_force_counts_at_the_lower_end() -> None:
 @pytest.mark.parametrize(
     ("sine", "code"),
     [
-        (Vibration(15.0, 100.0, 1), "outside_travel"),
-        (Vibration(3.0, 10.0, 1), "below_floor"),
-        (Vibration(0.05, 0.05, 1), "too_fast"),
+        (SineMotion(15.0, 100.0, 1), "outside_travel"),
+        (SineMotion(3.0, 10.0, 1), "below_floor"),
+        (SineMotion(0.05, 0.05, 1), "too_fast"),
     ],
 )
-def test_the_engine_sends_no_sine_beyond_a_limit(faulty: FaultyBench, sine: Vibration, code: str) -> None:
+def test_the_engine_sends_no_sine_beyond_a_limit(faulty: FaultyBench, sine: SineMotion, code: str) -> None:
     sines: list[object] = []
     faulty.board.z._begin_sine = lambda *words: sines.append(words)
     with raises(LimitError, code):
