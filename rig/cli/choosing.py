@@ -1,7 +1,6 @@
-"""`--choose`: options of an adaptive run, its preparation, and what commands print of it."""
+"""`--choose`: options of an adaptive run, and its preparation."""
 
 import math
-from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -9,7 +8,6 @@ import typer
 
 from rig.cli.output import busy
 from rig.data import Run
-from rig.data.choices import WHY_ENDED, verdict_of
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan
@@ -129,34 +127,3 @@ def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, 
 def source_of(text: str) -> str:
     """Return the text of --choose as a run records it: a file by its absolute path, so that it resumes anywhere."""
     return str(Path(text).absolute()) if text.endswith(".csv") else text
-
-
-def choice_as_json(run: Run) -> dict[str, Any] | None:
-    """Return the verdict of an adaptive run as JSON, or None for another run."""
-    found = verdict_of(run)
-    if found is None:
-        return None
-    candidates = [
-        {"name": name, "probability": p, "in_set": name in found.in_set} for name, p in found.probability.items()
-    ]
-    return {
-        "candidates": candidates,
-        "ended": found.ended,
-        "truth": found.truth,
-        "planned_from": found.planned_from,
-    }
-
-
-def choice_lines(found: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return the lines about an adaptive run, by their label."""
-    rows = found["candidates"]
-    inside = ", ".join(f"{one['name']} {100 * one['probability']:.1f} %" for one in rows if one["in_set"])
-    lines = [("verdict", f"95 % set: {inside}")]
-    if found["truth"] is not None:
-        is_in = any(one["in_set"] and one["name"] == found["truth"] for one in rows)
-        lines.append(("truth", f"{found['truth']} (virtual nerve), {'in' if is_in else 'not in'} the set"))
-    if found["planned_from"] is not None:
-        lines.append(("plan", f"counts stopped; from press {found['planned_from']} on, the run went by the plan"))
-    if found["ended"] is not None:
-        lines.append(("ended", WHY_ENDED[found["ended"]]))
-    return lines

@@ -12,7 +12,7 @@ from typing import Annotated, Any
 
 import typer
 
-from rig.cli.choosing import choice_as_json, choice_lines
+from rig.cli.choice_verdict import choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import busy, complain, one_line_errors, out, print_json
 from rig.data import dictionary

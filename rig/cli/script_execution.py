@@ -12,7 +12,7 @@ import filelock
 import typer
 
 from rig.bench.checks import checked_subject
-from rig.cli.choosing import choice_as_json, choice_lines
+from rig.cli.choice_verdict import choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.nerve import add_spikes, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
