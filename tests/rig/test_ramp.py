@@ -517,8 +517,9 @@ def test_samples_of_a_ramp_have_the_side_axes_of_the_sensor(tmp_path: Path) -> N
     bench.journal.close()
     documents = map(json.loads, bench.journal_path.read_text(encoding="utf-8").splitlines())
     samples = [one["data"] for one in documents if one.get("doc") == "event" and one["stream"] == "sample"]
-    also = {phase: {key for s in samples if s["phase"] == phase for key in s} for phase in ("ramp", "hold")}
-    assert also["ramp"] == also["hold"] > {"fx_n", "tz_nm"}
+    in_the_ramp = [set(sample) for sample in samples if sample["phase"] == "ramp"]
+    assert len(in_the_ramp) > 5
+    assert set.intersection(*in_the_ramp) > {"fx_n", "tz_nm"}
 
 
 # --- plan, summary, dry-run, resume ---
