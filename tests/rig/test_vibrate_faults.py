@@ -120,11 +120,7 @@ def test_a_limit_that_cannot_be_reset_at_once_is_reset_before_the_next_move(faul
         (LONG, 520),
         (SLOW, 100),
         (SLOW, 500),
-<<<<<<< HEAD
-        (SineMotion.of(2.0, 100.0, 30.0), 50),
-=======
         (SineMotion.of(2.0, 80.0, 30.0), 50),
->>>>>>> refvib
     ],
 )
 @pytest.mark.parametrize("ended_by", ["nobody", "a pause", "a trip", "a stop"])
