@@ -58,6 +58,7 @@ class SeenSpikes:
                 finally:
                     self._connected, self._changed = False, True
                     writer.close()
+                    await writer.wait_closed()
             await asyncio.sleep(AGAIN_S)
 
     async def _read(self, reader: asyncio.StreamReader) -> None:

@@ -33,6 +33,7 @@ DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}", "{csv-table}"
 HARDWARE, SLOW, NETWORK, SETUP = "needs a rig", "takes long", "needs the network", "what every test begins with"
 PRINTED, SKETCH = "what is printed", "shown in part"
 NERVE, DESIGN = "tests/rig/test_nerve_command.py", "tests/rig/design/test_design_command.py"
+ADAPTIVE = "tests/rig/design/test_adaptive_run.py"
 NOT_RUN = {
     # --- commands, a line each ---
     "make setup": SETUP,
@@ -94,6 +95,10 @@ NOT_RUN = {
         "tests/rig/test_followed_pages.py"
     ),
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --minutes 10": DESIGN,
+    "rig check designed.py --config rig.toml --choose": ADAPTIVE,
+    "rig run designed.py --config rig.toml --choose counts.csv": ADAPTIVE,
+    "rig design --candidates ep1,sed,e22 --shapes bar:3.0,cylinder:3 --depths-mm 0.25,0.5,1 --minutes 3 --quick": ADAPTIVE,
+    "rig dry-run designed.py --choose virtual:ep1@3": ADAPTIVE,
     "rig check designed.py": DESIGN,
     "rig dry-run designed.py": DESIGN,
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --counts counts.csv": DESIGN,

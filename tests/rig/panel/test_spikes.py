@@ -89,10 +89,11 @@ def test_another_server_begins_anew(clock: VirtualClock) -> None:
 def test_a_lost_connection_is_made_again(clock: VirtualClock, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(spikes, "AGAIN_S", 0.0)
     monkeypatch.setattr(spikes, "EACH_S", 0.0)
-    outlet, met = Outlet(), list[int]()
+    outlet, met, writers = Outlet(), list[int](), list[asyncio.StreamWriter]()
 
     async def serve(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         met.append(len(met))
+        writers.append(writer)
         writer.write(f"# synthetic: SA1-{met[-1]}\n49.5,spike,SA1-{met[-1]}\n49.6,sp".encode())
         await writer.drain()
         if met[-1] < 2:
@@ -104,7 +105,11 @@ def test_a_lost_connection_is_made_again(clock: VirtualClock, monkeypatch: pytes
         while (last := published(outlet)) is None or last["afferents"] != ["SA1-2"] or not last["connected"]:
             await asyncio.sleep(0)
         following.cancel()
+        await asyncio.gather(following, return_exceptions=True)
         server.close()
+        for writer in writers:
+            writer.close()
+            await asyncio.gather(writer.wait_closed(), return_exceptions=True)
 
     asyncio.run(watch())
     assert published(outlet)["rows"] == [[0, 0.5]]
