@@ -4,9 +4,8 @@ import socket
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-from rig.bench.served_spikes import ServedSpikes, SpikeStatistics, refuse_turned
 from rig.bench.virtual import (
     load_on_sensor,
     refuse_twinless,
@@ -24,7 +23,6 @@ from rig.bench.virtual import (
 from rig.devices.registry import StageKind, find, kind_of
 from rig.errors import BadInputError, around
 from rig.plan.config import Config
-from rig.plan.nerve import WantedSpikes
 from rig.settings import ForceSettings, StageSettings
 from sim.carriage import Carriage
 from sim.contact.shapes import parse_shape
@@ -33,6 +31,10 @@ from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProce
 from sim.serve.ports import HOST, PortBusyError, PtyPort, TcpPort, UdpPort, bound
 from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead
 from sim.serve.real_time_loop import WallScheduler
+
+if TYPE_CHECKING:  # slow to import, and for simulated afferents only
+    from rig.bench.served_spikes import ServedSpikes, SpikeStatistics
+    from rig.plan.nerve import WantedSpikes
 
 Process = TypeVar("Process", PressProcess, WayProcess)
 
@@ -51,7 +53,7 @@ class ServedBench:
         stage: str | None,
         force: str | None,
         tcp: int | None = None,
-        spikes: WantedSpikes | None = None,
+        spikes: "WantedSpikes | None" = None,
         lsl: bool = False,
         complain: Callable[[str], object] = print,
     ) -> None:
@@ -72,7 +74,7 @@ class ServedBench:
         self.spike_port: dict[str, str] = {}
         self._tcp, self._wanted, self._lsl = tcp, spikes, lsl
         self._refusing: list[TcpPort | UdpPort] = []
-        self.spike_statistics = SpikeStatistics()
+        self.spike_statistics: SpikeStatistics | None = None
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:
@@ -113,6 +115,8 @@ class ServedBench:
     def _build(self, config: Config, stage: str | None, force: str | None, complain: Callable[[str], object]) -> None:
         parse_shape(config.virtual.indentor)
         if self._wanted is not None:
+            from rig.bench.served_spikes import refuse_turned
+
             refuse_turned(truth(config))
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage) if stage else None
@@ -157,6 +161,8 @@ class ServedBench:
     def _begin_spikes(
         self, config: Config, board: VirtualStage, server: socket.socket, complain: Callable[[str], object]
     ) -> None:
+        from rig.bench.served_spikes import ServedSpikes
+
         assert self._wanted is not None
         spikes = ServedSpikes(config, truth(config), self._wanted, server, lsl=self._lsl, complain=complain)
         self._closing.callback(self._end_spikes)

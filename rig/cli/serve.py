@@ -4,12 +4,11 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rig.bench.served import ServedBench
-from rig.bench.served_spikes import LATE_S, SpikeStatistics
 from rig.cli.nerve import spikes_wanted
 from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import (
@@ -30,10 +29,13 @@ from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
 from rig.plan.config import Config, load_config, unit
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
-from rig.plan.nerve import WantedSpikes
 from rig.printable import either
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
+
+if TYPE_CHECKING:  # slow to import
+    from rig.bench.served_spikes import SpikeStatistics
+    from rig.plan.nerve import WantedSpikes
 
 _DEVICES, _FINGER, _SPIKES = "Devices", "Finger", "Simulated spikes"
 
@@ -176,11 +178,11 @@ def serve_command(
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
-        if spikes is not None:
+        if bench.spike_statistics is not None:
             err.print(_spikes_line(bench.spike_statistics))
 
 
-def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> WantedSpikes | None:
+def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> "WantedSpikes | None":
     """Return the afferents that are asked for. Raises BadInputError, ModelRangeError, LslMissingError."""
     if afferents is None:
         for option, given in (("--seed", seed is not None), ("--lsl", lsl)):
@@ -201,7 +203,9 @@ def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool)
     return wanted
 
 
-def _spikes_line(found: SpikeStatistics) -> str:
+def _spikes_line(found: "SpikeStatistics") -> str:
+    from rig.bench.served_spikes import LATE_S
+
     return (
         f"{found.delivered} synthetic spikes delivered, {found.late} more than {1000 * LATE_S:g} ms late; the worst "
         f"{1000 * found.worst_s:.1f} ms"

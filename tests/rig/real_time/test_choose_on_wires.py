@@ -1,6 +1,7 @@
 """`rig run --choose` on real ports: counts from a growing file, a stop during the wait, sources that misbehave."""
 
 import json
+import os
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -194,6 +195,16 @@ def test_whatever_a_source_does_the_run_only_looks(source: str, choosing: Callab
     finally:
         chooser.close()
     assert not chooser._process.is_alive()
+
+
+@pytest.mark.skipif(not hasattr(os, "getpriority"), reason="needs niceness (POSIX)")
+def test_the_choice_gives_way_to_the_process_that_drives_the_stage(choosing: Callable[[str], Choosing]) -> None:
+    chooser = ChooserProcess(choosing("Blocks"))
+    try:
+        assert chooser._process.pid is not None
+        assert os.getpriority(os.PRIO_PROCESS, chooser._process.pid) == os.getpriority(os.PRIO_PROCESS, 0) + 5
+    finally:
+        chooser.close()
 
 
 def test_a_source_that_cannot_be_opened_is_one_error(choosing: Callable[[str], Choosing]) -> None:
