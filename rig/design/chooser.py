@@ -21,13 +21,11 @@ from rig.design.response_table import ResponseTable
 from rig.errors import CountError, RigError
 from rig.plan.config import Config
 from sim.finger_process import belong_to_parent
-from sim.workers import give_way, leaving_signals_to_us
+from sim.workers import leaving_signals_to_us
 
 _POLL_S = 0.002
 _BEGINS_S = 120.0
 _END_S = 5.0
-_GIVES_WAY = 5
-"""Nice value of the process, so that it yields to the one that drives the stage."""
 
 
 class Decision(NamedTuple):
@@ -215,7 +213,6 @@ class ChooserProcess:
 
 
 def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
-    give_way(_GIVES_WAY)
     belong_to_parent()
     clock = WallClock()
     kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
