@@ -207,7 +207,7 @@ class AdaptiveRun:
         before = session.plan.first_soft_trip_n
         files = {**session.plan.shape_files, **self.approved.shape_files}
         plan = replace(session.plan, first_soft_trip_n=trip_n if before is None else before, shape_files=files)
-        return replace(session, plan=plan, handler=self.handler, chooses=self.about)
+        return replace(session, plan=plan, handler=self.handler, chooses=self.about, possible=self.approved)
 
     @staticmethod
     def course(planned: Course) -> Course:

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,13 +28,15 @@ from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
-from rig.engine import TripError
+from rig.engine import EngineError, TripError
 from rig.errors import BadInputError, CountError, RunAborted
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session.rehearsal_summary import Page, in_both_units
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
 
@@ -204,6 +207,24 @@ def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be
     with pytest.raises(BadInputError) as caught:
         _refuse_mounts("resume", stopped.script, stopped.config, finger, "bar:3.0", stopped)
     assert caught.value.code == "mount_by_hand"
+
+
+def test_the_page_before_a_run_names_the_strongest_press_and_every_indentor_that_may_be_chosen(
+    here: Path, finger: Fingertip
+) -> None:
+    """The presses of the plan are not those that come."""
+    config, script = load_config(here / "rig.toml"), load_script(str(here / "designed.py"))
+    adaptive = adaptive_run(script, TRUTH, 9.0, config, finger, virtual=True, as_json=True)
+    possible, chosen = adaptive.approved, adaptive.as_script()
+    plan = make_plan(chosen, config, finger, known=possible.predictions)
+    plan = replace(plan, presses={**plan.presses, "data": plan.indentations[:1]})
+    assert plan.peak_force_gwt < possible.peak_force_gwt
+    session = adaptive.applied(Session(chosen, config, finger, plan, NewRun(here / "runs")))
+    lines = Page(session, EngineError("not rehearsed"), 0.0).lines
+    assert in_both_units(possible.peak_force_gwt * GWT_N) in lines["force"]
+    assert str(len(possible.all_presses)) in lines["steps"]
+    assert all(shape in lines["first"] for shape in SHAPES)
+    assert f"{min(one.x_mm for one in possible.all_presses):g}" in lines["first"]
 
 
 def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseTable, program: Program) -> None:
