@@ -397,7 +397,13 @@ def _refuse_mounts(
     """
     if mounted is not None:
         parse_shape(mounted)
-    if not can_answer():
+    if can_answer():
+        return
+    if stopped is not None and stopped.choose is not None:  # The rest of its presses is not known yet.
+        from rig.design.designed import Designed
+
+        refuse_mounts(command, Designed.of(script).request.shapes, mounted)
+    else:
         before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
         plan = make_plan(script, config, finger, before, folder) if adaptive is None else adaptive.approved
         refuse_mounts(command, plan.mounts, mounted)

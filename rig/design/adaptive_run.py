@@ -23,7 +23,7 @@ from rig.design.press_times import in_memory
 from rig.design.presses import PossiblePress
 from rig.engine import Engine, verbs
 from rig.engine.engine import State
-from rig.errors import CountError
+from rig.errors import BadInputError, CountError
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
@@ -99,8 +99,23 @@ class AdaptiveRun:
 
     def __post_init__(self) -> None:
         candidates = self.choosing.request.candidates
+        for one in self.recorded:
+            self._refuse_changed(one)
         self._probabilities = tuple(probabilities_of(self.recorded[-1]).values()) if self.recorded else ()
         self._probabilities = self._probabilities or (1 / len(candidates),) * len(candidates)
+
+    def _refuse_changed(self, choice: Mapping[str, Any]) -> None:
+        """Raise BadInputError if the number of a recorded press now names another one, or none."""
+        number = choice.get("possible")
+        if number is None:
+            return
+        press = PossiblePress(choice["indentor"], choice["x_mm"], choice["target"], choice["value"])
+        if not 0 <= number < len(self.presses) or self.presses[number] != press:
+            raise BadInputError(
+                "choice {index} of the stopped run, {press}, is no longer press {possible} of those that may be "
+                "chosen: the journal, the finger or this program changed; start a new run",
+                code="choice_changed", index=choice["index"], press=press.title, possible=number,
+            )  # fmt: skip
 
     @cached_property
     def recorded(self) -> list[Mapping[str, Any]]:
@@ -192,7 +207,7 @@ class AdaptiveRun:
         before = session.plan.first_soft_trip_n
         files = {**session.plan.shape_files, **self.approved.shape_files}
         plan = replace(session.plan, first_soft_trip_n=trip_n if before is None else before, shape_files=files)
-        return replace(session, plan=plan, handler=self.handler, chooses=self.about)
+        return replace(session, plan=plan, handler=self.handler, chooses=self.about, possible=self.approved)
 
     @staticmethod
     def course(planned: Course) -> Course:
@@ -211,13 +226,18 @@ class AdaptiveRun:
             except ChooserLostError as error:
                 self._go_by_plan(engine, step, str(error))
             if found is None and self._chooser is not None:
-                self._go_by_plan(engine, step, f"no count of press {step.index - 1} within {self.within_s:g} s")
+                self._go_by_plan(engine, step, self._late(step))
         if found is None:
             reason = PLAN_DONE if step.planned is None else BY_PLAN
             found = Decision(None, step.planned, reason, None, self._probabilities, 0.0)
         self._probabilities = found.probabilities
         self._record(engine, step, found)
         return found.possible
+
+    def _late(self, step: ChoosePress) -> str:
+        if step.last is None:
+            return f"no choice of the first press within {CHOICE_WITHIN_S:g} s"
+        return f"no count of press {step.index - 1} within {self.within_s:g} s"
 
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
         """Go on with the plan, and say so in journal, output, panel and report."""

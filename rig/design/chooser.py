@@ -2,6 +2,7 @@
 
 import json
 import multiprocessing
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from multiprocessing.connection import Connection
@@ -99,7 +100,7 @@ class ChooserHere:
         self._source = opened(what.source, what.config, what.table, what.model)
         self._counts = AcceptedCounts(self._source, [_as_int(one.spikes) for one in what.history])
         self._counts.look(what.made)
-        self.truth = self._source.truth()
+        self.truth = _plain(self._source.truth())
         self._press: int | None = None
         self._clock = WallClock()
 
@@ -137,6 +138,12 @@ class ChooserHere:
     def close(self) -> None:
         """Close the source."""
         self._source.close()
+
+
+def _plain(truth: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
+    """Return what a source says of its nerve, as a journal holds it. Raises TypeError, ValueError."""
+    found: dict[str, Any] | None = json.loads(json.dumps(None if truth is None else dict(truth), allow_nan=False))
+    return found
 
 
 def _as_int(count: float | None) -> int | None:
@@ -214,6 +221,7 @@ class ChooserProcess:
 
 def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     belong_to_parent()
+    os.dup2(2, 1)  # what a source prints must not be in the output of the command
     clock = WallClock()
     kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
     try:
@@ -228,12 +236,25 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     except (EOFError, BrokenPipeError):
         return
     except Exception as error:
-        if not isinstance(error, RigError):
+        if isinstance(error, RigError):
+            error = _ours(error)
+        else:
             error = kind(
                 "the source of the counts failed: {exception}: {problem}",
                 code="source_failed", exception=type(error).__name__, problem=str(error),
             )  # fmt: skip
         far.send(("raised", error))
+
+
+def _ours(error: RigError) -> RigError:
+    """Return an error that the process of the run can read: it must not import a module of the lab."""
+    if not type(error).__module__.startswith("rig."):
+        return CountError(str(error), code=str(error.code))
+    try:
+        json.dumps(error.fields)
+    except (TypeError, ValueError):
+        return CountError(str(error), code=str(error.code))
+    return error
 
 
 def probabilities_as_text(candidates: Sequence[str], probabilities: Sequence[float]) -> str:

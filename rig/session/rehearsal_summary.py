@@ -206,12 +206,17 @@ class Page:
     @property
     def speed(self) -> Lines:
         """Line about the press speed that the force sensor allows, if there is a press."""
-        found = press_speed(self.session.config, self._plan)
+        found = press_speed(self.session.config, self._allowed)
         return {"speed": press_speed_in_words(found)} if found else {}
 
     @property
     def _plan(self) -> Plan:
         return self.session.plan
+
+    @property
+    def _allowed(self) -> Plan:
+        """Presses that may be made: those of the plan, or all that an adaptive run may choose."""
+        return self._plan if self.session.possible is None else self.session.possible
 
     @property
     def _soft_trip_n(self) -> float:
@@ -224,7 +229,9 @@ class Page:
         counts = {"indentations": len(presses["data"]), "touches": len(self._plan.touches)}
         counts |= {"preconditioning presses": len(presses["precondition"]), "references": len(presses["reference"])}
         summary = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
-        before = self.session.before
+        before, possible = self.session.before, self.session.possible
+        if possible is not None:
+            summary += f" planned; each is chosen from {len(possible.all_presses)} presses, all of them checked"
         return (
             summary
             if before is None
@@ -241,7 +248,7 @@ class Page:
 
     @property
     def _force(self) -> str:
-        peak_n = self._plan.peak_force_gwt * GWT_N
+        peak_n = self._allowed.peak_force_gwt * GWT_N
         identified = self.session.config.identified
         band = (
             ""
@@ -254,7 +261,7 @@ class Page:
 
     @property
     def _small_strain(self) -> str:
-        depths = [planned.deepest_mm for planned in self._plan.all_presses]
+        depths = [planned.deepest_mm for planned in self._allowed.all_presses]
         stiffening = self.session.config.finger.tissue.stiffening
         return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
 
@@ -291,14 +298,17 @@ class Page:
     def _first(self) -> str:
         """First motions of every script: homing, and the way to the first position."""
         config = self.session.config
-        mounted = next(iter(dict.fromkeys(planned.indentor for planned in self._plan.all_presses)), None)
-        by_hand = "" if mounted is None else f"you mount {with_size(mounted)}; "
-        places = [planned.x_mm for planned in self._plan.all_presses]
-        to = (
-            f"; then the stage moves to x = {places[0]:g} mm and down to"
-            if places
-            else "; then the stage goes no lower than"
-        )
+        chosen, presses = self.session.possible is not None, self._allowed.all_presses
+        shapes = list(dict.fromkeys(planned.indentor for planned in presses))
+        shapes = shapes if chosen else shapes[:1]
+        by_hand = f"you mount {' or '.join(map(with_size, shapes))}; " if shapes else ""
+        if chosen:
+            places = [planned.x_mm for planned in presses]
+            to = f"; then the stage moves to an x from {min(places):g} to {max(places):g} mm and down to"
+        elif presses:
+            to = f"; then the stage moves to x = {presses[0].x_mm:g} mm and down to"
+        else:
+            to = "; then the stage goes no lower than"
         return (
             f"{by_hand}homing lifts the indentor to its switch before any lateral motion{to} "
             f"{config.habits.clearance_mm:g} mm above the finger"

@@ -153,6 +153,7 @@ class Session:
     handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
     chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
+    possible: Plan | None = None  # every press that an adaptive run may choose
 
     @property
     def before(self) -> Run | None:

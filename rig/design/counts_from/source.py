@@ -80,9 +80,10 @@ class AcceptedCounts:
     def _take(self, press: Any, count: Any, presses: int) -> None:
         index = _whole(press, "no_press_number", "the number of a press {value}: must be a whole number from 0")
         if index >= presses:
+            made = "no press was finished yet" if not presses else "the last finished press was {last}"
             raise CountError(
-                "a count for press {index} arrived, which was not made; the last one was {last}",
-                code="press_not_made", index=index, last=presses - 1,
+                f"a count for press {{index}} arrived, but {made}",
+                code="press_not_made", index=index, last=presses - 1 if presses else None,
             )  # fmt: skip
         spikes = _whole(
             count, "bad_count", "the count {value} of press {index}: must be a whole number from 0", index

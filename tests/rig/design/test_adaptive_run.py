@@ -4,6 +4,7 @@ import json
 import shutil
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from rig.cli.choosing import adaptive_run
+from rig.cli.run import _refuse_mounts
 from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
@@ -26,13 +28,15 @@ from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
-from rig.engine import TripError
-from rig.errors import CountError, RunAborted
+from rig.engine import EngineError, TripError
+from rig.errors import BadInputError, CountError, RunAborted
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session.rehearsal_summary import Page, in_both_units
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
 
@@ -146,6 +150,81 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
         assert _choices(folder) == expected, end
         assert (len(resumed.run.done), resumed.run.repeated, resumed.run.missing) == (presses, 0, 0)
         shutil.rmtree(folder)
+
+
+def _same(some: ResponseTable) -> ResponseTable:
+    return some
+
+
+@pytest.mark.parametrize(
+    ("table_now", "journal"),
+    [
+        (lambda some: some.only(range(2, len(some.presses))), {}),
+        (lambda some: some.only(range(1)), {}),
+        (_same, {"possible": 10_000}),
+        (_same, {"possible": -1}),
+        (_same, {"x_mm": 0.123}),
+        (_same, {"indentor": "bar:9.0"}),
+    ],
+    ids=["other presses", "one press", "a number beyond the set", "a negative number", "x", "another indentor"],
+)
+def test_a_recorded_number_that_names_another_press_is_refused(
+    here: Path,
+    program: Program,
+    monkeypatch: pytest.MonkeyPatch,
+    some: ResponseTable,
+    table_now: Callable[[ResponseTable], ResponseTable],
+    journal: dict[str, Any],
+) -> None:
+    """By another version of the finger's model, or by an edited journal: nothing moves."""
+    run = read_run(Path(program(*DRY, "--choose", TRUTH, "--json").json["run"]))
+    lines = [json.loads(line) for line in run.folder.events.read_bytes().splitlines()]
+    numbers = [n for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] == "choice"]
+    lines[numbers[1]]["data"].update(journal)
+    left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
+    run.folder.events.write_text(left, encoding="utf-8")
+    now = table_now(some)
+    monkeypatch.setattr(designs, "response_table", lambda *_: now)
+    monkeypatch.setattr(designs, "press_times", lambda *_: PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0))
+    ended = program("resume", run.folder.path, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "choice_changed"), ended.err
+    assert run.folder.events.read_text(encoding="utf-8") == left, "nothing was made"
+
+
+def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be_chosen(
+    here: Path, program: Program, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The planned presses that are left need bar:3.0 alone."""
+    path = here / "designed.py"
+    text = path.read_text(encoding="utf-8")
+    start, blocks, rest = text.partition("BLOCKS = (\n")
+    first, second = rest.split('    ("bar:3.0"', 1)
+    assert '("bar:1.5"' in first
+    path.write_text(f'{start}{blocks}    ("bar:3.0"{second}', encoding="utf-8")
+    stopped = read_stopped(Path(program(*DRY, "--choose", TRUTH, "--json").json["run"]))
+    for module in ("rig.cli.run", "rig.cli.confirm"):
+        monkeypatch.setattr(f"{module}.can_answer", lambda: False)
+    with pytest.raises(BadInputError) as caught:
+        _refuse_mounts("resume", stopped.script, stopped.config, finger, "bar:3.0", stopped)
+    assert caught.value.code == "mount_by_hand"
+
+
+def test_the_page_before_a_run_names_the_strongest_press_and_every_indentor_that_may_be_chosen(
+    here: Path, finger: Fingertip
+) -> None:
+    """The presses of the plan are not those that come."""
+    config, script = load_config(here / "rig.toml"), load_script(str(here / "designed.py"))
+    adaptive = adaptive_run(script, TRUTH, 9.0, config, finger, virtual=True, as_json=True)
+    possible, chosen = adaptive.approved, adaptive.as_script()
+    plan = make_plan(chosen, config, finger, known=possible.predictions)
+    plan = replace(plan, presses={**plan.presses, "data": plan.indentations[:1]})
+    assert plan.peak_force_gwt < possible.peak_force_gwt
+    session = adaptive.applied(Session(chosen, config, finger, plan, NewRun(here / "runs")))
+    lines = Page(session, EngineError("not rehearsed"), 0.0).lines
+    assert in_both_units(possible.peak_force_gwt * GWT_N) in lines["force"]
+    assert str(len(possible.all_presses)) in lines["steps"]
+    assert all(shape in lines["first"] for shape in SHAPES)
+    assert f"{min(one.x_mm for one in possible.all_presses):g}" in lines["first"]
 
 
 def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseTable, program: Program) -> None:
@@ -350,6 +429,9 @@ class _Chooser(NextPressChooser):
         self.closed = True
 
 
+SECOND = ChoosePress(index=1, last=0, planned=7)
+
+
 @pytest.fixture
 def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Callable[..., Any]) -> Callable[..., Any]:
     """Return a function that has a run at clearance wait for its second choice, and returns what came of it."""
@@ -359,6 +441,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         within_s: float = 0.2,
         problem: TripError | None = None,
         interrupt: Callable[[], bool] = _never,
+        step: ChoosePress = SECOND,
     ) -> tuple[int | None, Any]:
         script = load_script(str(here / "designed.py"))
         choosing = Choosing(REQUEST, TRUTH, Config(), some, few_times)
@@ -368,7 +451,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         engine = bench.ready()
         bench.interrupt = interrupt
         engine.stop_problem = lambda *, at_rest: problem
-        found = run.choose(engine, ChoosePress(index=1, last=0, planned=7))
+        found = run.choose(engine, step)
         return found, bench
 
     return wait
@@ -401,6 +484,22 @@ def test_a_press_that_was_not_checked_is_refused(waiting: Callable[..., Any], po
     with pytest.raises(CountError) as caught:
         waiting(_Chooser(lambda: True, possible))
     assert caught.value.code == "press_not_checked"
+
+
+def test_a_first_choice_that_comes_too_late_names_no_press(
+    waiting: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rig.design.adaptive_run.CHOICE_WITHIN_S", 0.05)
+    found, bench = waiting(_Chooser(_never), step=ChoosePress(index=0, last=None, planned=7))
+    assert found == 7
+    (alarm,) = bench.of("alarm")
+    assert "-1" not in alarm["reason"]
+
+
+def test_a_count_before_the_first_press_names_no_press_before_it(tmp_path: Path) -> None:
+    with pytest.raises(CountError) as caught:
+        AcceptedCounts(_in_a_file([(0, 3)], tmp_path)).look(0)
+    assert caught.value.fields == {"index": 0, "last": None}
 
 
 def test_a_wrong_count_ends_the_run_before_a_motion(waiting: Callable[..., Any]) -> None:

@@ -121,7 +121,11 @@ def test_a_stop_while_the_run_waits_for_a_count_is_at_once(chosen: Callable[...,
 # --- sources in their process ---
 
 _SOURCES = """\
-import os, time
+import os, sys, time
+
+import numpy as np
+
+from rig.errors import CountError
 
 
 class Source:
@@ -147,6 +151,48 @@ class Crashes(Source):
 
 class Raises(Source):
     def instead(self): raise ZeroDivisionError
+
+
+class Ends(Source):
+    def instead(self): sys.exit(3)
+
+
+class Nothing(Source):
+    def instead(self): return None
+
+
+class Halves(Source):
+    def instead(self): return [(0,)]
+
+
+class LabError(CountError): pass
+
+
+class RaisesItsOwn(Source):
+    def instead(self): raise LabError("the electrode is out", code="electrode_out")
+
+
+class RaisesWhatCannotBeSent(Source):
+    def instead(self): raise CountError("the electrode {name} is out", code="electrode_out", name=lambda: 3)
+
+
+class SaysNumpy(Source):
+    def truth(self): return {"candidate": "ep1", "fibers": np.int64(3)}
+
+
+class SaysItself(Source):
+    def truth(self): return {"candidate": self}
+
+
+class SaysNumber(Source):
+    def truth(self): return 7
+
+
+class Prints(Source):
+    def instead(self):
+        print("a line of the source", flush=True)
+        self.asked = False
+        return [(0, 3)]
 """
 
 
@@ -175,12 +221,17 @@ LOST: dict[str, type[CountError] | None] = {
     "Floods": CountError,
     "Crashes": ChooserLostError,
     "Raises": ChooserLostError,
+    "Ends": ChooserLostError,
+    "Nothing": ChooserLostError,
+    "Halves": ChooserLostError,
+    "RaisesItsOwn": CountError,
+    "RaisesWhatCannotBeSent": CountError,
 }
 
 
 @pytest.mark.parametrize("source", LOST)
 def test_whatever_a_source_does_the_run_only_looks(source: str, choosing: Callable[[str], Choosing]) -> None:
-    """A look is one poll of a pipe, and the process ends when it is closed."""
+    """A look is one poll of a pipe, an error is one of the program's, and the process ends when it is closed."""
     chooser = ChooserProcess(choosing(source))
     try:
         chooser.begin(None)
@@ -190,8 +241,9 @@ def test_whatever_a_source_does_the_run_only_looks(source: str, choosing: Callab
             assert not any(chooser.is_ready() for _ in range(1000))
         else:
             until(chooser.is_ready)
-            with pytest.raises(expected):
+            with pytest.raises(expected) as caught:
                 chooser.decision()
+            assert type(caught.value) is expected, "a class of the lab would need its module here"
     finally:
         chooser.close()
     assert not chooser._process.is_alive()
@@ -207,7 +259,27 @@ def test_the_choice_gives_way_to_the_process_that_drives_the_stage(choosing: Cal
         chooser.close()
 
 
-def test_a_source_that_cannot_be_opened_is_one_error(choosing: Callable[[str], Choosing]) -> None:
+@pytest.mark.parametrize("source", ["Missing", "SaysNumpy", "SaysItself", "SaysNumber"])
+def test_a_source_that_cannot_be_opened_is_one_error(source: str, choosing: Callable[[str], Choosing]) -> None:
+    """It has no such function, or says of its nerve what no journal can hold."""
     with pytest.raises(CountError) as caught:
-        ChooserProcess(choosing("Missing"))
+        ChooserProcess(choosing(source))
     assert caught.value.code == "source_failed"
+
+
+def test_what_a_source_prints_is_not_in_the_output_of_the_command(
+    choosing: Callable[[str], Choosing], capfd: pytest.CaptureFixture[str]
+) -> None:
+    """JSON on standard output stays JSON."""
+    chooser = ChooserProcess(choosing("Prints"))
+    try:
+        chooser.begin(None)
+        until(chooser.is_ready)
+        chooser.begin(chooser.decision().possible)
+        until(chooser.is_ready)
+        assert chooser.decision().spikes == 3
+    finally:
+        chooser.close()
+    printed = capfd.readouterr()
+    assert not printed.out
+    assert printed.err
