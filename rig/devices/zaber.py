@@ -275,7 +275,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         start = self._standing()
         lasts_s, period_ms = cycles * period_s, f"{period_s * 1000:.1f}".removesuffix(".0")
         lowest = self._agreed(self._number("get pos"), self._number("get pos")) + 2 * amplitude
-        self._narrow = True
+        self._narrow, tries = True, READ_TRIES
         try:
             self._set_limit("limit.max", min(lowest, self._travel))
             if not keep_on():
@@ -283,9 +283,10 @@ class ZaberAxis(WatchedAxis[Reply]):
             begun_s = self._clock.monotonic_s()
             self._command(f"move sin {amplitude} {period_ms} {cycles}")
             sine = _SineInTime(start, amplitude, period_s, begun_s, self._clock.monotonic_s(), self._tolerance)
+            tries = 1  # The sine is looked at first.
         finally:
             with suppress(StageError):  # A later move or homing tries again, at rest.
-                self._set_limit("limit.max", self._travel, tries=1)
+                self._set_limit("limit.max", self._travel, tries)
                 self._narrow = False
         what = f"the vibration over {cycles} cycles"
 

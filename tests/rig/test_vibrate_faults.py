@@ -17,6 +17,7 @@ from rig.engine.bench import Pause
 from rig.engine.engine import State
 from rig.engine.indentation import indent
 from rig.engine.limits import CONTACT_EXPONENT, RELAXED_TO, VibrationBound
+from rig.engine.press import Press
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, refuse_vibrations
@@ -122,7 +123,7 @@ def test_a_limit_that_cannot_be_reset_at_once_is_reset_before_the_next_move(faul
 
 ABOUT_A_SINE = ("set", "question after the set", "sine", "reset", "question after the reset")
 MESSAGES = ("lost", "reply lost", "reply swapped", "refused", "swap 0", "swap 1", "swap 2", "swap 3")
-ENDS = ("stop", "kill before", "kill after")
+ENDS = ("cut", "stop", "kill before", "kill after")
 
 
 class Killed(BaseException):
@@ -147,6 +148,9 @@ def _at_frame(bench: FaultyBench, frame: str, fault: str) -> list[int]:
     def fails(line: bytes) -> None:
         match kind, at:
             case "lost", _:
+                return
+            case "cut", _:  # The rest of the next line ends it.
+                bench.board._read = lambda line: setattr(bench.board, "_read", heard)
                 return
             case "reply", "lost":
                 next_reply(lambda data: b"")
@@ -192,9 +196,12 @@ def test_a_fault_about_the_limit_leaves_a_stage_that_lifts_and_is_right_or_refus
         _vibrate(faulty)
     faulty.board._read = faulty.read  # type: ignore[attr-defined]
     assert faulty.worst_n / GWT_N <= _lowest_gwt(SINE)
-    assert faulty.engine.state is not State.TRIPPED
     assert fault.startswith("swap") or max(limits) <= travel
     assert killed or z.settings["limit.max"] == travel
+    if faulty.engine.state is State.TRIPPED:  # by the time without a reading
+        assert fault == "cut"
+        assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+        return
     if killed:
         faulty.clock.wait_s(3.0)
         _again(faulty)
@@ -389,6 +396,19 @@ def test_the_lower_end_stays_a_tenth_below_the_trip(share: float, refused: bool)
     near = replace(bound, peak_gwt=share * bound.trip_gwt)
     with raises(LimitError, "vibration_too_large") if refused else nullcontext():
         near.refuse_beyond(LimitError, 0.0)
+
+
+@pytest.mark.parametrize("reached", [(0.02, 0.03), (0.0, 0.05), (-0.001, 0.05), (0.001, 0.0), (-0.001, -0.02)])
+def test_a_preload_at_the_skin_is_refused_and_lifted(
+    faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch, reached: tuple[float, float]
+) -> None:
+    """The press to it ends within half a step, which may be above contact."""
+    monkeypatch.setattr(Press, "reach", lambda self, target: reached)
+    with raises(LimitError, "vibration_leaves_skin", largest_um=0.0):
+        _vibrate(faulty, SineMotion.of(4.0, 5.0, 1.0), Target("doi_mm", 0.02))
+    assert not _of(faulty, "vibrate")
+    assert faulty.engine.state is State.READY
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
 def test_the_contact_time_ends_a_vibration(tmp_path: Path) -> None:
