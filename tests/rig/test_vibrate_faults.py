@@ -97,7 +97,12 @@ def test_the_limit_of_the_device_is_again_that_of_the_travel(faulty: FaultyBench
     travel = z.settings["limit.max"]
     lowest: list[int] = []
     begin = z._begin_sine
-    z._begin_sine = lambda *words: (lowest.append(z.settings["limit.max"] - z.position()), begin(*words))
+
+    def begins(*words: Any) -> None:
+        lowest.append(z.settings["limit.max"] - z.position())
+        begin(*words)
+
+    z._begin_sine = begins
     _in_the_vibration(faulty, lambda: lowest.append(z.settings["limit.max"]))
     _vibrate(faulty)
     assert lowest == [40, travel]
@@ -161,9 +166,10 @@ def _at_frame(bench: FaultyBench, frame: str, fault: str) -> list[int]:
             case "swap", n:
                 line = swapped(line, int(n))
             case "stop", _:  # as another thread, which waits for nothing
-                bench.stage._times_stopped += 1
-                bench.stage._trusted = False
-                bench.stage._send_stop()
+                stage: Any = bench.stage
+                stage._times_stopped += 1
+                stage._trusted = False
+                stage._send_stop()
             case "kill", when:
                 if when == "after":
                     read(line)
