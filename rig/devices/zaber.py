@@ -25,13 +25,12 @@ from rig.devices.base import (
     StageHeld,
     StageNotHomed,
     StageOverridden,
-    StageRejected,
     StageReset,
     StageTimeout,
 )
 from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
 from rig.devices.registry import Evidence, Opener, StageKind
-from rig.devices.zaber_link import NO_WARNING, Reply, ZaberLink
+from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
 
 HOME_S = 180.0
@@ -128,6 +127,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._acceleration_mm_s2 = math.inf
         self._question = "get encoder.pos" if address.encoder else "get pos"
         self._jogs_to: int | None = None
+        # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
+        self._swings = name == "z"
         self._narrow = False  # whether limit.max may be that of a sine
 
     @property
@@ -153,26 +154,40 @@ class ZaberAxis(WatchedAxis[Reply]):
             least = self._least_acceleration_mm_s2 * self._counts_per_mm * self._units.acceleration_unit
             self._refuse_setting("accel", acceleration, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
         longest = self._number("get limit.max")
-        if longest < self._travel:
-            self._refuse_setting("limit.max", longest, f"at least {self._travel} (stage.travel_mm)")
+        if not self._swings:
+            self._refuse_short_travel(longest)
         axis = self._address.axis
         return f"{self.name}: Zaber device {address}, axis {axis}, id {device_id}, firmware {version}"
 
     def set_limits(self) -> None:
         """Make the limits of the device those of the travel; they are written only if they differ.
 
-        Raises StageError if the device does not confirm them.
+        Raises StageError if the device does not confirm them, or if its travel is too short.
         """
         for setting, value in (("limit.min", 0), ("limit.max", self._travel)):
-            if self._number(f"get {setting}") != value:
+            found = self._number(f"get {setting}")
+            if setting == "limit.max" and not self._narrow:
+                self._refuse_short_travel(found)
+            if found != value:
                 self._set_limit(setting, value)
         self._narrow = False
 
-    def _set_limit(self, setting: str, value: int) -> None:
-        self._command(f"set {setting} {value}")
-        found = self._number(f"get {setting}")
-        if found != value:
-            self._refuse_setting(setting, found, value)
+    def _refuse_short_travel(self, longest: int) -> None:
+        if longest < self._travel:
+            self._refuse_setting("limit.max", longest, f"at least {self._travel} (stage.travel_mm)")
+
+    def _set_limit(self, setting: str, value: int, tries: int = READ_TRIES) -> None:
+        """Set a limit and read it back; again if a message was wrong, since no motion follows. Raises StageError."""
+        for left in reversed(range(tries)):
+            try:
+                self._command(f"set {setting} {value}")
+                found = self._number(f"get {setting}")
+                if found != value:
+                    self._refuse_setting(setting, found, value)
+                return
+            except StageError:
+                if not left:
+                    raise
 
     # --- motion ---
 
@@ -210,7 +225,11 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to = None
         start = self._standing()
         if self._narrow:
-            self.set_limits()
+            try:
+                self.set_limits()
+            except StageError:
+                if target > start:  # The way up needs no limit.
+                    raise
         if not keep_on():
             raise self._stopped()
         self._command(f"move abs {target} {speed}")
@@ -255,17 +274,19 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to = None
         start = self._standing()
         lasts_s, period_ms = cycles * period_s, f"{period_s * 1000:.1f}".removesuffix(".0")
-        self._narrow = True
-        self._set_limit("limit.max", self._number("get pos") + 2 * amplitude)
-        if not keep_on():
-            raise self._stopped()
-        begun_s = self._clock.monotonic_s()
+        lowest = self._agreed(self._number("get pos"), self._number("get pos")) + 2 * amplitude
+        self._narrow, tries = True, READ_TRIES
         try:
+            self._set_limit("limit.max", min(lowest, self._travel))
+            if not keep_on():
+                raise self._stopped()
+            begun_s = self._clock.monotonic_s()
             self._command(f"move sin {amplitude} {period_ms} {cycles}")
             sine = _SineInTime(start, amplitude, period_s, begun_s, self._clock.monotonic_s(), self._tolerance)
+            tries = 1  # The sine is looked at first.
         finally:
-            with suppress(StageRejected):  # A later move tries again, at rest.
-                self._set_limit("limit.max", self._travel)
+            with suppress(StageError):  # A later move or homing tries again, at rest.
+                self._set_limit("limit.max", self._travel, tries)
                 self._narrow = False
         what = f"the vibration over {cycles} cycles"
 
@@ -479,7 +500,9 @@ class ZaberAxis(WatchedAxis[Reply]):
         self.refuse_unreferenced(warnings)
         if reply.busy:
             raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._link.name}: {self.name} axis: ")
-        once, again = self._position(reply), self._position(self.look())
+        return self._agreed(self._position(reply), self._position(self.look()))
+
+    def _agreed(self, once: int, again: int) -> int:
         if abs(once - again) > self._tolerance:
             raise StageError(
                 "{port}: {axis} axis reports position {once} and then {again} at rest; check whether it moves",

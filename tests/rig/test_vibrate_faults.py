@@ -1,6 +1,6 @@
 """Vibrations under one fault: of the command, of the device's sine, of a cell that reads half, and of limits."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -15,7 +15,9 @@ from rig.devices.zaber_link import checksum
 from rig.engine import Engine, LimitError, Target, TripError, verbs
 from rig.engine.bench import Pause
 from rig.engine.engine import State
+from rig.engine.indentation import indent
 from rig.engine.limits import CONTACT_EXPONENT, RELAXED_TO, VibrationBound
+from rig.engine.press import Press
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, refuse_vibrations
@@ -57,6 +59,15 @@ def _read_as(bench: FaultyBench, old: bytes, new: bytes) -> None:
     bench.board._read = changed
 
 
+def _again(bench: FaultyBench) -> None:
+    """Another program at the same devices."""
+    bench.stage = stage_driver(
+        stage_opener(bench.config, bench.stage_line, bench._stage_wire), bench.clock, bench.config
+    )
+    bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
+    bench.engine.may_touch = True
+
+
 # --- the command ---
 
 
@@ -86,7 +97,12 @@ def test_the_limit_of_the_device_is_again_that_of_the_travel(faulty: FaultyBench
     travel = z.settings["limit.max"]
     lowest: list[int] = []
     begin = z._begin_sine
-    z._begin_sine = lambda *words: (lowest.append(z.settings["limit.max"] - z.position()), begin(*words))
+
+    def begins(*words: Any) -> None:
+        lowest.append(z.settings["limit.max"] - z.position())
+        begin(*words)
+
+    z._begin_sine = begins
     _in_the_vibration(faulty, lambda: lowest.append(z.settings["limit.max"]))
     _vibrate(faulty)
     assert lowest == [40, travel]
@@ -106,6 +122,150 @@ def test_a_limit_that_cannot_be_reset_at_once_is_reset_before_the_next_move(faul
     z._set = busy
     _vibrate(faulty)
     assert z.settings["limit.max"] == travel
+
+
+# --- the limit of the device, lowered for a sine and reset ---
+
+ABOUT_A_SINE = ("set", "question after the set", "sine", "reset", "question after the reset")
+MESSAGES = ("lost", "reply lost", "reply swapped", "refused", "swap 0", "swap 1", "swap 2", "swap 3")
+ENDS = ("cut", "stop", "kill before", "kill after")
+
+
+class Killed(BaseException):
+    """The program is gone."""
+
+
+def _at_frame(bench: FaultyBench, frame: str, fault: str) -> list[int]:
+    """Let a fault happen at a frame about a sine; return the limits of the device after each frame since."""
+    read, send, left, limits = bench.board._read, bench.stage_line.device_write, list(ABOUT_A_SINE), list[int]()
+    kind, _, at = fault.partition(" ")
+
+    def next_reply(change: Callable[[bytes], bytes]) -> None:
+        def write(data: bytes) -> None:
+            bench.stage_line.device_write = send  # type: ignore[method-assign]
+            send(change(data))
+
+        bench.stage_line.device_write = write  # type: ignore[method-assign]
+
+    def swapped(line: bytes, n: int) -> bytes:
+        return WireFault("swap", line.rindex(b":") - 2 - n).pieces(line)[0][1]
+
+    def fails(line: bytes) -> None:
+        match kind, at:
+            case "lost", _:
+                return
+            case "cut", _:  # The rest of the next line ends it.
+                bench.board._read = lambda line: setattr(bench.board, "_read", heard)
+                return
+            case "reply", "lost":
+                next_reply(lambda data: b"")
+            case "reply", "swapped":
+                next_reply(lambda data: swapped(data, 0))
+            case "refused", _:
+                line = line.rpartition(b":")[0] + b" what"
+            case "swap", n:
+                line = swapped(line, int(n))
+            case "stop", _:  # as another thread, which waits for nothing
+                stage: Any = bench.stage
+                stage._times_stopped += 1
+                stage._trusted = False
+                stage._send_stop()
+            case "kill", when:
+                if when == "after":
+                    read(line)
+                bench.board._read = lambda line: None  # Nothing of the program arrives any more.
+                raise Killed
+        read(line)
+
+    def heard(line: bytes) -> None:
+        about = left and (b"limit.max" in line or b"move sin" in line)
+        (fails if about and left.pop(0) == frame else read)(line)
+        limits.append(bench.board.z.settings["limit.max"])
+
+    def begin() -> None:
+        bench.board._read = heard
+
+    bench.after("vibrate", begin)
+    bench.read = read  # type: ignore[attr-defined]
+    return limits
+
+
+@pytest.mark.parametrize("frame", ABOUT_A_SINE)
+@pytest.mark.parametrize("fault", MESSAGES + ENDS)
+def test_a_fault_about_the_limit_leaves_a_stage_that_lifts_and_is_right_or_refuses(
+    faulty: FaultyBench, frame: str, fault: str
+) -> None:
+    z, killed = faulty.board.z, fault.startswith("kill")
+    travel = z.settings["limit.max"]
+    limits = _at_frame(faulty, frame, fault)
+    with suppress(StageError, TripError, Killed):
+        _vibrate(faulty)
+    faulty.board._read = faulty.read  # type: ignore[attr-defined]
+    assert faulty.worst_n / GWT_N <= _lowest_gwt(SINE)
+    assert fault.startswith("swap") or max(limits) <= travel
+    assert killed or z.settings["limit.max"] == travel
+    if faulty.engine.state is State.TRIPPED:  # by the time without a reading
+        assert fault == "cut"
+        assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+        return
+    if killed:
+        faulty.clock.wait_s(3.0)
+        _again(faulty)
+    low = z.settings["limit.max"] < travel
+    with raises(StageError, "not_as_configured", setting="limit.max") if low else nullcontext():
+        verbs.home(faulty.engine)
+    assert faulty.height_mm == pytest.approx(25.0, abs=0.01)
+    assert faulty.stage.homed is not low
+    if low:
+        return
+    assert z.settings["limit.max"] == travel
+    verbs.mount(faulty.engine, "bar:3.0")
+    verbs.zero(faulty.engine)
+    verbs.move_to(faulty.engine, 0.0)
+    done = indent(faulty.engine, PRELOAD, expected_contact_mm=PREDICTED.contact_mm)
+    assert done.holds[-1].doi_mm == pytest.approx(PRELOAD.value, abs=0.003)
+
+
+@pytest.mark.parametrize("frame", [frame for frame in ABOUT_A_SINE if frame != "sine"])
+@pytest.mark.parametrize("fault", MESSAGES)
+def test_one_wrong_message_about_the_limit_does_not_end_a_vibration(
+    faulty: FaultyBench, frame: str, fault: str
+) -> None:
+    _at_frame(faulty, frame, fault)
+    _vibrate(faulty)
+    assert faulty.engine.state is State.READY
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+@pytest.mark.parametrize("phase", ["a trip", "a stop"])
+def test_a_limit_that_the_device_never_resets_leaves_the_way_up(faulty: FaultyBench, phase: str) -> None:
+    """Homing then refuses it, at home."""
+    z, set_ = faulty.board.z, faulty.board.z._set
+
+    def refuses(setting: str, value: str) -> str:
+        if z.busy or sets:
+            raise CommandRejected("STATUSBUSY")
+        sets.append(value)
+        return set_(setting, value)
+
+    sets: list[str] = []
+    z._set = refuses
+    acts: dict[str, Any] = {
+        "a trip": lambda: setattr(faulty, "felt_n", lambda t_s: 90 * GWT_N),
+        "a stop": faulty.stage.stop,
+    }
+    _in_the_vibration(faulty, acts[phase])
+    with pytest.raises((StageError, TripError)):
+        _vibrate(faulty)
+    if phase == "a trip":
+        assert faulty.height_mm >= faulty.config.habits.clearance_mm - 0.003
+        assert faulty.engine.state is State.TRIPPED
+    else:
+        with pytest.raises(StageRejected):
+            verbs.home(faulty.engine)
+        assert faulty.height_mm == pytest.approx(25.0, abs=0.01)
+        assert not faulty.stage.homed
+    assert sets
 
 
 # --- the sine of the device ---
@@ -147,9 +307,6 @@ def test_a_sine_of_another_period_ends_within_its_ends(
 
 @pytest.mark.parametrize("at_s", [0.5, 0.56, 0.62, 0.69])
 def test_a_new_program_homes_over_a_sine_that_a_killed_one_left(faulty: FaultyBench, at_s: float) -> None:
-    class Killed(BaseException):
-        pass
-
     def kill() -> None:
         raise Killed
 
@@ -158,11 +315,7 @@ def test_a_new_program_homes_over_a_sine_that_a_killed_one_left(faulty: FaultyBe
         _vibrate(faulty, LONG)
     faulty.clock.wait_s(1.0)
     assert faulty.board.z.busy
-    faulty.stage = stage_driver(
-        stage_opener(faulty.config, faulty.stage_line, faulty._stage_wire), faulty.clock, faulty.config
-    )
-    faulty.engine = Engine(faulty.config, faulty, faulty.journal, SOFT_TRIP_N)
-    faulty.engine.may_touch = True
+    _again(faulty)
     verbs.home(faulty.engine)
     assert faulty.stage.homed
     assert faulty.height_mm == pytest.approx(25.0, abs=0.01)
@@ -249,6 +402,19 @@ def test_the_lower_end_stays_a_tenth_below_the_trip(share: float, refused: bool)
     near = replace(bound, peak_gwt=share * bound.trip_gwt)
     with raises(LimitError, "vibration_too_large") if refused else nullcontext():
         near.refuse_beyond(LimitError, 0.0)
+
+
+@pytest.mark.parametrize("reached", [(0.02, 0.03), (0.0, 0.05), (-0.001, 0.05), (0.001, 0.0), (-0.001, -0.02)])
+def test_a_preload_at_the_skin_is_refused_and_lifted(
+    faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch, reached: tuple[float, float]
+) -> None:
+    """The press to it ends within half a step, which may be above contact."""
+    monkeypatch.setattr(Press, "reach", lambda self, target: reached)
+    with raises(LimitError, "vibration_leaves_skin", largest_um=0.0):
+        _vibrate(faulty, SineMotion.of(4.0, 5.0, 1.0), Target("doi_mm", 0.02))
+    assert not _of(faulty, "vibrate")
+    assert faulty.engine.state is State.READY
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
 def test_the_contact_time_ends_a_vibration(tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 import math
 import random
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -437,6 +438,49 @@ def test_two_digits_that_change_places_in_a_sine_are_noticed(sent: bytes, done: 
     with raises(StageError, code):
         list(bench.stage.vibrating(amplitude_mm=0.035, period_s=int(period_ms) / 1000, cycles=int(cycles)))
     assert not bench.stage.homed
+
+
+def _noted(set_: Callable[[str, str], str], values: list[int]) -> Callable[[str, str], str]:
+    def noted(setting: str, value: str) -> str:
+        values.append(int(value))
+        return set_(setting, value)
+
+    return noted
+
+
+@pytest.mark.parametrize("reply", range(5))
+@pytest.mark.parametrize("digits", ["1400", "4010"])
+def test_a_position_whose_digits_change_places_becomes_no_limit(reply: int, digits: str) -> None:
+    bench, sets, left = at_2_5_mm(), list[int](), [reply]
+    bench.stage.move_to(z_mm=-10.25, speed_mm_s=2.0)
+    bench.sent.clear()
+    z, say = bench.chain.z, bench.chain._say
+    set_ = z._set
+
+    def says(device: Any, line: str) -> None:
+        if " 4100" in line:
+            left[0] -= 1
+            if left[0] == -1:
+                line = line.replace("4100", digits)
+        say(device, line)
+
+    bench.chain._say = says  # type: ignore[method-assign]
+    z._set = _noted(set_, sets)  # type: ignore[method-assign, assignment]
+    with suppress(StageError):
+        list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    assert set(sets) <= {4140, z.settings["limit.max"]} == {4140, 16000}
+
+
+@pytest.mark.parametrize("z_mm", [-39.95, -40.0])
+def test_a_sine_beyond_the_travel_is_refused_by_the_device(z_mm: float) -> None:
+    bench, limits = at_2_5_mm(), list[int]()
+    bench.stage.move_to(z_mm=z_mm, speed_mm_s=25.0)
+    set_ = bench.chain.z._set
+    bench.chain.z._set = _noted(set_, limits)  # type: ignore[method-assign, assignment]
+    with raises(StageError, "line_refused"):
+        list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    assert max(limits) <= 16000
+    assert bench.chain.z.settings["limit.max"] == 16000
 
 
 def test_the_highest_frequency_is_that_of_the_acceleration() -> None:
