@@ -39,6 +39,8 @@ def main() -> None:
     shard = list(_cases(options)) if options.shard else None
     every = _cases(options) if shard is None else shard
     counts = _counted(case for case in every if picked is None or case.name in picked)
+    if not counts:
+        sys.exit("no case is asked for: --count prints the phases of every bench")
     if options.count:
         return
     going = CampaignProgress(counts, lambda line: print(line, flush=True))
