@@ -1,7 +1,7 @@
 """Spikes of a population from the poses of an indentor, as these become known.
 
-The measure at each receptor follows the indentor's way past first contact by a table for each place, of presses that
-somebody else makes while the indentor comes to rest above it. Time stands still for the afferents while they are
+The measure at each receptor follows from the depth past first contact by a table for each place. Another process
+makes its presses while the indentor comes to rest above the place. Time stands still for the afferents while they are
 pressed at a place whose table is not complete: their spikes are late, not wrong.
 """
 

@@ -409,22 +409,22 @@ class VibrationBound:
 
     def refuse_beyond(self, kind: type[RigError], x_mm: float) -> None:
         """Raise an error of this kind for a vibration at x_mm that stage, skin or trip does not allow."""
-        told = {**vars(self.vibration), "frequency_hz": self.vibration.frequency_hz, "x_mm": x_mm}
-        told |= {"amplitude_um": self.vibration.amplitude_um, **vars(self)}
-        del told["vibration"]
+        fields = {**vars(self.vibration), "frequency_hz": self.vibration.frequency_hz, "x_mm": x_mm}
+        fields |= {"amplitude_um": self.vibration.amplitude_um, **vars(self)}
+        del fields["vibration"]
         if self.vibration.frequency_hz > self.highest_hz:
             raise kind(
                 "a vibration at {frequency_hz:.4g} Hz with an amplitude of {amplitude_um:g} µm is too fast for the "
                 "stage: at most {highest_hz:.3g} Hz, by stage.acceleration_mm_s2 and limits.max_press_speed_mm_s",
                 code="vibration_too_fast",
-                **told,
+                **fields,
             )
         if self.vibration.amplitude_um > self.largest_um:
             raise kind(
                 "a vibration at x = {x_mm:g} mm with an amplitude of {amplitude_um:g} µm leaves the skin, which is "
                 "pressed with {force_gwt:.3g} gwt: at most {largest_um:.3g} µm; press deeper",
                 code="vibration_leaves_skin",
-                **told,
+                **fields,
             )
         if self.peak_gwt > TRIP_MARGIN * self.trip_gwt:
             raise kind(
@@ -432,7 +432,7 @@ class VibrationBound:
                 "and would have to trip at {trip_gwt:.3g} gwt to stay below {bound_gwt:.3g} gwt; make the amplitude "
                 "or the preload smaller",
                 code="vibration_too_large",
-                **told,
+                **fields,
             )
 
 

@@ -278,12 +278,44 @@ def expect_press(
     return ExpectedPresses(spot.ids, planned)
 
 
+class PressStep(Step[ExpectedPresses, Indentation]):
+    """One press past the skin, whose holds are data."""
+
+    owed: ClassVar[Owed] = Owed.ANSWER
+
+    def foreseen(self, expected: ExpectedPresses) -> Indentation:
+        planned, n = expected.planned, expected.planned.increments
+        holds = tuple(
+            Hold(
+                planned.target.part(k, n), planned.predicted_doi_mm * k / n, planned.predicted_force_gwt * k / n, 0.0
+            )
+            for k in range(1, n + 1)
+        )
+        return Indentation(expected.ids[0].index, planned.x_mm, holds)
+
+    @classmethod
+    def answers(cls, before: Journalled) -> dict[int, Indentation]:
+        requested = {
+            (e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")
+        }
+        return {
+            index: Indentation(
+                index,
+                ends[0]["x_mm"],
+                tuple(
+                    Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
+                    for end in ends
+                ),
+            )
+            for index, ends in before.done.items()
+        }
+
+
 @dataclass(frozen=True, kw_only=True)
-class Indent(Step[ExpectedPresses, Indentation]):
+class Indent(PressStep):
     """Find contact, press in equal increments with a hold after each, and lift."""
 
     verb: ClassVar[str] = "indent"
-    owed: ClassVar[Owed] = Owed.ANSWER
 
     doi_mm: float | None = None
     force_gwt: float | None = None
@@ -319,44 +351,12 @@ class Indent(Step[ExpectedPresses, Indentation]):
             speed_mm_s=self.speed_mm_s,
         )
 
-    def foreseen(self, expected: ExpectedPresses) -> Indentation:
-        return _foreseen(expected)
-
-    @classmethod
-    def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        return _answers(before)
-
-
-def _foreseen(expected: ExpectedPresses) -> Indentation:
-    planned, n = expected.planned, expected.planned.increments
-    holds = tuple(
-        Hold(planned.target.part(k, n), planned.predicted_doi_mm * k / n, planned.predicted_force_gwt * k / n, 0.0)
-        for k in range(1, n + 1)
-    )
-    return Indentation(expected.ids[0].index, planned.x_mm, holds)
-
-
-def _answers(before: Journalled) -> dict[int, Indentation]:
-    requested = {(e["index"], e["hold"]): Target(e["target"], e["commanded"]) for e in before.stream("hold_start")}
-    return {
-        index: Indentation(
-            index,
-            ends[0]["x_mm"],
-            tuple(
-                Hold(requested[index, end["hold"]], end["doi_mm"], end["force_gwt"], end["force_sd_gwt"])
-                for end in ends
-            ),
-        )
-        for index, ends in before.done.items()
-    }
-
 
 @dataclass(frozen=True, kw_only=True)
-class Ramp(Step[ExpectedPresses, Indentation]):
+class Ramp(PressStep):
     """Find contact, move to a depth at constant speed, hold, and lift."""
 
     verb: ClassVar[str] = "ramp"
-    owed: ClassVar[Owed] = Owed.ANSWER
 
     doi_mm: float
     speed_mm_s: float
@@ -386,20 +386,12 @@ class Ramp(Step[ExpectedPresses, Indentation]):
             ramp=True,
         )
 
-    def foreseen(self, expected: ExpectedPresses) -> Indentation:
-        return _foreseen(expected)
-
-    @classmethod
-    def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        return _answers(before)
-
 
 @dataclass(frozen=True, kw_only=True)
-class Vibrate(Step[ExpectedPresses, Indentation]):
+class Vibrate(PressStep):
     """Find contact, press by increments to a preload, vibrate about it, and lift."""
 
     verb: ClassVar[str] = "vibrate"
-    owed: ClassVar[Owed] = Owed.ANSWER
 
     frequency_hz: float
     amplitude_um: float
@@ -436,13 +428,6 @@ class Vibrate(Step[ExpectedPresses, Indentation]):
         )
         refuse_vibration_depth(self.verb, expected.planned, walk.settings.limits)
         return expected
-
-    def foreseen(self, expected: ExpectedPresses) -> Indentation:
-        return _foreseen(expected)
-
-    @classmethod
-    def answers(cls, before: Journalled) -> dict[int, Indentation]:
-        return _answers(before)
 
 
 @dataclass(frozen=True, kw_only=True)
