@@ -55,13 +55,24 @@ def test_ctrl_c_while_the_libraries_are_loaded(json_too: bool) -> None:
     assert (json.loads(out) == told) if json_too else out == ""
 
 
+BUFFERS = pytest.mark.parametrize("unbuffered", ["", "1"], ids=["buffered", "unbuffered"])
+
+
+@BUFFERS
 @pytest.mark.parametrize("options", [["--help"], ["doctor"], ["doctor", "--json"]])
-def test_a_reader_that_has_gone_ends_it_silently(options: list[str]) -> None:
+def test_a_reader_that_has_gone_ends_it_silently(options: list[str], unbuffered: str) -> None:
+    env = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     reader, writer = os.pipe()
     os.close(reader)
     try:
         ended = subprocess.run(
-            _started(*options), stdout=writer, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
+            _started(*options),
+            stdout=writer,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=DEADLINE_S,
+            check=False,
+            env=env,
         )
     finally:
         os.close(writer)
@@ -69,11 +80,19 @@ def test_a_reader_that_has_gone_ends_it_silently(options: list[str]) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a device without space (Linux)")
+@BUFFERS
 @pytest.mark.parametrize("options", [["--help"], ["doctor"], ["doctor", "--json"]])
-def test_a_full_disk_is_said(options: list[str]) -> None:
+def test_a_full_disk_is_said(options: list[str], unbuffered: str) -> None:
+    env = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
     with Path("/dev/full").open("w") as full:
         ended = subprocess.run(
-            _started(*options), stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
+            _started(*options),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=DEADLINE_S,
+            check=False,
+            env=env,
         )
     begun, line = beside_progress(ended.stderr).splitlines()
     assert (ended.returncode, begun) == (2, "begun")
