@@ -1,8 +1,8 @@
 """Every file that the program reads, and every reply of a device: a success, or its own error with a code.
 
-In the suite 250 inputs for each quick reader, fewer for slow ones, and all that once failed. `make test-studies` reads
-a thousand, `make shake` a million (tests/fuzz/campaign.py). The program reads in this process here; limits of time and
-memory are the campaign's.
+In the suite 250 inputs for each quick reader, fewer for slow ones, and all that once failed. `make test-studies`
+reads a thousand, `make shake` a million (tests/fuzz/campaign.py). The program reads in this process here; limits of
+time and memory are the campaign's.
 """
 
 import math
