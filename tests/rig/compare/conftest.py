@@ -14,6 +14,7 @@ from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 Array = NDArray[np.float64]
 
@@ -30,14 +31,10 @@ def run(rig: Rig) -> None:
 """
 
 
-COARSE_FINGERS = """\
+COARSE_FINGERS = f"""\
 receptor_x_mm = [-1.0, 0.0]
 
-[finger.mesh]
-spacing_mm = 0.5
-patch_x_mm = 2.5
-patch_z_mm = 2.5
-
+{as_toml(coarse_mesh(0.5, 0.5, patch_x_mm=2.5, patch_z_mm=2.5))}
 [finger.tissue]
 epidermis_mm = [0.3, 0.5]
 
@@ -46,7 +43,7 @@ epidermis_mm = [0.3, 0.5]
 
 @pytest.fixture
 def coarse_fingers() -> str:
-    """The tables of a parameter study of two fingers of some thousand nodes; presses are still to follow."""
+    """The tables of a parameter study of two fingers of few nodes; presses are still to follow."""
     return COARSE_FINGERS
 
 

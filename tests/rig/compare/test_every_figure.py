@@ -22,6 +22,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
@@ -52,7 +53,7 @@ from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
 from rig.report.run_tables import conditions, loading, samples_of
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, label
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
 from sim.coding.point_spread import Judged, PointSpread, Sheet
@@ -78,6 +79,7 @@ UNITS = frozenset({
 COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
            "yellow": YELLOW, "white": "white"}  # fmt: skip
 DAY_S = 86400.0
+LEAST_POINTS = 6.5
 LEAST_GAP_PT = 1.2
 """Gaps of a dotted line that is seen as one."""
 
@@ -988,6 +990,19 @@ def test_nothing_lies_beyond_the_axes(name: str, drawn: Drawn) -> None:
         for x, y in (point.T for point in points):
             assert ((x >= left - 1e-6) & (x <= right + 1e-6)).all(), (axes.get_title(), left, right, x)
             assert ((y >= low - 1e-6) & (y <= high + 1e-6)).all(), (axes.get_title(), low, high, y)
+
+
+def test_it_is_printed_at_its_own_size_and_can_be_read(drawn: Drawn) -> None:
+    """An A4 page would shrink a larger one, with its letters."""
+    for name in FIGURES:
+        page, figure = drawn(name)
+        width, height = page.plot.size
+        assert (width <= PAGE_IN[0]) & (height <= PAGE_IN[1]), name
+        shown_ = [one for one in figure.findobj(Text) if one.get_text().strip() and one.get_visible()]  # type: ignore[attr-defined]
+        assert min(one.get_fontsize() for one in shown_) >= LEAST_POINTS, name  # type: ignore[attr-defined]
+        ink = figure.get_tightbbox()  # in inches
+        assert min(ink.x0, ink.y0) >= 0, f"{name} is cut off"
+        assert (ink.x1 <= width) & (ink.y1 <= height), f"{name} is cut off"
 
 
 CLAIM = re.compile(

@@ -21,12 +21,13 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
-from sim.config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 
@@ -53,7 +54,7 @@ RANGES = "[finger.tissue]\nepidermis_mm = [0.3, 0.5]\n"
 @pytest.fixture(scope="module")
 def coarse() -> Fingertip:
     """A finger of some thousand nodes."""
-    return Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.5, patch_x_mm=2.5, patch_z_mm=2.5)))
+    return Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5, patch_x_mm=2.5, patch_z_mm=2.5)))
 
 
 @pytest.fixture(scope="module")
