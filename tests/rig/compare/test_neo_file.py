@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -192,9 +193,13 @@ every_format = pytest.mark.parametrize("name", FORMATS)
 
 @pytest.fixture(scope="module", autouse=True)
 def _parsed_once() -> Iterator[None]:
-    """A file is parsed once, however often a test asks it for something: no test changes one that was read."""
+    """A file is parsed once, however often a test asks it for something: no test changes one that was read.
+
+    nixio looks for garbage whenever it closes a file, which takes a second late in a session.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(neo_file, "_segments", cache(neo_file._segments))
+        patch.setattr("nixio.file.gc", SimpleNamespace(collect=lambda: 0))
         yield
 
 
