@@ -1,13 +1,17 @@
 """`rig decode`: pressures, presses and files of readings in, pressures with their band out, and what is refused."""
 
+import pickle
 import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding import decoders_by_search
+from rig.cli import encode
+from sim.coding import decoders_by_search, task
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import influence
 from sim.coding.readings_file import pa_per_pseudo
@@ -22,6 +26,27 @@ DEPTH_MM = np.tile([0.6, 0.76, 0.9], 4)
 TWO = ("decode", "--pressure", "20,14", "--config", "coarse.toml", "--half-length", 10)
 PA = pa_per_pseudo(FingertipConfig())
 WORKED = (*TWO, "--start", "10,10", "--range", "0,30")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _built_once() -> Iterator[None]:
+    """Commands of this file ask for the same few sections, which take tenths of a second to build."""
+    kept: dict[tuple[bytes, bytes], Any] = {}
+
+    def once(build: Callable[..., Any]) -> Callable[..., Any]:
+        def built(config: FingertipConfig, *about: Any) -> Any:
+            key = config.model_dump_json().encode(), pickle.dumps((build.__name__, about))
+            if key not in kept:
+                kept[key] = build(config, *about)
+            return kept[key]
+
+        return built
+
+    with pytest.MonkeyPatch.context() as patch:
+        for name in ("sampled_section", "receptor_section"):
+            patch.setattr(task, name, once(getattr(task, name)))
+        patch.setattr(encode, "sampled_section", task.sampled_section)
+        yield
 
 
 @pytest.fixture

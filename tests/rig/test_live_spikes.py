@@ -45,10 +45,10 @@ def made(place: IndentorPlace) -> PlaceTable:
 
 
 def path() -> Staircase:
-    """Two presses in increments of 0.05 mm, with holds."""
-    down = [-0.3, *np.arange(0.0, 0.61, 0.05)]
+    """Two presses in increments of 0.1 mm, with holds."""
+    down = [-0.3, *np.arange(0.0, 0.61, 0.1)]
     depth = [*down, 0.6, -0.3, -0.3] * 2
-    times = np.cumsum([0.06] * len(down) + [1.2, 0.4, 0.5] + [0.06] * len(down) + [1.2, 0.4, 0.5])
+    times = np.cumsum(([0.06] * len(down) + [0.7, 0.3, 0.3]) * 2)
     return Staircase(times.tolist(), depth, [2.0] * len(depth), 50.0)
 
 
