@@ -1,6 +1,7 @@
 """Stimuli made by hand, and one real run of a bar."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -50,12 +51,15 @@ def coarse_fingers() -> str:
 @pytest.fixture(scope="session")
 def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Bar 3.0 in two increments to DOI 0.4 at five places, x = 0.1 twice."""
-    folder = tmp_path_factory.mktemp("bar")
-    path = folder / "bar.py"
-    path.write_text(BAR, encoding="utf-8")
-    script, config = load_script(str(path)), Config()
-    plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, NewRun(folder))).run
+    return dry_run_of(BAR, finger, tmp_path_factory.mktemp("bar"))
+
+
+def dry_run_of(text: str, finger: Fingertip, folder: Path) -> Run:
+    """A script carried out on the virtual bench with a finger."""
+    path = folder / "presses.py"
+    path.write_text(text, encoding="utf-8")
+    script, config = load_script(str(path)), Config(finger=finger.config)
+    return dry_run(Session(script, config, finger, make_plan(script, config, finger), NewRun(folder))).run
 
 
 @pytest.fixture(scope="session")

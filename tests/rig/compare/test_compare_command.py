@@ -18,15 +18,11 @@ from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
 from rig.data import Run
-from rig.plan.config import Config
-from rig.plan.plan import make_plan
-from rig.protocol.script import load_script
 from rig.report.style import Plot
-from rig.session.session import NewRun, Session, dry_run
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import as_in_its_schema
-from tests.rig.compare.conftest import BAR
+from tests.rig.compare.conftest import BAR, dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
 
 KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"}
@@ -62,14 +58,7 @@ def coarse() -> Fingertip:
 @pytest.fixture(scope="module")
 def run(coarse: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Bar 3.0 on it, at five places."""
-    return _run(coarse, tmp_path_factory.mktemp("run"))
-
-
-def _run(coarse: Fingertip, folder: Path) -> Run:
-    path = folder / "bar.py"
-    path.write_text(BAR, encoding="utf-8")
-    script, config = load_script(str(path)), Config(finger=coarse.config)
-    return dry_run(Session(script, config, coarse, make_plan(script, config, coarse), NewRun(folder))).run
+    return dry_run_of(BAR, coarse, tmp_path_factory.mktemp("run"))
 
 
 @pytest.fixture(scope="module")
@@ -142,7 +131,7 @@ def test_the_same_input_gives_the_same_bytes(
     """As a page and as PDF; the second time everything is in the cache."""
     if drawn == "empty":
         monkeypatch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))
-    run = _run(coarse, tmp_path)
+    run = dry_run_of(BAR, coarse, tmp_path)
     for name in ("a", "b"):
         work.clear()
         options = ("--recorded", f"bar:3.0={csv}", "--out", f"{name}.html", "--pdf", f"{name}.pdf")
