@@ -247,6 +247,8 @@ STUDIES = (
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
     "rig/compare/test_comparison_figures.py::test_letters_do_not_lie_over_each_other",  # its other tests
+    # rig/compare/test_every_figure.py: the same of fewer stimuli
+    "rig/compare/test_comparison_figures.py::test_every_figure_is_printed_at_its_own_size_and_can_be_read",
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
@@ -259,6 +261,10 @@ STUDIES = (
     "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
     "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
+    # rig/test_nerve_command.py: a dry run with spikes, and rates of them; [tutorial]
+    "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[nerve]",
+    # the page's other block, on a half-space; rig/test_nerve_command.py
+    'rig/test_every_block.py::test_code_is_run_or_excused[nerve: finger = load("finger")]',
     # [grbl]; bytes and frames of drives and transmitter: contracts/, rig/test_modbus_master.py
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[rtu]",
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",
