@@ -109,14 +109,12 @@ REAL_TIME = (
     "sim/test_speed_and_error.py::test_candidates_are_measured_in_their_own_processes",
     "sim/test_wall_clock.py",
     "sim/test_workers.py",
-    "test_adding_a_part.py::test_a_command",
     "test_gallery.py::test_one_runs_as_a_script_beside_processes",
     "test_gallery.py::test_run_resumed",
     "test_gallery.py::test_study_on_a_cluster",
     "test_inherited_signals.py",
     "test_preloaded.py",
     "test_wheel.py",
-    "test_third_party_device.py::test_nothing_is_imported_but_the_kinds_that_are_used",
 )
 
 # Files of these that workers take whole: their tests share what takes seconds to make, or are short. Of the others,
@@ -137,7 +135,6 @@ TOGETHER = (
     "rig/test_transport.py",
     "sim/",
     "test_preloaded.py",
-    "test_third_party_device.py",
     "test_wheel.py",
 )
 
@@ -220,7 +217,6 @@ STUDIES = (
     "sim/test_uncondensed.py::test_displacements_of_the_patch[default]",
     "sim/test_uncondensed.py::test_contact_holds_on_the_whole_solution[default]",
     "sim/test_uncondensed.py::test_strain_at_the_receptors[default]",
-    "sim/test_uncondensed.py::test_held_nodes_carry_the_force[default]",
     # Fingers of their own, built for one row of a table whose other rows stay.
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.4999, bone rigid 10000, dermis 0.1]",
     "sim/test_hard_cases.py::test_contact_on_extreme_tissue[poisson 0.48, bone rigid 10000, dermis 0.001]",
@@ -402,13 +398,14 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
         if wholly and f"not {marker}" in asked:
             return True
         partly = wholly or any(place.startswith(f"{name}::") for place in places)
-        if marker in asked and not partly and not (marker == "study" and _has_quick_rows(collection_path)):
+        if marker in asked and not partly and not (marker == "study" and _has_studies(collection_path)):
             return True
     return None
 
 
-def _has_quick_rows(path: Path) -> bool:
-    return b"pytest.mark.quick(" in path.read_bytes()
+def _has_studies(path: Path) -> bool:
+    text = path.read_bytes()
+    return b"pytest.mark.quick(" in text or b"pytest.mark.study" in text
 
 
 def pytest_collection_finish() -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sim.config import FingertipConfig, MeshSpec, Tissue
 from sim.contact.height_map import HeightMap
-from sim.contact.indentor import Indentor
+from sim.contact.indentor import ALONG, Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
@@ -50,6 +50,13 @@ FAMILIES: dict[str, tuple[Indentor, float]] = {
 every_family = pytest.mark.parametrize("family", FAMILIES)
 
 
+@pytest.fixture
+def pressed(family: str, finger: Fingertip, coarse_finger: Fingertip) -> tuple[Fingertip, Indentor, float]:
+    """What slopes across the finger is pressed into a coarse one: the default's models for it take half a minute."""
+    shape, x = FAMILIES[family]
+    return finger if shape.axes == ALONG else coarse_finger, shape, x
+
+
 def node_near(finger: Fingertip, x_mm: float) -> float:
     """Undeformed x of a node in the receptor plane."""
     columns, patch = finger.model.patch.shape[1], finger.model.patch
@@ -61,10 +68,10 @@ def node_near(finger: Fingertip, x_mm: float) -> float:
 
 
 @every_family
-def test_grazing_depths(finger: Fingertip, family: str) -> None:
+def test_grazing_depths(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # First touch is on the continuous skin, contact at nodes and points between them: a shape that touches between
     # two of them carries nothing yet, latest the cone's tip, at 0.04 mm.
-    shape, x = FAMILIES[family]
+    finger, shape, x = pressed
     results = [finger.indent(shape, x, doi_mm=doi) for doi in (1e-6, 1e-4, 1e-3, 0.01, 0.05)]
     force = np.array([r.force_gwt for r in results])
     assert max(r.state.residual for r in results) <= 1e-10
@@ -74,9 +81,9 @@ def test_grazing_depths(finger: Fingertip, family: str) -> None:
 
 
 @every_family
-def test_force_towards_zero(finger: Fingertip, family: str) -> None:
+def test_force_towards_zero(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # 0.001 gwt is a tenth of what the balance resolves.
-    shape, x = FAMILIES[family]
+    finger, shape, x = pressed
     depths = []
     for gwt in (0.001, 0.01, 0.1):
         result = finger.indent(shape, x, force_gwt=gwt)
@@ -238,10 +245,10 @@ def test_a_force_short_of_the_rim_is_found(finger: Fingertip, shape: str, z: flo
 # ---------------------------------------------------------------------------------------- force to depth to force
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@every_family
 @pytest.mark.parametrize("gwt", [0.5, 2.33, 5.0])
-def test_force_to_depth_to_force_from_rest(finger: Fingertip, family: str, gwt: float) -> None:
-    shape, x = FAMILIES[family]
+def test_force_to_depth_to_force_from_rest(pressed: tuple[Fingertip, Indentor, float], gwt: float) -> None:
+    finger, shape, x = pressed
     depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
     assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
 
