@@ -415,17 +415,19 @@ def pytest_collection_finish() -> None:
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long files first, the others as they come; mark what runs in real time and what measures a study."""
-    items.sort(key=lambda item: _place_in_line(item.nodeid.removeprefix("tests/")))
-    for item in items:
+    named = [(item.nodeid.removeprefix("tests/"), item) for item in items]
+    named.sort(key=lambda pair: _place_in_line(pair[0].partition("::")[0]))
+    items[:] = [item for _, item in named]
+    for name, item in named:
         for marker, places in (("real_time", REAL_TIME), ("study", STUDIES)):
-            if item.nodeid.removeprefix("tests/").startswith(places):
+            if name.startswith(places):
                 item.add_marker(marker)
         quick = item.get_closest_marker("quick")
         if quick is not None and not quick.kwargs["rows"](**item.callspec.params):  # type: ignore[attr-defined]
             item.add_marker("study")
         if hasattr(sys.modules.get("sitecustomize"), "HIDDEN"):  # tests/portable
             for place, reason in CANNOT.items():
-                if item.nodeid.removeprefix("tests/").startswith(place):
+                if name.startswith(place):
                     item.add_marker(pytest.mark.skip(reason=reason))
 
 
@@ -452,8 +454,8 @@ def _one_by_one(function: Callable[..., Any], items: Sequence[Any], processes: i
     return map(function, items)
 
 
-def _place_in_line(name: str) -> int:
-    file = name.partition("::")[0]
+@cache
+def _place_in_line(file: str) -> int:
     return LONG.index(file) if file in LONG else len(LONG)
 
 
