@@ -10,7 +10,6 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script, script_with
-from sim.config import FingertipConfig, MeshSpec
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
 
@@ -351,12 +350,6 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
     assert Plan().peak_force_gwt == 0.0
 
 
-@pytest.fixture(scope="module")
-def coarse() -> Fingertip:
-    """The default finger on elements twice as large."""
-    return Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.34)))
-
-
 @pytest.mark.parametrize(
     ("name", "settings", "steps"),
     [
@@ -372,7 +365,7 @@ def coarse() -> Fingertip:
         ("paired_forces", "hold_s=1", 8),
     ],
 )
-def test_the_shipped_scripts_can_be_done(coarse: Fingertip, name: str, settings: str, steps: int) -> None:
-    plan = make_plan(load_script(name, [settings]), Config(finger=coarse.config), coarse)
+def test_the_shipped_scripts_can_be_done(finger: Fingertip, name: str, settings: str, steps: int) -> None:
+    plan = make_plan(load_script(name, [settings]), Config(), finger)
     assert len(plan.indentations) == steps
     assert 0 < plan.peak_force_gwt < 100

@@ -115,6 +115,7 @@ def after(bench: Bench) -> Iterator[Callable[..., None]]:
     patch.undo()
 
 
+@pytest.mark.quick(rows=lambda name, phase: name == "door" or phase not in ("clearance", "approach", "press"))
 @pytest.mark.parametrize("phase", AFTER)
 @pytest.mark.parametrize("name", BENCHES)
 def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run(
