@@ -1,4 +1,4 @@
-"""Presses on a finger of springs under faults of the stages and the sensor that are not in studies/faults/catalogue.py."""
+"""Presses under faults of the stages and the sensor that are not in studies/faults/catalogue.py."""
 
 import json
 from collections.abc import Callable

@@ -442,7 +442,7 @@ def _peak_kb(*, from_now: bool = False) -> int:
 
 
 def _in_a_child(calls: list[Callable[[], object]]) -> list[tuple[str, float, float]]:
-    """Return of each call in one other process: code, processor seconds, and the peak of memory above its beginning."""
+    """Return code, processor seconds, and peak of memory in GB above the beginning, of calls in one other process."""
     import resource  # only of POSIX systems
 
     read_end, write_end = os.pipe()

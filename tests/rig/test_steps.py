@@ -166,7 +166,7 @@ def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
 def test_a_resumed_run_plans_only_what_is_missing(
     finger: Fingertip, whole: Run, cut: Callable[..., Path], solves: list[tuple[Any, ...]], index: int, new: int
 ) -> None:
-    """After 4 and after 6: both places, reference and preconditioning of the second block; after 8 nothing is owed."""
+    """After 4 and after 6: places, reference and preconditioning of the second block; after 8 nothing is owed."""
     stopped = read_stopped(cut(index))
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
     assert len(solves) == new

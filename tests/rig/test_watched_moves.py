@@ -130,7 +130,7 @@ def test_the_force_is_read_at_every_look_and_one_on_the_way_ends_the_motion_and_
 def _read_at_every_look(whole: Watched, motion: str) -> float:
     """Return how long the motion lasts.
 
-    Between two readings lie at most a stretch without a look (1.5), being late (1), settling and the devices' answers.
+    Between two readings lie at most a stretch without a look (1.5), being late (1), settling and the answers.
     """
     engine = whole.ready()
     at_rest_gwt, at_rest_s = engine.sensing.at_rest_gwt, list[float]()
