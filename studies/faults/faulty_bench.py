@@ -34,6 +34,8 @@ Change = Callable[[bytes], list[bytes]]
 class FaultyBench:
     """A finger of springs under real drivers; what the devices send can be changed on its way."""
 
+    _seen = NEVER  # the time and height of a look under way
+
     def __init__(self, folder: Path, tables: Mapping[str, Any]) -> None:
         self.config = config = Config.model_validate(tables)
         self.clock = clock = VirtualClock(1.7e9)
@@ -57,7 +59,6 @@ class FaultyBench:
         self.operator, self.pause = self, NO_PAUSE
         self.engine = Engine(config, self, self.journal, SOFT_TRIP_N)
         self.worst_n = 0.0
-        self._seen = NEVER
         self._look()
 
     def _stage_wire(self, line: SerialLine, name: str) -> LoopbackTransport:
