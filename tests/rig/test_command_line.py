@@ -104,6 +104,7 @@ def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
     assert asked["force_gwt"] == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.quick(rows=lambda tolerance, model: model == "halfspace")  # of the finger: sim/test_choice.py
 @pytest.mark.parametrize(("tolerance", "model"), [("60%", "halfspace"), ("0.05", "finger")])
 def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -> None:
     ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "auto",

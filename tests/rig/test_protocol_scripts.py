@@ -10,8 +10,10 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script, script_with
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 Fields = dict[str, Any]
 SCRIPT = """\
@@ -350,6 +352,12 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
     assert Plan().peak_force_gwt == 0.0
 
 
+@pytest.fixture(scope="module")
+def coarse() -> Fingertip:
+    """The default finger on few elements."""
+    return Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.34, 0.68)))
+
+
 @pytest.mark.parametrize(
     ("name", "settings", "steps"),
     [
@@ -365,7 +373,7 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
         ("paired_forces", "hold_s=1", 8),
     ],
 )
-def test_the_shipped_scripts_can_be_done(finger: Fingertip, name: str, settings: str, steps: int) -> None:
-    plan = make_plan(load_script(name, [settings]), Config(), finger)
+def test_the_shipped_scripts_can_be_done(coarse: Fingertip, name: str, settings: str, steps: int) -> None:
+    plan = make_plan(load_script(name, [settings]), Config(finger=coarse.config), coarse)
     assert len(plan.indentations) == steps
     assert 0 < plan.peak_force_gwt < 100
