@@ -143,8 +143,8 @@ TOGETHER = (
 
 # Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
 OTHER_ATTACKS = (
-    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
-    *("many_streams_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("half_requests_anew", "half_requests_of_many_addresses", "no_bytes", "slow_headers", "slow_bodies"),
+    *("many_streams_with_token", "foreign_streams", "slow_readers", "pages", "changes_without_token"),
     *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
 )
 
@@ -266,7 +266,9 @@ STUDIES = (
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
     "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
+    "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
     "test_site.py",  # `make docs`
 )
 
@@ -379,6 +381,12 @@ def _signals_as_in_the_foreground() -> None:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    if preloaded.POSSIBLE:
+        preloaded.fork_workers()
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -77,9 +77,8 @@ def test_its_emulator_makes_the_same_moves(tmp_path: Path) -> None:
     assert _client(f"xi-emu://{tmp_path / 'controller.bin'}") == MOVES
 
 
-@WAYS
-def test_the_driver_does_the_same_over_a_real_wire(tcp: int | None) -> None:
-    with _served(tcp) as ports:
+def test_the_driver_does_the_same_over_a_real_wire() -> None:
+    with _served(tcp=0) as ports:
         own = {"x_port": ports["x_port"]}
         config = Config.model_validate({"stage": {"kind": "standa", "port": ports["stage"], "standa": own}})
         with closing(open_stage(config, WallClock())) as stage:

@@ -64,9 +64,8 @@ def test_trinamics_own_client_homes_moves_and_stops_the_virtual_modules(tcp: int
     }
 
 
-@WAYS
-def test_the_driver_does_the_same_over_a_real_wire(tcp: int | None) -> None:
-    with _served(tcp) as port:
+def test_the_driver_does_the_same_over_a_real_wire() -> None:
+    with _served(tcp=None) as port:
         config = Config.model_validate({"stage": {"kind": "tmcl", "port": port}})
         with closing(open_stage(config, WallClock())) as stage:
             stage.connect()
