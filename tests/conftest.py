@@ -79,9 +79,7 @@ REAL_TIME = (
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
-    "rig/test_tmcl_client.py",
+    "rig/test_makers_clients.py",
     "rig/test_net_ft_clients.py",
     "rig/test_net_ft_driver.py::test_records_come_joined_and_another_datagram_alone",
     "rig/test_net_ft_driver.py::test_where_nothing_listens_it_is_an_error_and_then_goes_on",
@@ -296,9 +294,7 @@ LONG = (
     "sim/test_results.py",
     "rig/real_time/test_init_finds_devices.py",
     "rig/real_time/test_by_hand_process.py",
-    "rig/test_tmcl_client.py",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
+    "rig/test_makers_clients.py",
     "rig/real_time/test_panel_served.py",
     "rig/test_modbus_counterparties.py",
     "rig/real_time/test_bench_verbs.py",
@@ -348,7 +344,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
-_flush, _spawnv_passfds = os.fsync, multiprocessing.util.spawnv_passfds
+_flush = os.fsync
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Files of the cache, of up to 80 MB each.
@@ -452,7 +448,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
     if preloaded.POSSIBLE:
-        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else _spawnv_passfds
+        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else preloaded.SPAWN_ANEW
 
 
 def _unflushed(_: Any) -> None:

@@ -27,6 +27,7 @@ from sim.workers import TO_THE_GROUP
 from tests.waiting import until
 
 POSSIBLE = sys.platform == "linux"
+SPAWN_ANEW = getattr(multiprocessing.util, "spawnv_passfds", None)
 IMPORTED = (
     *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
     *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
