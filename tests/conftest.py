@@ -79,9 +79,7 @@ REAL_TIME = (
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
-    "rig/test_tmcl_client.py",
+    "rig/test_makers_clients.py",
     "rig/test_net_ft_clients.py",
     "rig/test_net_ft_driver.py::test_records_come_joined_and_another_datagram_alone",
     "rig/test_net_ft_driver.py::test_where_nothing_listens_it_is_an_error_and_then_goes_on",
@@ -140,8 +138,8 @@ TOGETHER = (
 
 # Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
 OTHER_ATTACKS = (
-    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
-    *("many_streams_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("half_requests_anew", "half_requests_of_many_addresses", "no_bytes", "slow_headers", "slow_bodies"),
+    *("many_streams_with_token", "foreign_streams", "slow_readers", "pages", "changes_without_token"),
     *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
 )
 
@@ -265,7 +263,9 @@ STUDIES = (
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
     "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
+    "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
     "test_site.py",  # `make docs`
 )
 
@@ -293,9 +293,7 @@ LONG = (
     "sim/test_results.py",
     "rig/real_time/test_init_finds_devices.py",
     "rig/real_time/test_by_hand_process.py",
-    "rig/test_tmcl_client.py",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
+    "rig/test_makers_clients.py",
     "rig/real_time/test_panel_served.py",
     "rig/test_modbus_counterparties.py",
     "rig/real_time/test_bench_verbs.py",
@@ -345,7 +343,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
-_flush, _spawnv_passfds = os.fsync, multiprocessing.util.spawnv_passfds
+_flush = os.fsync
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Files of the cache, of up to 80 MB each.
@@ -378,6 +376,12 @@ def _signals_as_in_the_foreground() -> None:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    if preloaded.POSSIBLE:
+        preloaded.fork_workers()
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -446,7 +450,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
     if preloaded.POSSIBLE:
-        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else _spawnv_passfds
+        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else preloaded.SPAWN_ANEW
 
 
 def _unflushed(_: Any) -> None:

@@ -14,7 +14,6 @@ _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the lock
 CANNOT = {
     "rig/panel/test_posts.py::test_a_stop_that_did_not_arrive_is_told": _SIGNALS,
     "rig/real_time/test_asked_from_elsewhere.py::test_a_run_whose_finger_is_lost_is_lifted_and_says_so": _NICE,
-    "rig/real_time/test_asked_from_elsewhere.py::test_the_finger_ends_with_its_run": _NICE,
     "rig/real_time/test_bench_verbs.py::test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives": _UNNAMED,
     "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
     "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[a person mounts]": _PIPES,
