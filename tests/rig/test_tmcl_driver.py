@@ -420,6 +420,27 @@ def test_a_search_that_does_not_begin_is_no_homing() -> None:
     assert not bench.stage.homed
 
 
+@pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
+def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any]) -> None:
+    """As by a search mode for the other switch: a millimeter, a look and the brakes."""
+    bench = bench_of(stage=own)
+    bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
+    z: Any = bench.board.z
+    per_mm = abs(bench.stage.steps_per_mm("z"))
+
+    def search() -> None:
+        z._go([(z._lowest, 5.0 * per_mm)])
+        z._searching = True
+
+    z.search = search
+    before = z.carriage_at(bench.clock.monotonic_s())
+    with raises(StageError, "homes_the_wrong_way", axis="z"):
+        bench.stage.home()
+    bench.stage.stop()
+    assert 1.0 < (before - z.carriage_at(bench.clock.monotonic_s())) / per_mm < 1.7
+    assert not bench.stage.homed
+
+
 def test_a_search_of_the_wrong_axis_is_stopped() -> None:
     """Motor and type have not changed places, but the number of the motor has."""
     bench = bench_of(homed=False)

@@ -28,14 +28,16 @@ from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
-from rig.engine import EngineError, TripError
+from rig.engine import EngineError, TripError, verbs
 from rig.errors import BadInputError, CountError, RunAborted
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session.orders import PressOrders, scope_of
 from rig.session.rehearsal_summary import Page, in_both_units
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.transport import TransportError
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
@@ -439,6 +441,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         problem: TripError | None = None,
         interrupt: Callable[[], bool] = _never,
         step: ChoosePress = SECOND,
+        lost: Callable[[Any], object] = lambda bench: None,
     ) -> tuple[int | None, Any]:
         script = load_script(str(here / "designed.py"))
         choosing = Choosing(REQUEST, TRUTH, Config(), some, few_times)
@@ -448,6 +451,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         engine = bench.ready()
         bench.interrupt = interrupt
         engine.stop_problem = lambda *, at_rest: problem
+        lost(bench)
         found = run.choose(engine, step)
         return found, bench
 
@@ -521,6 +525,37 @@ def test_a_stop_input_trips_during_the_wait(waiting: Callable[..., Any]) -> None
     with pytest.raises(TripError) as caught:
         waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", code="hardware_trip"))
     assert caught.value.code == "hardware_trip"
+
+
+@pytest.mark.parametrize(
+    ("lost", "error"),
+    [
+        (lambda bench: bench.stage.close(), TransportError),
+        (lambda bench: setattr(bench.balance, "mute", True), TripError),
+    ],
+    ids=["stage", "force sensor"],
+)
+def test_a_device_that_is_lost_ends_the_wait(
+    waiting: Callable[..., Any],
+    lost: Callable[[Any], object],
+    error: type[Exception],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(verbs, "REST_LOOK_S", 0.02)
+    with pytest.raises(error):
+        waiting(_Chooser(_never), within_s=600.0, lost=lost)
+
+
+@pytest.mark.parametrize("lost", [lambda bench: bench.stage.close(), lambda bench: bench.force.close()])
+def test_a_device_that_is_lost_ends_the_wait_for_an_order(
+    spring: Callable[..., Any], lost: Callable[[Any], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verbs, "REST_LOOK_S", 0.02)
+    bench = spring()
+    engine = bench.ready()
+    lost(bench)
+    with pytest.raises((TransportError, TripError)):
+        PressOrders(scope_of({"indentor": "bar:3.0", "force_gwt": 1.0})).next(engine)
 
 
 def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
