@@ -101,6 +101,42 @@ def test_what_is_wrong_and_where(tmp_path: Path, text: str, code: str, fields: d
     assert ("least" in caught.value.fields) is ("least" in fields)
 
 
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=;\nposition_mm;rate\n-1,5;4\n0;8,5\n1;3\n",
+        "position_mm;rate;;\n-1,5;4;;\n0;8,5;;\n1;3;;\n;;;\n",
+        "\ufeffposition_mm;rate\r\n-1,5;4;\r\n0;8,5;\r\n1;3;\r\n",
+        ";;\n# from the amplifier\nposition_mm;rate\n-1,5;4\n0;8,5\n1;3\n",
+        "position_mm\trate\n−1.5\t4\n0\t8.5\n1\t3\n",
+    ],
+    ids=["separator line", "empty columns", "rows end with a separator", "empty line above", "sign of minus"],
+)
+def test_what_spreadsheets_write_is_read(tmp_path: Path, text: str) -> None:
+    found = read_srp(written(tmp_path, text))
+    np.testing.assert_array_equal(found.position_mm, [-1.5, 0.0, 1.0])
+    np.testing.assert_array_equal(found.rate, [4.0, 8.5, 3.0])
+
+
+def test_cells_right_of_the_header_are_not_left_out(tmp_path: Path) -> None:
+    with raises(RecordingError, "cells_of_row", row=2, cells=3, columns=2):
+        read_srp(written(tmp_path, "position_mm;rate;\n0;1;2\n1;2;\n2;3;\n"))
+
+
+@pytest.mark.parametrize("cell", ["", "NaN", "n/a"])
+def test_a_row_without_a_count_says_what_to_do(tmp_path: Path, cell: str) -> None:
+    text = f"position_mm,count,window_s\n0,3,1\n1,{cell},1\n2,4,1\n"
+    with raises(RecordingError, "no_number", row=3, column="count", cell=cell) as caught:
+        read_srp(written(tmp_path, text))
+    assert "delete rows without data" in str(caught.value)
+
+
+def test_a_wrong_header_says_what_was_read_and_how_to_name_it(tmp_path: Path) -> None:
+    with raises(RecordingError, "no_column", column="position_mm", read="Position (mm), Rate") as caught:
+        read_srp(written(tmp_path, "Position (mm);Rate\n0;1\n"))
+    assert "--columns" in str(caught.value)
+
+
 def test_a_window_makes_counts_of_rates_also_of_normalised_ones() -> None:
     found = recording("x", [(0.0, 4.0, np.nan), (1.0, 8.0, np.nan), (2.0, 6.0, np.nan)], window_s=0.5)
     assert found.window_s == 0.5
