@@ -420,6 +420,10 @@ def test_a_search_that_does_not_begin_is_no_homing() -> None:
     assert not bench.stage.homed
 
 
+RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
+OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
+
+
 @pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
 def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any]) -> None:
     """As by a search mode for the other switch: a millimeter, a look and the brakes."""
