@@ -3,10 +3,10 @@
 x = low-pass(dm/dt), I = s (a₊ [x]₊ + a₋ [−x]₊) less a slow threshold, then c·I / (c + I), m = √SED / √SED₀
 
 The square root of SED is linear in the strain, so that its rate has no term in position: the class is silent in a
-hold. The low-pass is a Butterworth filter of third order. Its corner, a₋, c and the whole membrane are medians of the
+hold. The low-pass is a Butterworth filter of third order. Its corner, c and the whole membrane are medians of the
 nine RA afferents of Saal et al. (2017, PNAS 114:E5693), in units of this integrator: V is −7.3 when their fast
 current after a spike ends, and their slow one peaks at 1.74. Slow threshold: Leung et al. (2005, J Neurophysiol).
-SED₀ is fitted; `docs/validation/nerve.md` names the published response that it was fitted to.
+SED₀ and a₋ are fitted; `docs/validation/nerve.md` names the published responses that they were fitted to.
 """
 
 from dataclasses import dataclass
@@ -49,9 +49,9 @@ class RA:
         Depth of Meissner corpuscles below the skin (mm).
     """
 
-    reference_sed: float = 14800.0
+    reference_sed: float = 10600.0
     corner_hz: float = 117.0
-    falling: float = 0.75
+    falling: float = 0.3
     most: float = 3400.0
     slow_share: float = 0.3
     slow_tau_s: float = 15.0

@@ -184,22 +184,23 @@ def bar(scenes: Scenes) -> Iterator[Row]:
         )
 
 
-def silent(scenes: Scenes) -> Iterator[Row]:
-    """Test 9: on, hold and off."""
+def on_and_off(scenes: Scenes, name: str, seed: int, spread: float | None = None) -> tuple[float, float, float]:
+    """Return impulses in the hold, those off over those on, and the mean from 20 ms after retraction starts."""
     stimulus, on_s = ramp(1.0, 30.0, 1.0), 0.1 + 1 / 30
     off_s = on_s + 1.0
+    signal = scenes.probe(name).signal(stimulus, STEP_S, 1.8)
+    trains = fired(scenes.classes[name], signal, sensitivities(name, seed, spread=spread), seed)
+    on, hold, off = (
+        counts(trains, *window).sum() for window in ((0, on_s + 0.1), (on_s + 0.1, off_s - 0.02), (off_s - 0.02, 1.8))
+    )
+    return float(hold), float(off / on), float(counts(trains, off_s + 0.02, 1.8).mean())
+
+
+def silent(scenes: Scenes) -> Iterator[Row]:
+    """Test 9: on, hold and off."""
     for name in ("RA", "PC", "SA1"):
-        model, found = scenes.classes[name], []
-        signal = scenes.probe(name).signal(stimulus, STEP_S, 1.8)
-        for seed in SEEDS:
-            trains = fired(model, signal, sensitivities(name, seed), seed)
-            on, hold, off = (
-                counts(trains, *window)
-                for window in ((0, on_s + 0.1), (on_s + 0.1, off_s - 0.02), (off_s - 0.02, 1.8))
-            )
-            late = counts(trains, off_s + 0.02, 1.8)
-            found.append((hold.sum(), off.sum() / on.sum(), late.mean()))
-        holds, ratios, lates = (list(map(float, column)) for column in zip(*found, strict=True))
+        found = [on_and_off(scenes, name, seed) for seed in SEEDS]
+        holds, ratios, lates = (list(column) for column in zip(*found, strict=True))
         if name == "SA1":
             ours = f"{over_seeds(lates)} impulses from 20 ms after retraction starts"
             passed, known = max(lates) <= 1.0, "nothing on retraction"
@@ -591,28 +592,30 @@ def best_frequencies(scenes: Scenes) -> Iterator[Row]:
     )
 
 
+def entrained(scenes: Scenes, seed: int, spread: float | None = None) -> tuple[float, float, float, float]:
+    """Return I1 / I0, the 1 : 1 plateau of RA at 40 Hz in octaves, its vector strength and the lowest I0."""
+    model, skin = scenes.classes["RA"], scenes.probe("RA")
+    gains = sensitivities("RA", seed, 30, spread)
+    i0, i1 = (thresholds(scenes, "RA", 40.0, gains, every, seed) for every in (False, True))
+    reached = i1 < 450.0 / 4
+    gains, i0, i1 = gains[reached], i0[reached], i1[reached]
+    levels = np.geomspace(1, 4, 17)
+    per_cycle, strength = [], 0.0
+    for level in levels:
+        trains = fired(model, vibrated(skin, 40.0, np.minimum(i1 * level, 450.0), 1.0), gains, seed, SETTLED_S)
+        per_cycle.append(counts(trains, SETTLED_S + 0.1, SETTLED_S + 0.9) / 32)
+        if level == levels[2]:
+            phases = [np.exp(2j * np.pi * 40.0 * t[t > SETTLED_S + 0.1]) for t in trains]
+            strength = float(np.median([abs(p.mean()) for p in phases]))
+    inside = np.abs(np.array(per_cycle) - 1) <= 0.05
+    ends = [levels[np.argmin(np.append(one, False)) - 1] if one[0] else 1.0 for one in inside.T]
+    return float(np.median(i1 / i0)), float(np.log2(np.median(ends))), strength, float(i0.min())
+
+
 def entrainment(scenes: Scenes) -> Iterator[Row]:
     """Test 16: RA at 40 Hz."""
-    model, skin = scenes.classes["RA"], scenes.probe("RA")
-    ratios, octaves, strengths, lowest = [], [], [], []
-    for seed in SEEDS:
-        gains = sensitivities("RA", seed, 30)
-        i0, i1 = (thresholds(scenes, "RA", 40.0, gains, every, seed) for every in (False, True))
-        reached = i1 < 450.0 / 4
-        gains, i0, i1 = gains[reached], i0[reached], i1[reached]
-        ratios.append(float(np.median(i1 / i0)))
-        lowest.append(float(i0.min()))
-        levels = np.geomspace(1, 4, 17)
-        per_cycle = []
-        for level in levels:
-            trains = fired(model, vibrated(skin, 40.0, np.minimum(i1 * level, 450.0), 1.0), gains, seed, SETTLED_S)
-            per_cycle.append(counts(trains, SETTLED_S + 0.1, SETTLED_S + 0.9) / 32)
-            if level == levels[2]:
-                phases = [np.exp(2j * np.pi * 40.0 * t[t > SETTLED_S + 0.1]) for t in trains]
-                strengths.append(float(np.median([abs(p.mean()) for p in phases])))
-        inside = np.abs(np.array(per_cycle) - 1) <= 0.05
-        ends = [levels[np.argmin(np.append(one, False)) - 1] if one[0] else 1.0 for one in inside.T]
-        octaves.append(float(np.log2(np.median(ends))))
+    found = [entrained(scenes, seed) for seed in SEEDS]
+    ratios, octaves, strengths, lowest = (list(column) for column in zip(*found, strict=True))
     yield Row(
         "16, RA",
         "40 Hz, rising amplitude",

@@ -31,8 +31,8 @@ ARRAY_MM = 1.6
 PIN_RADIUS_MM = 0.25
 PIN_PITCH_MM = 0.83
 """Spacing of the pins of the array: 73 sites on 50 mm² of skin (Vega-Bermudez and Johnson 1999)."""
-PINNED_MESH_MM = 0.125
-"""Size of elements under the array, in both directions, so that 13 nodes lie under a pin of 0.5 mm."""
+PINNED_MESH_MM = 0.17
+"""Size of elements under the array, in both directions, as under any round shape."""
 SITES_MM = np.round(np.arange(-2.4, 2.41, 0.4), 2)
 """Places of receptors relative to the pin, in both directions (mm)."""
 

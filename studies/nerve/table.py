@@ -35,7 +35,7 @@ FITTED = {
     ("SA1", "reference_sed"): "fitted on test 11",
     ("RA", "reference_sed"): "fitted on test 11",
     ("PC", "reference_sed"): "fitted on test 12",
-    ("RA", "falling"): "Saal et al. (2017), median of nine",
+    ("RA", "falling"): "fitted on tests 9, 11 and 16",
     ("RA", "most"): "Saal et al. (2017), median of nine",
     ("PC", "most"): "fitted on test 12",
     ("SA1", "membrane"): "τ Freeman and Johnson (1982); noise fitted on test 5",
@@ -46,7 +46,7 @@ FITTED = {
     ("RA", "corner_hz"): "Saal et al. (2017), median of nine",
     ("PC", "corner_hz"): "Saal et al. (2017)",
     ("SA1", SPREAD): "thresholds of Johansson and Vallbo (1979), 2 to 3",
-    ("RA", SPREAD): "fitted on test 11, between 2 and 3",
+    ("RA", SPREAD): "fitted on tests 9, 11 and 16, between 2 and 3",
     ("PC", SPREAD): "thresholds of Johansson and Vallbo (1979), 2 to 3",
 }
 """Where each parameter comes from; the others are anatomy."""
