@@ -213,7 +213,7 @@ def silent(scenes: Scenes) -> Iterator[Row]:
             known,
             ours,
             bool(passed),
-            remark="speed chosen on it",
+            remark="a₋, spread fitted; speed chosen on it" if name == "RA" else "speed chosen on it",
         )
 
 
@@ -507,7 +507,7 @@ def muniak(scenes: Scenes) -> Iterator[Row]:
             + f"; median |e| {over_seeds(medians)}, |mean e| {mean:.2f}",
             bool(median <= 0.5 and mean <= 0.3 and flat <= 1.05 * frequency),
             touchsim,
-            "gain fitted",
+            "gain, a₋, spread fitted" if name == "RA" else "gain fitted",
         )
 
 
@@ -623,6 +623,7 @@ def entrainment(scenes: Scenes) -> Iterator[Row]:
         f"plateau {over_seeds(octaves, 1)} octaves; vector strength {over_seeds(strengths)}; I1/I0 "
         f"{over_seeds(ratios, 1)}; lowest I0 {np.mean(lowest):.0f} µm",
         bool(np.mean(octaves) >= 1 and np.mean(strengths) >= 0.8),
+        remark="a₋, spread fitted",
     )
 
 

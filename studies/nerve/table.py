@@ -53,18 +53,18 @@ FITTED = {
 
 
 CAUSES = {
-    "2, SA1": "at 50 µm the noise of the plate's own rate makes the field; strain at 1.6 mm is beyond small strain",
-    "2, RA": "beside the plate's SED the pin's changes √SED little; it covers few nodes of the mesh",
-    "3, RA": "as test 2",
+    "2, SA1": "one receptor for an afferent that has several; strain at 1.6 mm is beyond small strain",
+    "2, RA": "one receptor for an afferent that has 12 to 17 (Johansson 1978); the array's own SED is large",
+    "3, RA": "as test 2; nothing saturates",
     "4, SA1": "noise fitted on test 5, where intervals vary more",
-    "7, RA": "one spread of sensitivity for depth and speed; the probe and the speed of the source are not stated",
+    "7, RA": "monkeys' vibration sets the gain; the probe and the speed of the source are not stated",
     "7, PC": "the corners of our ramp, 10 ms, set its acceleration",
-    "8, PC": "one impulse at each end of the ramp, whatever its speed",
-    "10, RA": "driven by √SED, whose profile under the step is that of SA1's SED",
+    "8, PC": "few impulses a ramp, so that single ones decide which curve fits",
+    "10, RA": "driven by √SED at one receptor, whose profile under the step is that of SA1's SED",
     "14, all": "thresholds of the classes at their preload",
     "15, all": "thresholds are read to 5 %, too coarse for slow changes",
     "16, RA": "the off-response begins before an octave",
-    "17, all": "noise is small beside the drive where half of the cycles fire",
+    "17, all": "SA1 turns at 32 Hz (published: 5 Hz), as late as RA: its noise is large beside its drive",
 }
 """Likely cause of each failure."""
 
