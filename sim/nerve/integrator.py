@@ -113,7 +113,7 @@ class Membranes:
         self._kick = membrane.noise * float(np.sqrt(1 - self._decay**2))
         self._v = np.zeros((afferents, sites))
         self._silent_until_s = np.full(afferents, -1.0)
-        since_s = np.arange(math.ceil(AFTER_ENDS_S / self._short_s) + 1) * self._short_s
+        since_s = self._short_s * np.arange(math.ceil(AFTER_ENDS_S / self._short_s) + 1, dtype=float)
         self._after = membrane.after * after_current(since_s) if membrane.after else np.empty(0)
         self.step = 0
         """Number of steps so far."""
