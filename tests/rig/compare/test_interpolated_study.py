@@ -77,16 +77,15 @@ def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_pat
     told = json.loads(rig(nine, "--json", "--out", tmp_path / "again.csv")[0])
     assert (told["interpolated"], told["interpolation_text"]) == (9, HOW_MADE)
     assert rows(tmp_path / "again.csv") == near
-    out, err = rig(nine, "--exact", "--out", tmp_path / "exact.csv")
-    assert HOW_MADE not in out
+    out, err = rig(nine, "--exact", "--json", "--out", tmp_path / "exact.csv")
+    told = json.loads(out)
+    assert (told["interpolated"], told["interpolation_text"]) == (0, None)
     assert "full builds" not in err
     exact = rows(tmp_path / "exact.csv")
     assert [row["model"] for row in exact] == ["finger"] * 9
     for one, other in zip(near, exact, strict=True):
         assert one["force_gwt"] != other["force_gwt"]
         assert float(one["force_gwt"]) == pytest.approx(float(other["force_gwt"]), rel=0.01)
-    told = json.loads(rig(nine, "--exact", "--json")[0])
-    assert (told["interpolated"], told["interpolation_text"]) == (0, None)
 
 
 def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:
