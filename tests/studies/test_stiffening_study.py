@@ -12,8 +12,6 @@ from sim.models.stiffening import (
     FORCE,
     FORCE_ERROR,
     SED_ERROR,
-    DimensionlessPress,
-    ForceFactor,
     ReceptorPress,
 )
 from studies.registry import expanded, read_table, tables_in
@@ -167,20 +165,6 @@ def test_strains_have_the_root_of_energy_without_its_law() -> None:
     for part, most, twin in (("fitted", 0.145, 0.22), ("held back", 0.165, 0.21), ("afterwards", 0.185, 0.26)):
         there = within & [one.part == part for one in seen]
         assert np.sqrt(np.mean(ours[there] ** 2)) < most < twin < np.sqrt(np.mean(linear[there] ** 2))
-
-
-def test_numbers_are_found_again() -> None:
-    chance = np.random.default_rng(1)
-    low, high = (0.05, 0.2, 0.5, 0.0, 0.02, 0.5), (0.6, 3.0, 5.0, 0.4, 0.5, 3.0)
-    presses = [DimensionlessPress(*values) for values in chance.uniform(low, high, (90, 6))]
-    draft = [
-        StiffeningSample("f", "s", a, 1.0, p, 0.0) for p, a in zip(presses, np.tile((0.0, 0.3, 1.0), 30), strict=True)
-    ]
-    truth = FORCE._replace(arch=0.3, squeeze=1.0, strain=9.0)
-    exact = [one._replace(log=float(e)) for one, e in zip(draft, errors(draft, truth), strict=True)]
-    found = fitted(exact, FORCE)
-    assert type(found) is ForceFactor
-    assert np.abs(errors(exact, found)).max() < 1e-3
 
 
 def test_every_path_of_every_finger_is_a_scene() -> None:
