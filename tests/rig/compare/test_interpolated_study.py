@@ -2,17 +2,17 @@
 
 import csv
 import json
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main, study
+from rig.cli import study
 from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
+from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 NINE = f"""\
@@ -42,21 +42,14 @@ def nine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+def rig(monkeypatch: pytest.MonkeyPatch, program: Program) -> Said:
     """Run it here, in this process: standard output and standard error."""
-
-    def here(function: Callable[[Any], Any], items: Sequence[Any], *_: object) -> Iterator[Any]:
-        return map(function, items)
-
-    monkeypatch.setattr(study, "spread", here)
+    monkeypatch.setattr(study, "spread", lambda function, items, *_: map(function, items))
 
     def run(*words: object) -> tuple[str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", "study", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code
-        printed = capsys.readouterr()
-        return printed.out, printed.err
+        ended = program("study", *words)
+        assert ended.code == 0, ended.err
+        return ended.out, ended.err
 
     return run
 
