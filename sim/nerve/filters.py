@@ -85,6 +85,25 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: Fil
     return np.maximum(0.0, drive - share * (drive - fading(drive, tau_s, step_s, memory)))
 
 
+def strongest(drive: Array) -> Array:
+    """Return the drive of each afferent, that of its end organ with the largest at every instant.
+
+    The branch that fires first resets the others, so that one end organ paces the axon (Horch, Whitehorn and Burgess
+    1974, J Neurophysiol; Lesniak et al. 2014, eLife).
+
+    Parameters
+    ----------
+    drive : ndarray of shape (n_afferents, n_organs, n_samples) or (n_afferents, n_samples)
+        Drive at each end organ, or at the only one.
+
+    Returns
+    -------
+    ndarray of shape (n_afferents, n_samples)
+        The largest.
+    """
+    return drive if drive.ndim == 2 else np.asarray(drive.max(axis=1))
+
+
 def derivative_low_pass(
     signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2], memory: FilterMemory | None = None
 ) -> Array:

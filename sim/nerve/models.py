@@ -38,6 +38,10 @@ class AfferentModel(Protocol):
         Time constant, refractory time and noise of a spike site.
     sites : int
         Number of spike sites.
+    organs : int
+        Number of end organs of an afferent.
+    field_mm : float
+        Diameter of the disc in which they lie (mm).
     """
 
     @property
@@ -52,6 +56,12 @@ class AfferentModel(Protocol):
     @property
     def sites(self) -> int: ...
 
+    @property
+    def organs(self) -> int: ...
+
+    @property
+    def field_mm(self) -> float: ...
+
     def measure(self, measures: dict[str, Array]) -> Array:
         """Return the signal at receptors, shape (n_receptors,), from the measures there."""
         ...
@@ -59,8 +69,8 @@ class AfferentModel(Protocol):
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent in units of the rheobase, shape (n_afferents, n_samples).
 
-        The signal has a row for each afferent, or one for all. With a memory it continues earlier blocks, and filters
-        take what they need from there.
+        The signal has a row for each afferent, or one for all: samples, or end organs with samples each. With a
+        memory it continues earlier blocks, and filters take what they need from there.
         """
         ...
 
@@ -79,7 +89,7 @@ def spikes_of(
     model : AfferentModel
         The class.
     signal : Signal
-        The measure at the receptor of each afferent, or one row for all.
+        The measure at the end organs of each afferent, or one row for all.
     sensitivity : array_like of shape (n_afferents,)
         Sensitivity of each afferent, more than 0.
     seeds : sequence of int or of sequences of int
@@ -96,7 +106,7 @@ def spikes_of(
         If the numbers of afferents differ, a sensitivity is not positive, or the signal is not finite or too long.
     """
     gains = np.atleast_1d(np.asarray(sensitivity, dtype=float))
-    rows, samples = signal.value.shape
+    rows, samples = signal.value.shape[0], signal.value.shape[-1]
     if len(seeds) != len(gains) or rows not in (1, len(gains)):
         raise ArgumentError(
             "{sensitivities} sensitivities, {seeds} seeds and {signals} signals: there must be one of each for every "
@@ -111,12 +121,12 @@ def spikes_of(
     if not np.isfinite(signal.value).all():
         raise ArgumentError("the signal at a receptor must be finite", code="bad_signal")
     samples *= max(1, int(np.ceil(signal.step_s / _MOST_STEP_S - 1e-9)))
-    if len(gains) * samples > MOST_SAMPLES:
+    if max(len(gains), signal.value[..., 0].size) * samples > MOST_SAMPLES:
         raise ArgumentError(
             "{samples} samples of all afferents together; must be at most {most}: take a longer step or fewer "
             "afferents at once",
             code="too_many_samples",
-            samples=len(gains) * samples,
+            samples=max(len(gains), signal.value[..., 0].size) * samples,
             most=MOST_SAMPLES,
         )
     signal = _finer(signal)

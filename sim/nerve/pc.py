@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass
+from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, strongest
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -45,6 +45,10 @@ class PC:
         Name in tables and options.
     depth_mm : float
         Depth of Pacinian corpuscles below the skin (mm).
+    organs : int
+        Number of end organs of an afferent.
+    field_mm : float
+        Diameter of the disc in which they lie (mm).
     """
 
     reference_sed: float = 1.82e7
@@ -56,6 +60,8 @@ class PC:
     membrane: Membrane = MEMBRANE
     name: str = "PC"
     depth_mm: float = 1.8
+    organs: int = 1
+    field_mm: float = 0.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
         """Return m at receptors from the 18 measures."""
@@ -64,6 +70,6 @@ class PC:
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
         rate = derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 2, memory)
-        x = np.asarray(sensitivity)[:, None] * rate
+        x = np.asarray(sensitivity)[:, None] * strongest(rate)
         drive = adapted(np.maximum(0.0, x), self.slow_share, self.slow_tau_s, signal.step_s, memory)
         return self.most * drive / (self.most + drive)

@@ -10,6 +10,7 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import overload
 
 import numpy as np
@@ -83,7 +84,7 @@ MOST_AFFERENTS = 2000
 
 @dataclass(frozen=True)
 class SimulatedAfferent:
-    """One afferent with a receptor under the pad.
+    """One afferent with its end organs under the pad.
 
     Attributes
     ----------
@@ -92,7 +93,7 @@ class SimulatedAfferent:
     number : int
         Number within its class, from 1.
     x_mm, along_mm : float
-        Place of the receptor across the finger, and along it from the receptor plane (mm).
+        Center of its field across the finger, and along it from the receptor plane (mm).
     sensitivity : float
         Factor of the receptor's signal.
     velocity_m_s : float
@@ -101,6 +102,8 @@ class SimulatedAfferent:
         Delay at the receptor (s).
     seed : int
         Seed of its noise.
+    organs_mm : tuple of tuple of float
+        Place of each end organ from the center, across the finger and along it (mm). Default: one at the center.
     """
 
     model: str
@@ -111,6 +114,7 @@ class SimulatedAfferent:
     velocity_m_s: float
     receptor_delay_s: float
     seed: int
+    organs_mm: tuple[tuple[float, float], ...] = ((0.0, 0.0),)
 
     @property
     def name(self) -> str:
@@ -241,17 +245,36 @@ class AfferentPopulation(Sequence[Afferent]):
         names = dict.fromkeys(one.model for one in self)
         return {name: [k for k, one in enumerate(self) if one.model == name] for name in names}
 
+    @cached_property
+    def organs(self) -> tuple[NDArray[np.intp], ...]:
+        """Indices of the end organs of each afferent among those of all."""
+        ends = np.cumsum([0, *(len(one.organs_mm) for one in self)])
+        return tuple(np.arange(begin, end) for begin, end in pairwise(ends))
+
+    def organs_of(self, afferents: Sequence[int]) -> NDArray[np.intp]:
+        """Return the indices of the end organs of some afferents, (n, n_organs).
+
+        Those of an afferent that has fewer than another are repeated, which leaves the strongest as it is.
+        """
+        most = max(len(self.organs[k]) for k in afferents)
+        return np.array([np.resize(self.organs[k], most) for k in afferents])
+
     def points_mm(self, finger: Fingertip) -> Array:
-        """Return the receptors of all afferents in a finger, (n, 3) in mm."""
-        x = [one.x_mm for one in self]
-        depth = [self.models[one.model].depth_mm for one in self]
-        z = [finger.config.receptor_plane_mm + one.along_mm for one in self]
-        return finger.points_below(x, depth, z)
+        """Return the end organs of all afferents in a finger, (n_organs of all, 3) in mm."""
+        x, depth, along = np.array(
+            [
+                (one.x_mm + x_mm, self.models[one.model].depth_mm, one.along_mm + along_mm)
+                for one in self
+                for x_mm, along_mm in one.organs_mm
+            ]
+        ).T
+        return finger.points_below(x, depth, finger.config.receptor_plane_mm + along)
 
     def measure(self, measures: dict[str, Array]) -> Array:
-        """Return each afferent's own measure, (n,), from the 18 measures at all receptors."""
-        found = np.empty(len(self))
-        for name, mine in self.groups.items():
+        """Return each end organ's measure, (n_organs of all,), from the 18 measures at all of them."""
+        found = np.empty(sum(map(len, self.organs)))
+        for name, afferents in self.groups.items():
+            mine = np.concatenate([self.organs[k] for k in afferents])
             found[mine] = self.models[name].measure({key: values[mine] for key, values in measures.items()})
         return found
 
@@ -263,7 +286,7 @@ class AfferentPopulation(Sequence[Afferent]):
         x_mm: float = 0.0,
         z_mm: float | None = None,
     ) -> SkinUnderIndentor:
-        """Return the signals at all receptors while an indentor moves over one place.
+        """Return the signals at all end organs while an indentor moves over one place.
 
         Parameters
         ----------
@@ -279,7 +302,7 @@ class AfferentPopulation(Sequence[Afferent]):
         Returns
         -------
         SkinUnderIndentor
-            Signals against depth, in the order of the afferents.
+            Signals at end organs against depth, in the order of the afferents.
         """
         points = self.points_mm(finger)
         presses = table_of_presses(finger, indentor, deepest_mm, x_mm, z_mm)
@@ -291,7 +314,7 @@ class AfferentPopulation(Sequence[Afferent]):
         Parameters
         ----------
         signal : Signal
-            Signals in the order of the afferents.
+            Signals at end organs, in the order of `points_mm`.
 
         Returns
         -------
@@ -300,7 +323,7 @@ class AfferentPopulation(Sequence[Afferent]):
         """
         found: list[Array] = [np.empty(0)] * len(self)
         for name, mine in self.groups.items():
-            part = Signal(signal.step_s, signal.value[mine])
+            part = Signal(signal.step_s, signal.value[self.organs_of(mine)])
             sensitivity = [self[k].sensitivity for k in mine]
             own = spikes_of(self.models[name], part, sensitivity, [self[k].seed for k in mine])
             for k, one in zip(mine, own, strict=True):
@@ -518,7 +541,7 @@ def draw(
                     code="no_room", model=one.model, count=one.count, spacing_mm=_spacing_mm(density, one.model),
                 )  # fmt: skip
             numbers[one.model] = numbers.get(one.model, 0) + 1
-            found.append(_afferent(one.model, numbers[one.model], place, seed))
+            found.append(_afferent(finger, models[one.model], one.model, numbers[one.model], place, seed))
     return AfferentPopulation(found, models)
 
 
@@ -607,18 +630,56 @@ def _near(places: Array, at: Array, distance_mm: float) -> bool:
     return len(places) > 0 and bool(np.hypot(*(places - at).T).min() < distance_mm)
 
 
-def _afferent(model: str, number: int, place_mm: tuple[float, float], seed: int) -> Afferent:
-    generator = _generator(seed, model, number)
-    mean, sd, lowest, highest = VELOCITY_M_S.get(model, _OTHER_VELOCITY_M_S)
+def draw_organs(
+    model: AfferentModel,
+    generator: np.random.Generator,
+    has_tissue: Callable[[float, float], bool] = lambda x_mm, along_mm: True,
+) -> tuple[tuple[float, float], ...]:
+    """Return the places of the end organs of one afferent.
+
+    Parameters
+    ----------
+    model : AfferentModel
+        Its class.
+    generator : numpy.random.Generator
+        The afferent's own.
+    has_tissue : callable, optional
+        Whether there is tissue at a place from the center of the field (mm); others are drawn again.
+
+    Returns
+    -------
+    tuple of tuple of float
+        Places from the center across the finger and along it (mm), even in a disc; a single one is at the center.
+    """
+    if model.organs == 1:
+        return ((0.0, 0.0),)
+    found: list[tuple[float, float]] = []
+    while len(found) < model.organs:
+        radius, angle = 0.5 * model.field_mm * math.sqrt(generator.uniform()), 2 * math.pi * generator.uniform()
+        at = round(radius * math.cos(angle), 3), round(radius * math.sin(angle), 3)
+        if has_tissue(*at):
+            found.append(at)
+    return tuple(found)
+
+
+def _afferent(
+    finger: Fingertip, model: AfferentModel, name: str, number: int, place_mm: tuple[float, float], seed: int
+) -> Afferent:
+    generator = _generator(seed, name, number)
+    mean, sd, lowest, highest = VELOCITY_M_S.get(name, _OTHER_VELOCITY_M_S)
     velocity = lowest - 1.0
     while not lowest <= velocity <= highest:
         velocity = float(generator.normal(mean, sd))
+    has_tissue = _has_tissue(finger, model)
     return Afferent(
-        model,
+        name,
         number,
         *place_mm,
-        sensitivity=float(sensitivity_of(model, generator.standard_normal())),
+        sensitivity=float(sensitivity_of(name, generator.standard_normal())),
         velocity_m_s=velocity,
         receptor_delay_s=float(generator.uniform(*AT_THE_RECEPTOR_S)),
         seed=int(generator.integers(2**63)),
+        organs_mm=draw_organs(
+            model, generator, lambda x_mm, along_mm: has_tissue(place_mm[0] + x_mm, place_mm[1] + along_mm)
+        ),
     )

@@ -2,6 +2,11 @@
 
 x = low-pass(dm/dt), I = s (a₊ [x]₊ + a₋ [−x]₊) less a slow threshold, then c·I / (c + I), m = √SED / √SED₀
 
+An afferent has several end organs; the one with the largest a₊ [x]₊ + a₋ [−x]₊ paces it. Number: the 12 to 17 zones
+of maximal sensitivity in a human field (Johansson 1978, J Physiol 281:101; from memory). They lie within 3 to 5 mm of
+a monkey's skin (Johnson 2001, Curr Opin Neurobiol 11:455; from memory), the diameter of a human field too (13 mm²,
+Johansson and Vallbo 1980; from memory).
+
 The square root of SED is linear in the strain, so that its rate has no term in position: the class is silent in a
 hold. The low-pass is a Butterworth filter of third order. Its corner, c and the whole membrane are medians of the
 nine RA afferents of Saal et al. (2017, PNAS 114:E5693), in units of this integrator: V is −7.3 when their fast
@@ -14,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass
+from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, strongest
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -47,6 +52,10 @@ class RA:
         Name in tables and options.
     depth_mm : float
         Depth of Meissner corpuscles below the skin (mm).
+    organs : int
+        Number of end organs of an afferent.
+    field_mm : float
+        Diameter of the disc in which they lie (mm).
     """
 
     reference_sed: float = 10600.0
@@ -59,6 +68,8 @@ class RA:
     membrane: Membrane = MEMBRANE
     name: str = "RA"
     depth_mm: float = 0.6
+    organs: int = 14
+    field_mm: float = 4.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
         """Return m at receptors from the 18 measures."""
@@ -67,8 +78,7 @@ class RA:
     def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
         rate = derivative_low_pass(signal.value, self.corner_hz, signal.step_s, 1, memory)
-        x = np.asarray(sensitivity)[:, None] * rate
-        drive = adapted(
-            np.where(x > 0, x, -self.falling * x), self.slow_share, self.slow_tau_s, signal.step_s, memory
-        )
+        x = strongest(np.where(rate > 0, rate, -self.falling * rate))
+        x = np.asarray(sensitivity)[:, None] * x
+        drive = adapted(x, self.slow_share, self.slow_tau_s, signal.step_s, memory)
         return self.most * drive / (self.most + drive)

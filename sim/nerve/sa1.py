@@ -2,6 +2,10 @@
 
 I(t) = [s Σᵢ kᵢ ∫ exp(−(t − u)/τᵢ) dm(u) − θ]₊ less a slow threshold, m = SED / SED₀
 
+An afferent has several end organs; the one with the largest sum paces it. Number: the four to seven zones of maximal
+sensitivity in a human field (Johansson 1978, J Physiol 281:101; from memory). They lie in 5 mm² of a monkey's skin (Johnson 2001,
+Curr Opin Neurobiol 11:455; from memory).
+
 Each spike site has its own noise; the first at the threshold of the membrane resets all. Form and time constants of
 the memories: Gerling et al. (2018, PLoS Comput Biol), for mouse skin; several sites: Lesniak et al. (2014, eLife);
 slow threshold: Leung et al. (2005, J Neurophysiol). The weights k, the threshold θ, SED₀ and the noise are fitted;
@@ -13,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.nerve.filters import FilterMemory, adapted, fading
+from sim.nerve.filters import FilterMemory, adapted, fading, strongest
 from sim.nerve.integrator import Membrane
 from sim.nerve.skin import Signal
 
@@ -46,6 +50,10 @@ class SA1:
         Name in tables and options.
     depth_mm : float
         Depth of Merkel cells below the skin (mm), at the tips of the intermediate ridges.
+    organs : int
+        Number of end organs of an afferent.
+    field_mm : float
+        Diameter of the disc in which they lie (mm).
     """
 
     weights: tuple[float, ...] = (3.2, 2.2, 0.25, 1.0)
@@ -58,6 +66,8 @@ class SA1:
     membrane: Membrane = MEMBRANE
     name: str = "SA1"
     depth_mm: float = 0.75
+    organs: int = 5
+    field_mm: float = 2.5
 
     def measure(self, measures: dict[str, Array]) -> Array:
         """Return m at receptors from the 18 measures."""
@@ -67,5 +77,5 @@ class SA1:
         """Return the current of each afferent, shape (n_afferents, n_samples)."""
         terms = zip(self.weights, self.tau_s, strict=True)
         total = sum(k * fading(signal.value, tau_s, signal.step_s, memory) for k, tau_s in terms)
-        drive = np.maximum(0.0, np.asarray(sensitivity)[:, None] * total - self.threshold)
+        drive = np.maximum(0.0, np.asarray(sensitivity)[:, None] * strongest(np.asarray(total)) - self.threshold)
         return adapted(drive, self.slow_share, self.slow_tau_s, signal.step_s, memory)

@@ -28,7 +28,7 @@ class Signal:
     ----------
     step_s : float
         Time between samples (s).
-    value : ndarray of shape (n_receptors, n_samples)
+    value : ndarray of shape (n_receptors, n_samples) or (n_afferents, n_organs, n_samples)
         The measure.
     """
 

@@ -53,7 +53,7 @@ class SpikeStream:
 
         Parameters
         ----------
-        value : ndarray of shape (n_afferents, n_samples)
+        value : ndarray of shape (n_afferents, n_samples) or (n_afferents, n_organs, n_samples)
             The next samples of the measure at each receptor.
 
         Returns

@@ -12,7 +12,7 @@ from rig.compare.example import recorded
 from sim.nerve.models import AfferentModel
 from sim.nerve.population import DENSITY_PER_CM2, Pad
 from sim.nerve.population import population as drawn_population
-from sim.nerve.skin import Signal, SkinUnderIndentor
+from sim.nerve.skin import Signal
 from sim.nerve.stimulus import Stimulus
 from studies.nerve import published as pub
 from studies.nerve.scenes import (
@@ -23,6 +23,7 @@ from studies.nerve.scenes import (
     SITES_MM,
     STEP_S,
     STEP_X_MM,
+    Afferents,
     Scenes,
     counts,
     fire,
@@ -81,12 +82,12 @@ def rate_errors(rates: Array, known: Sequence[float]) -> tuple[float, float]:
 
 def decline(scenes: Scenes) -> Iterator[Row]:
     """Test 1: decline of SA-I over a hold of 12 s."""
-    model, skin = scenes.classes["SA1"], scenes.probe("SA1")
+    model = scenes.classes["SA1"]
     for depth_mm, known in ((0.65, "38 %"), (1.3, "36 %")):
         found = []
         for seed in SEEDS:
             down_s = 0.1 + depth_mm / 0.4
-            signal = skin.signal(ramp(depth_mm, 0.4, 12.0), 2e-3, down_s + 12.0)
+            signal = scenes.probe("SA1", seed).signal(ramp(depth_mm, 0.4, 12.0), 2e-3, down_s + 12.0)
             trains = fired(model, signal, sensitivities("SA1", seed), seed, down_s)
             first, last = (counts(trains, down_s + at, down_s + at + 1).sum() for at in (0, 10.9))
             found.append(100 * (1 - last / first))
@@ -113,9 +114,10 @@ def variation(trains: Sequence[Array], begin_s: float, end_s: float) -> Array:
 
 def irregularity(scenes: Scenes) -> Iterator[Row]:
     """Test 5: intervals of SA-I in a hold."""
-    model, skin = scenes.classes["SA1"], scenes.probe("SA1")
-    signal = skin.signal(ramp(0.6, 10.0, 5.0), 1e-3, 4.8)
-    found = [variation(fired(model, signal, sensitivities("SA1", seed), seed), 0.66, 4.66) for seed in SEEDS]
+    model, found = scenes.classes["SA1"], []
+    for seed in SEEDS:
+        signal = scenes.probe("SA1", seed).signal(ramp(0.6, 10.0, 5.0), 1e-3, 4.8)
+        found.append(variation(fired(model, signal, sensitivities("SA1", seed), seed), 0.66, 4.66))
     means = [float(one.mean()) for one in found]
     yield Row(
         "5, SA1",
@@ -133,12 +135,13 @@ BAR_TRIALS = 10
 
 
 def bar_profile(scenes: Scenes, x_mm: Array, sensitivity: float, seed: int) -> tuple[Array, Array]:
-    """Return dynamic and static rates of one SA-I at each place of the bar."""
+    """Return dynamic and static rates of one SA-I, that of a seed, at each place of the bar."""
     model = scenes.classes["SA1"]
+    all_signals = scenes.bar("SA1", [float(x) for x in x_mm], seed)
     down_s = 1.0 / BAR_SPEED_MM_S
     stimulus, found = ramp(1.0, BAR_SPEED_MM_S, 1.5), []
-    for k, x in enumerate(x_mm):
-        signal = scenes.bar("SA1", float(x)).signal(stimulus, 1e-3, 0.1 + down_s + 1.3)
+    for k, skin in enumerate(all_signals.skins):
+        signal = Afferents([skin]).signal(stimulus, 1e-3, 0.1 + down_s + 1.3)
         trains = fired(model, signal, np.full(BAR_TRIALS, sensitivity), 1000 * seed + k)
         found.append(
             (
@@ -150,15 +153,15 @@ def bar_profile(scenes: Scenes, x_mm: Array, sensitivity: float, seed: int) -> t
     return dynamic, static
 
 
-def bar_sensitivity(scenes: Scenes) -> float:
+def bar_sensitivity(scenes: Scenes, seed: int) -> float:
     """Return the sensitivity at which one SA-I has the recorded static peak, its one gain."""
     known = recorded("static")
     peak = float(known.rate.max())
-    x = known.position_mm[np.argsort(known.rate)[-4:]]
+    x = known.position_mm[np.argsort(known.rate)[-4:]] if scenes.classes["SA1"].organs == 1 else known.position_mm
     low, high = 0.05, 50.0
     for _ in range(14):
         middle = float(np.sqrt(low * high))
-        above = bar_profile(scenes, x, middle, 1)[1].max() > peak
+        above = bar_profile(scenes, x, middle, seed)[1].max() > peak
         low, high = (low, middle) if above else (middle, high)
     return float(np.sqrt(low * high))
 
@@ -166,8 +169,7 @@ def bar_sensitivity(scenes: Scenes) -> float:
 def bar(scenes: Scenes) -> Iterator[Row]:
     """Test 6: profile under the 3 mm bar."""
     x = recorded("static").position_mm
-    gain = bar_sensitivity(scenes)
-    runs = [bar_profile(scenes, x, gain, seed) for seed in SEEDS]
+    runs = [bar_profile(scenes, x, bar_sensitivity(scenes, seed), seed) for seed in SEEDS]
     for phase, name, low, high, touchsim in ((0, "dynamic", 2, 4, "r .71"), (1, "static", 6, 9, "r .84")):
         known = recorded(name).rate
         r = [float(np.corrcoef(run[phase], known)[0, 1]) for run in runs]
@@ -188,7 +190,7 @@ def on_and_off(scenes: Scenes, name: str, seed: int, spread: float | None = None
     """Return impulses in the hold, those off over those on, and the mean from 20 ms after retraction starts."""
     stimulus, on_s = ramp(1.0, 30.0, 1.0), 0.1 + 1 / 30
     off_s = on_s + 1.0
-    signal = scenes.probe(name).signal(stimulus, STEP_S, 1.8)
+    signal = scenes.probe(name, seed).signal(stimulus, STEP_S, 1.8)
     trains = fired(scenes.classes[name], signal, sensitivities(name, seed, spread=spread), seed)
     on, hold, off = (
         counts(trains, *window).sum() for window in ((0, on_s + 0.1), (on_s + 0.1, off_s - 0.02), (off_s - 0.02, 1.8))
@@ -225,23 +227,26 @@ SETTLES_S = 20.0
 TRIALS = 6
 
 
-def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, trials: int = TRIALS) -> Array:
-    """Return impulses above those under the array alone, shape (depths, trials, sites)."""
-    model, skin = scenes.classes[name], scenes.pin(name)
+def pin_counts(scenes: Scenes, name: str, gain: float, seed: int, number: int, trials: int = TRIALS) -> Array:
+    """Return impulses of one afferent above those under the array alone, shape (depths, trials, sites)."""
+    model, rows = scenes.classes[name], scenes.pin(name, seed, number)
     found = []
     for k, pin_um in enumerate((0, *pub.PIN_UM)):
         deep = ARRAY_MM + 1e-3 * pin_um
         times = [-5.0, *(SETTLES_S + np.cumsum([0.0, RISE_S, STAYS_S, RISE_S])).tolist()]
         stimulus = Stimulus(times, [ARRAY_MM, ARRAY_MM, deep, deep, ARRAY_MM], corner_s=0.005)
-        signal = skin.signal(stimulus, 1e-3, SETTLES_S + 0.26)
-        # The array has been there for long: what a class keeps of its arrival is that of a slow one.
-        rise = np.linspace(0.0, 1.0, 2001)[:-1]
-        arrival = skin.value(ARRAY_MM * np.sin(0.5 * np.pi * rise) ** 2).T
-        signal = Signal(1e-3, np.concatenate([arrival, signal.value], axis=1))
-        first = len(rise) + round(1e3 * (SETTLES_S - 0.1))
-        currents = model.current(signal, np.full(signal.value.shape[0], gain))[:, first:]
+        currents = []
+        for skin in rows:
+            signal = skin.signal(stimulus, 1e-3, SETTLES_S + 0.26)
+            # The array has been there for long: what a class keeps of its arrival is that of a slow one.
+            rise = np.linspace(0.0, 1.0, 2001)[:-1]
+            arrival = skin.at(ARRAY_MM * np.sin(0.5 * np.pi * rise) ** 2)
+            signal = Signal(1e-3, np.concatenate([arrival, signal.value], axis=-1))
+            first = len(rise) + round(1e3 * (SETTLES_S - 0.1))
+            currents.append(model.current(signal, np.full(len(signal.value), gain))[:, first:])
+        all_currents = np.concatenate(currents)
         per_trial = [
-            counts(fire(model, currents, 1e-3, 100 * seed + 10 * k + trial), 0.1, 0.36) for trial in range(trials)
+            counts(fire(model, all_currents, 1e-3, 100 * seed + 10 * k + trial), 0.1, 0.36) for trial in range(trials)
         ]
         found.append(per_trial)
     all_counts = np.array(found)
@@ -258,7 +263,7 @@ def pin(scenes: Scenes) -> Iterator[Row]:
         runs = []
         for seed in SEEDS:
             gains = sensitivities(name, seed, 3)
-            runs.append(np.array([pin_counts(scenes, name, float(g), seed) for g in gains]))
+            runs.append(np.array([pin_counts(scenes, name, float(g), seed, k) for k, g in enumerate(gains)]))
         # (seeds, afferents, depths, trials, sites)
         all_runs = np.array(runs)
         means = all_runs.mean(axis=3)
@@ -319,7 +324,7 @@ _SPEEDS_MM_S = np.geomspace(0.2, 60.0, 24)
 
 def ramp_thresholds(scenes: Scenes, name: str, seed: int) -> tuple[Array, Array]:
     """Return amplitude thresholds of fast ramps and speed thresholds of deep ones; infinite where there is none."""
-    model, skin, gains = scenes.classes[name], scenes.probe(name), sensitivities(name, seed)
+    model, skin, gains = scenes.classes[name], scenes.probe(name, seed), sensitivities(name, seed)
 
     def lowest(levels: Array, stimuli: Sequence[Stimulus]) -> Array:
         responds = np.array(
@@ -387,9 +392,9 @@ def rate_by_speed(scenes: Scenes) -> Iterator[Row]:
     """Test 8: rate against ramp speed."""
     speeds = np.geomspace(1.0, 60.0, 10)
     for name, known in (("RA", "16 of 19"), ("PC", "2 of 4")):
-        model, skin, shares = scenes.classes[name], scenes.probe(name), []
+        model, shares = scenes.classes[name], []
         for seed in SEEDS:
-            gains = sensitivities(name, seed)
+            skin, gains = scenes.probe(name, seed), sensitivities(name, seed)
             rates = np.array(
                 [
                     counts(fired(model, skin.signal(one, STEP_S, one.times_s[1]), gains, seed), 0, 1e3) / (1.0 / v)
@@ -428,7 +433,7 @@ def step(scenes: Scenes) -> Iterator[Row]:
             gains = sensitivities(name, seed, 20)
             onsets, holds = [], []
             for place in x:
-                signal = scenes.step(name, float(place)).signal(stimulus, 1e-3, 2.2)
+                signal = scenes.step(name, float(place), seed, len(gains)).signal(stimulus, 1e-3, 2.2)
                 trains = fired(model, signal, gains, seed)
                 onsets.append(counts(trains, 0.1, 0.38).mean())
                 holds.append(counts(trains, 1.18, 2.18).mean())
@@ -475,7 +480,7 @@ def vibration_rates(
     spread: float | None = None,
 ) -> Array:
     """Return mean rates at each amplitude, those of SA1 above the static rate; 0.1 s are cut at both ends."""
-    model, skin, gains = scenes.classes[name], scenes.probe(name), sensitivities(name, seed, n, spread)
+    model, skin, gains = scenes.classes[name], scenes.probe(name, seed, n), sensitivities(name, seed, n, spread)
     rates = []
     for amplitude in (0.0, *amplitudes_um):
         signal = vibrated(skin, frequency_hz, amplitude, 1.0)
@@ -513,7 +518,7 @@ def muniak(scenes: Scenes) -> Iterator[Row]:
 
 def responds(
     model: AfferentModel,
-    skin: SkinUnderIndentor,
+    skin: Afferents,
     frequency_hz: float,
     amplitudes_um: Array,
     gains: Array,
@@ -536,7 +541,7 @@ def thresholds(
     scenes: Scenes, name: str, frequency_hz: float, gains: Array, every_cycle: bool, seed: int, most_um: float = 450.0
 ) -> Array:
     """Return the lowest amplitude at which each afferent responds (µm), by bisection; infinite above the largest."""
-    model, skin = scenes.classes[name], scenes.probe(name)
+    model, skin = scenes.classes[name], scenes.probe(name, seed, len(gains))
     low, high = np.full(len(gains), 1e-3), np.full(len(gains), most_um)
     never = ~responds(model, skin, frequency_hz, high, gains, every_cycle, seed)
     for _ in range(11):
@@ -594,11 +599,11 @@ def best_frequencies(scenes: Scenes) -> Iterator[Row]:
 
 def entrained(scenes: Scenes, seed: int, spread: float | None = None) -> tuple[float, float, float, float]:
     """Return I1 / I0, the 1 : 1 plateau of RA at 40 Hz in octaves, its vector strength and the lowest I0."""
-    model, skin = scenes.classes["RA"], scenes.probe("RA")
+    model, skin = scenes.classes["RA"], scenes.probe("RA", seed, 30)
     gains = sensitivities("RA", seed, 30, spread)
     i0, i1 = (thresholds(scenes, "RA", 40.0, gains, every, seed) for every in (False, True))
     reached = i1 < 450.0 / 4
-    gains, i0, i1 = gains[reached], i0[reached], i1[reached]
+    gains, i0, i1, skin = gains[reached], i0[reached], i1[reached], skin.only(reached)
     levels = np.geomspace(1, 4, 17)
     per_cycle, strength = [], 0.0
     for level in levels:
@@ -629,7 +634,7 @@ def entrainment(scenes: Scenes) -> Iterator[Row]:
 
 def lag_one(scenes: Scenes, name: str, frequency_hz: float, seed: int) -> float:
     """Return the lag-1 correlation of cycles with an impulse, at the amplitude where half of them have one."""
-    model, skin = scenes.classes[name], scenes.probe(name)
+    model, skin = scenes.classes[name], scenes.probe(name, seed, 1)
     cycles = 240
 
     def with_impulse(amplitude_um: Array, tries: int) -> NDArray[np.bool_]:
@@ -683,7 +688,7 @@ _LONG_S = 60.0
 
 def adaptation_thresholds(scenes: Scenes, name: str, seed: int) -> tuple[Array, Array, Array]:
     """Return times, and thresholds of test vibrations so long after a vibration's start, and after its end."""
-    model, skin = scenes.classes[name], scenes.probe(name)
+    model, skin = scenes.classes[name], scenes.probe(name, seed, 1)
     frequency, times_more = CONDITIONED[name]
     preload = 0.2 if name == "SA1" else PRELOAD_MM
     step_s, test_s = 1 / (16 * frequency), 0.5
@@ -698,7 +703,7 @@ def adaptation_thresholds(scenes: Scenes, name: str, seed: int) -> tuple[Array, 
         rise = np.sin(0.5 * np.pi * np.clip((t + lead) / 0.5, 0, 1)) ** 2
         depth = np.clip(preload * rise + 1e-3 * (vibrates + tested) * wave, 0.0, skin.depths_mm[-1])
         begin = lead + before_s + rest_s
-        trains = fired(model, Signal(step_s, skin.value(depth)[..., 0]), np.ones(len(levels)), seed, begin)
+        trains = fired(model, Signal(step_s, skin.at(depth)), np.ones(len(levels)), seed, begin)
         yes = counts(trains, begin, begin + test_s) >= 2
         last_no = np.flatnonzero(~yes)
         return float(unit_um * levels[min(last_no[-1] + 1, len(levels) - 1)]) if len(last_no) else unit_um * levels[0]

@@ -45,6 +45,10 @@ FITTED = {
     ("SA1", "sites"): "Lesniak et al. (2014)",
     ("RA", "corner_hz"): "Saal et al. (2017), median of nine",
     ("PC", "corner_hz"): "Saal et al. (2017)",
+    ("SA1", "organs"): "zones in human fields, 4 to 7 (Johansson 1978)",
+    ("RA", "organs"): "zones in human fields, 12 to 17 (Johansson 1978)",
+    ("SA1", "field_mm"): "5 mm² of a monkey's skin (Johnson 2001)",
+    ("RA", "field_mm"): "3 to 5 mm of a monkey's skin (Johnson 2001)",
     ("SA1", SPREAD): "thresholds of Johansson and Vallbo (1979), 2 to 3",
     ("RA", SPREAD): "fitted on tests 9, 11 and 16, between 2 and 3",
     ("PC", SPREAD): "thresholds of Johansson and Vallbo (1979), 2 to 3",
@@ -127,7 +131,7 @@ def steps(scenes: Scenes) -> Iterator[tuple[str, ...]]:
     """Yield impulses of 100 afferents under a press at two steps of the signal, and what they cost."""
     stimulus = ramp(0.8, 10.0, 0.6)
     for name, model in BUILT_IN.items():
-        skin, gains, totals, cost_s = scenes.probe(name), sensitivities(name, 1, 100), [], 0.0
+        skin, gains, totals, cost_s = scenes.probe(name, 1, 100), sensitivities(name, 1, 100), [], 0.0
         for step_s in (1e-3, 2.5e-4):
             total = 0
             for seed in range(5):
