@@ -3,8 +3,8 @@
 I(t) = [s Σᵢ kᵢ ∫ exp(−(t − u)/τᵢ) dm(u) − θ]₊ less a slow threshold, m = SED / SED₀
 
 An afferent has several end organs; the one with the largest sum paces it. Number: the four to seven zones of maximal
-sensitivity in a human field (Johansson 1978, J Physiol 281:101; from memory). They lie in 5 mm² of a monkey's skin (Johnson 2001,
-Curr Opin Neurobiol 11:455; from memory).
+sensitivity in a human field (Johansson 1978, J Physiol 281:101; from memory). They lie in 5 mm² of skin of a monkey
+(Johnson 2001, Curr Opin Neurobiol 11:455; from memory).
 
 Each spike site has its own noise; the first at the threshold of the membrane resets all. Form and time constants of
 the memories: Gerling et al. (2018, PLoS Comput Biol), for mouse skin; several sites: Lesniak et al. (2014, eLife);
