@@ -1,6 +1,6 @@
 """Spikes of a population from the poses of an indentor, as these become known.
 
-The measure at each receptor follows from the depth past first contact by a table for each place. Another process
+The measure at each end organ follows from the depth past first contact by a table for each place. Another process
 makes its presses while the indentor comes to rest above the place. Time stands still for the afferents while they are
 pressed at a place whose table is not complete: their spikes are late, not wrong.
 """
@@ -38,7 +38,7 @@ class IndentorPlace(NamedTuple):
 
 
 class PlaceTable(NamedTuple):
-    """Presses at a place: first contact above the apex, the way past it (mm), and the measure of each afferent there.
+    """Presses at a place: first contact above the apex, the way past it (mm), and the measure at each end organ.
 
     Without presses nothing is known of the place: touch_mm is -inf beside the finger, problem says why it failed.
     """
@@ -46,12 +46,12 @@ class PlaceTable(NamedTuple):
     place: IndentorPlace
     touch_mm: float = -np.inf
     ways_mm: tuple[float, ...] = ()
-    values: Array = np.empty((0, 0))  # (n_presses, n_afferents)
+    values: Array = np.empty((0, 0))  # (n_presses, n_organs of all afferents)
     problem: str = ""
 
 
 class _Table:
-    """Measures of all afferents against the way past first contact; none without presses."""
+    """Measures at all end organs against the way past first contact; none without presses."""
 
     def __init__(self, made: PlaceTable) -> None:
         self.problem, self.touch_mm = made.problem, -np.inf
@@ -61,7 +61,7 @@ class _Table:
             self._value = PchipInterpolator([0.0, *made.ways_mm], values)
 
     def values(self, above_mm: Array) -> Array:
-        """Return the measures, (n_afferents, n_samples), at heights above the apex."""
+        """Return the measures, (n_organs of all afferents, n_samples), at heights above the apex."""
         return np.asarray(self._value(np.clip(self.touch_mm - above_mm, 0.0, self._farthest_mm)).T)
 
 
@@ -85,9 +85,13 @@ class LiveSpikes:
         complain: Callable[[str], object] = print,
     ) -> None:
         self._ask, self._complain = ask, complain
-        self._count = len(afferents)
+        self._count = sum(map(len, afferents.organs))
         self._groups = [
-            (np.array(mine), stream_of(afferents.models[name], [afferents[k] for k in mine]))
+            (
+                np.array(mine),
+                afferents.organs_of(mine),
+                stream_of(afferents.models[name], [afferents[k] for k in mine]),
+            )
             for name, mine in afferents.groups.items()
         ]
         self._origin_s: float | None = None
@@ -118,8 +122,8 @@ class LiveSpikes:
             block = self._block(self._poses[:_LONGEST])
             if block is None:
                 break
-            for mine, stream in self._groups:
-                found, found_s = stream.advance(block[mine])
+            for mine, organs, stream in self._groups:
+                found, found_s = stream.advance(block[organs])
                 who.append(mine[found])
                 times.append(found_s)
             del self._poses[: min(_LONGEST, len(self._poses)) - 1]

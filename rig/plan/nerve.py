@@ -33,7 +33,7 @@ from sim.nerve.staircase import Staircase, Swing
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
 
-PIECE_S = 120.0
+PIECE_S = 20.0
 """Duration for which spikes are computed at once (s). It bounds the memory, whatever the run's duration."""
 _FAMILIES = ("precondition_", "reference_", "find_")
 _LEAST_MM = 0.01
@@ -223,10 +223,10 @@ class _Walk:
 
 
 class MeasureTable(NamedTuple):
-    """Measures of all afferents against the depth over one place."""
+    """Measures at the end organs of all afferents against the depth over one place."""
 
     depths_mm: Array
-    values: Array  # (n_depths, n_afferents)
+    values: Array  # (n_depths, n_organs of all afferents)
 
 
 def run_spikes(
@@ -278,12 +278,12 @@ def run_spikes(
     for number, (begin, end) in enumerate(pieces):
         show_progress(number, len(pieces))
         depths = _depths(found, begin, end, step_s)
-        for k, stream in enumerate(streams):
-            value = np.zeros((1, end - begin))
+        for k, (stream, organs) in enumerate(zip(streams, afferents.organs, strict=True)):
+            value = np.zeros((1, len(organs), end - begin))
             for place, at, depth in depths:
                 table = tables[place]
-                skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, k : k + 1])
-                value[0, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1]))[:, 0]
+                skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, organs])
+                value[0, :, at : at + len(depth)] = skin.value(np.clip(depth, 0.0, table.depths_mm[-1])).T
             spikes[k].append(stream.advance(value)[1])
     show_progress(len(pieces), len(pieces))
     trains = [
@@ -300,7 +300,7 @@ def tables_of(
     afferents: AfferentPopulation,
     show_progress: Progress = lambda done, of: None,
 ) -> dict[tuple[str, float, float], MeasureTable]:
-    """Return the measures of all afferents at every place of a run."""
+    """Return the measures at the end organs of all afferents at every place of a run."""
     deepest: dict[tuple[str, float, float], float] = {}
     for visit in found.visits:
         deepest[visit.place] = max(deepest.get(visit.place, _LEAST_MM), visit.path.deepest_mm)

@@ -27,7 +27,7 @@ DEEPEST_MM = 1.5
 DEPTHS_MM = DEEPEST_MM * np.linspace(0.0, 1.0, LEVELS + 1)[1:]
 AFFERENTS = AfferentPopulation(
     [
-        SimulatedAfferent(name, k, 0.0, 0.0, gain, 50.0, 0.0015, 10 * k + len(name))
+        SimulatedAfferent(name, k, 0.0, 0.0, gain, 50.0, 0.0015, 10 * k + len(name), k * ((0.0, 0.0),))
         for name, gains in (("SA1", (0.5, 3.0)), ("RA", (20.0, 60.0)), ("PC", (12.0, 40.0)))
         for k, gain in enumerate(gains, 1)
     ]
@@ -36,7 +36,9 @@ HERE = IndentorPlace(0.0, 0.0)
 
 
 def measured(depth_mm: float) -> Any:
-    return AFFERENTS.measure(dict.fromkeys(MEASURES, np.full(len(AFFERENTS), 150.0 * depth_mm**2)))
+    """A measure at each end organ; of an afferent that has two, the second is the weaker one until 0.3 mm."""
+    share = np.concatenate([[1.0, 0.8 + 0.7 * depth_mm][: len(organs)] for organs in AFFERENTS.organs])
+    return AFFERENTS.measure(dict.fromkeys(MEASURES, 150.0 * share * depth_mm**2))
 
 
 def made(place: IndentorPlace) -> PlaceTable:

@@ -278,6 +278,36 @@ def test_blocks_of_a_signal_do_not_move_a_spike(name: str, blocks: list[int]) ->
     assert found == [one.tolist() for one in whole]
 
 
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_the_strongest_end_organ_paces_an_afferent(name: str) -> None:
+    """Weaker ones and copies change nothing; where another is stronger, it takes over."""
+    model, signal, gains, seeds = BUILT_IN[name], skin(name).signal(PRESS, 1e-3), [0.5, 1.0, 4.0], [1, 2, 3]
+    one = spikes_of(model, signal, gains, seeds)
+    with_others = np.stack([0.2 * signal.value, signal.value, 0.9 * signal.value, signal.value], axis=1)
+    several = spikes_of(model, Signal(1e-3, with_others), gains, seeds)
+    assert sum(map(len, one)) > 10
+    assert [train.tolist() for train in several] == [train.tolist() for train in one]
+    late = np.where(np.arange(signal.value.shape[1]) < 300, 0.0, 3 * signal.value)
+    assert total(spikes_of(model, Signal(1e-3, np.stack([signal.value, late], axis=1)), gains, seeds)) > total(one)
+
+
+@pytest.mark.parametrize("name", BUILT_IN)
+def test_blocks_do_not_move_a_spike_of_several_end_organs(name: str) -> None:
+    gains, seeds, step_s = [0.5, 1.0, 4.0], [1, 2, 3], MOST_STEP_S
+    value = skin(name).signal(vibrating(100.0, 30.0), step_s, 1.4).value[:, 9000:]
+    value = np.stack(
+        [np.roll(share * value, shift, axis=1) for share, shift in ((1.0, 0), (0.7, 13), (1.1, 29))], axis=1
+    )
+    value = np.repeat(value, 3, axis=0)
+    whole = spikes_of(BUILT_IN[name], Signal(step_s, value), gains, seeds)
+    stream, found = SpikeStream(BUILT_IN[name], step_s, gains, seeds), [[], [], []]
+    for at in range(0, value.shape[2], 37):
+        for row, time_s in zip(*stream.advance(value[..., at : at + 37]), strict=True):
+            found[row].append(float(time_s))
+    assert sum(map(len, found)) > 20
+    assert found == [one.tolist() for one in whole]
+
+
 @dataclass(frozen=True)
 class Own:
     """A class of one's own: the current is the measure."""
@@ -286,6 +316,8 @@ class Own:
     depth_mm: float = 0.75
     membrane: Membrane = Membrane(0.01, 0.001, 0.0)  # noqa: RUF009  (immutable)
     sites: int = 1
+    organs: int = 1
+    field_mm: float = 0.0
 
     def measure(self, measures: dict[str, Array]) -> Array:
         return measures["e33"]

@@ -1,6 +1,7 @@
 """Afferents drawn over the pad, what a population answers, and the staircase of a stage."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from sim.errors import ModelRangeError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from sim.nerve.models import BUILT_IN
 from sim.nerve.population import (
     DENSITY_PER_CM2,
     SENSITIVITY_SPREAD,
@@ -72,6 +74,43 @@ def test_an_afferent_depends_on_seed_class_and_number_only(flat: Fingertip) -> N
     assert list(alone) == [one for one in together if one.model == "SA1"][:2]
     assert list(alone) != list(draw(flat, "2xSA1", 4))
     assert [one.name for one in together] == ["RA-1", "RA-2", "RA-3", "RA-4", "SA1-1", "SA1-2", "SA1-3"]
+
+
+def test_end_organs_lie_in_the_field(flat: Fingertip) -> None:
+    """As many as the class has, even in a disc; where an afferent lies does not move them, and no two have the same."""
+    for name, model in BUILT_IN.items():
+        drawn = draw(flat, f"200x{name}@0", 4)
+        organs = np.array([one.organs_mm for one in drawn])
+        assert organs.shape == (200, model.organs, 2)
+        radius = np.hypot(*organs.reshape(-1, 2).T)
+        if model.organs == 1:
+            assert radius.max() == 0
+            continue
+        assert radius.max() <= 0.5 * model.field_mm + 1e-3
+        assert np.sqrt((radius**2).mean()) == pytest.approx(model.field_mm / math.sqrt(8), rel=0.05)
+        assert len({one.organs_mm for one in drawn}) == len(drawn)
+        assert draw(flat, f"{name}@0.4:0.3", 4)[0].organs_mm == drawn[0].organs_mm
+
+
+def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
+    finger = load("finger")
+    pad = Pad.of(finger)
+    edge = draw(finger, f"8xRA@{math.floor(100 * pad.half_x_mm) / 100}", 1)
+    assert edge.points_mm(finger).shape == (8 * BUILT_IN["RA"].organs, 3)
+    assert max(one.x_mm + x_mm for one in edge for x_mm, _ in one.organs_mm) > pad.half_x_mm
+
+
+def test_afferents_with_different_numbers_of_end_organs_share_a_signal(flat: Fingertip) -> None:
+    """An afferent with one is as it is alone: its organ is repeated, and the strongest stays."""
+    many = draw(flat, "2xSA1@0", 2)
+    mixed = AfferentPopulation([replace(many[0], organs_mm=((0.0, 0.0),)), many[1]])
+    assert [len(one) for one in mixed.organs] == [1, BUILT_IN["SA1"].organs]
+    assert len(set(mixed.organs_of([0, 1])[0].tolist())) == 1
+    stimulus = Stimulus.ramp(0.4, 4.0, 0.3)
+    together = mixed.response(flat, "cylinder:9", stimulus).spikes
+    for k, one in enumerate(mixed):
+        (alone,) = AfferentPopulation([one]).response(flat, "cylinder:9", stimulus).spikes
+        assert np.array_equal(alone, together[k])
 
 
 def test_every_afferent_has_its_own_noise(flat: Fingertip) -> None:
