@@ -1,6 +1,7 @@
 """The default finger under the indentors of the published tests, at the receptors of each class."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -8,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import RegularGridInterpolator
 
+from sim.measures.receptors import ReceptorError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
@@ -208,14 +210,17 @@ class Scenes:
             model, plane = self.classes[name], self.pin_finger.config.receptor_plane_mm
             x, z = (PINNED_GRID_MM * np.arange(-n, n + 1) for n in (17, 24))
             across, along = (grid.ravel() for grid in np.meshgrid(x, z, indexing="ij"))
-            points = self.pin_finger.points_below(across, model.depth_mm, plane + along)
-            fields = self.pin_finger.fields(self.pinned, points)
-            self._grids[name] = [
-                RegularGridInterpolator(
-                    (x, z), model.measure(one.measures).reshape(len(x), len(z)), bounds_error=False, fill_value=0.0
-                )
-                for one in fields
-            ]
+            places, points = [], []
+            for k, (one_x, one_z) in enumerate(zip(across, plane + along, strict=True)):
+                with suppress(ReceptorError):
+                    points.append(self.pin_finger.points_below(one_x, model.depth_mm, one_z))
+                    places.append(k)
+            self._grids[name] = []
+            for one in self.pin_finger.fields(self.pinned, np.array(points)):
+                value = np.zeros(len(across))
+                value[places] = model.measure(one.measures)
+                table = value.reshape(len(x), len(z))
+                self._grids[name].append(RegularGridInterpolator((x, z), table, bounds_error=False, fill_value=0.0))
         return self._grids[name]
 
 

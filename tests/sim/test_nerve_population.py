@@ -77,7 +77,7 @@ def test_an_afferent_depends_on_seed_class_and_number_only(flat: Fingertip) -> N
 
 
 def test_end_organs_lie_in_the_field(flat: Fingertip) -> None:
-    """As many as the class has, even in a disc; where an afferent lies does not move them, and no two have the same."""
+    """As many as the class has, even in a disc; they do not depend on where an afferent lies."""
     for name, model in BUILT_IN.items():
         drawn = draw(flat, f"200x{name}@0", 4)
         organs = np.array([one.organs_mm for one in drawn])
