@@ -594,12 +594,12 @@ def _generator(seed: int, model: str, number: int) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(model.encode()), number])
 
 
-def _has_tissue(finger: Fingertip, model: AfferentModel) -> Callable[[float, float], bool]:
-    """Return whether there is tissue at a class's depth below a place."""
+def _has_tissue(finger: Fingertip, model: AfferentModel) -> Callable[[ArrayLike, ArrayLike], bool]:
+    """Return whether there is tissue at a class's depth below a place, or below all of some."""
 
-    def has(x_mm: float, along_mm: float) -> bool:
+    def has(x_mm: ArrayLike, along_mm: ArrayLike) -> bool:
         try:
-            finger.points_below(x_mm, model.depth_mm, finger.config.receptor_plane_mm + along_mm)
+            finger.points_below(x_mm, model.depth_mm, finger.config.receptor_plane_mm + np.asarray(along_mm))
         except ReceptorError:
             return False
         return True
@@ -633,7 +633,7 @@ def _near(places: Array, at: Array, distance_mm: float) -> bool:
 def draw_organs(
     model: AfferentModel,
     generator: np.random.Generator,
-    has_tissue: Callable[[float, float], bool] = lambda x_mm, along_mm: True,
+    has_tissue: Callable[[Array, Array], bool] = lambda x_mm, along_mm: True,
 ) -> tuple[tuple[float, float], ...]:
     """Return the places of the end organs of one afferent.
 
@@ -644,7 +644,7 @@ def draw_organs(
     generator : numpy.random.Generator
         The afferent's own.
     has_tissue : callable, optional
-        Whether there is tissue at a place from the center of the field (mm); others are drawn again.
+        Whether there is tissue at all of some places from the center of the field (mm); others are drawn again.
 
     Returns
     -------
@@ -653,13 +653,18 @@ def draw_organs(
     """
     if model.organs == 1:
         return ((0.0, 0.0),)
-    found: list[tuple[float, float]] = []
-    while len(found) < model.organs:
-        radius, angle = 0.5 * model.field_mm * math.sqrt(generator.uniform()), 2 * math.pi * generator.uniform()
-        at = round(radius * math.cos(angle), 3), round(radius * math.sin(angle), 3)
-        if has_tissue(*at):
-            found.append(at)
-    return tuple(found)
+
+    def places(count: int) -> Array:
+        radius, turn = generator.uniform(size=(count, 2)).T
+        turn = 2 * np.pi * turn
+        return np.round(0.5 * model.field_mm * np.sqrt(radius) * (np.cos(turn), np.sin(turn)), 3).T
+
+    found = places(model.organs)
+    if not has_tissue(*found.T):
+        for k in range(model.organs):
+            while not has_tissue(*found[k]):
+                found[k] = places(1)[0]
+    return tuple((float(x_mm), float(along_mm)) for x_mm, along_mm in found)
 
 
 def _afferent(
