@@ -50,7 +50,8 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
         depths = np.linspace(0.05, 0.6, 12)
-        near = {place: np.exp(-0.1 * (np.array([one.x_mm for one in afferents]) - place[1]) ** 2)
+        x_mm = np.array([one.x_mm + organ[0] for one in afferents for organ in one.organs_mm])
+        near = {place: np.exp(-0.1 * (x_mm - place[1]) ** 2)
                 for place in {visit.place for visit in found.visits}}  # fmt: skip
         return {
             place: MeasureTable(depths, np.array([
