@@ -6,12 +6,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim.config import E_EPIDERMIS_MPA, Contact, FingertipConfig, MeshSpec
+from sim.config import E_EPIDERMIS_MPA, Contact, FingertipConfig
 from sim.errors import ModelRangeError
+from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from sim.units import GWT_N
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 POSITIONS = [round(float(x), 4) for x in np.linspace(2.0, -3.7, 30)]
 
@@ -115,10 +117,10 @@ def test_scenes_outside_the_model_are_refused(
 def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
     # A 3 mm bar reaches the end rows of a short patch: an answer would be too soft, so there is none.
     short = FingertipConfig(
-        mesh=MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.4, patch_x_mm=2.5, patch_z_mm=1.2, near_spacing_mm=1.0),
+        mesh=coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=1.2),
         contact=Contact(patch_gb=0),
     )
-    finger = Fingertip.load(short)
+    finger = load("finger", short, cached=False)
     finger.indent("bar:3.0", 0.0, doi_mm=0.1)
     with raises(RimError, "at_rim", size="mesh.patch_x_mm / patch_z_mm"):
         finger.indent("bar:3.0", 0.0, doi_mm=1.0)
