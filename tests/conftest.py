@@ -79,9 +79,7 @@ REAL_TIME = (
     "rig/test_resume.py::test_a_terminal_pauses_and_goes_on",
     "rig/test_run_owner.py",
     "rig/test_runs_command.py::test_several_at_once_see_the_same",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
-    "rig/test_tmcl_client.py",
+    "rig/test_makers_clients.py",
     "rig/test_net_ft_clients.py",
     "rig/test_net_ft_driver.py::test_records_come_joined_and_another_datagram_alone",
     "rig/test_net_ft_driver.py::test_where_nothing_listens_it_is_an_error_and_then_goes_on",
@@ -140,8 +138,8 @@ TOGETHER = (
 
 # Attacks on the panel of which another of the same kind (held, slow, streams, flooding, reset, no descriptor) stays.
 OTHER_ATTACKS = (
-    *("half_requests_anew", "half_requests_of_many_addresses", "slow_headers"),
-    *("many_streams_with_token", "slow_readers", "pages", "changes_without_token"),
+    *("half_requests_anew", "half_requests_of_many_addresses", "no_bytes", "slow_headers", "slow_bodies"),
+    *("many_streams_with_token", "foreign_streams", "slow_readers", "pages", "changes_without_token"),
     *("long_headers", "long_addresses", "upgrades", "pipelines", "hellos", "no_requests"),
 )
 
@@ -240,6 +238,8 @@ STUDIES = (
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
     "rig/compare/test_comparison_figures.py::test_letters_do_not_lie_over_each_other",  # its other tests
+    # rig/compare/test_every_figure.py: the same of fewer stimuli
+    "rig/compare/test_comparison_figures.py::test_every_figure_is_printed_at_its_own_size_and_can_be_read",
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
@@ -252,6 +252,10 @@ STUDIES = (
     "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
     "rig/test_find.py::test_the_finger_is_found_by_touching_it",  # its other tests, on exact geometry
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[coding]",  # rig/test_decode_command.py
+    # rig/test_nerve_command.py: a dry run with spikes, and rates of them; [tutorial]
+    "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[nerve]",
+    # the page's other block, on a half-space; rig/test_nerve_command.py
+    'rig/test_every_block.py::test_code_is_run_or_excused[nerve: finger = load("finger")]',
     # [grbl]; bytes and frames of drives and transmitter: contracts/, rig/test_modbus_master.py
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[rtu]",
     "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",
@@ -259,7 +263,9 @@ STUDIES = (
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
     "test_gallery.py::test_recording_compared",  # its test_recorded_bar, rig/compare/test_compare_command.py
+    "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
+    "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
     "test_site.py",  # `make docs`
 )
 
@@ -287,9 +293,7 @@ LONG = (
     "sim/test_results.py",
     "rig/real_time/test_init_finds_devices.py",
     "rig/real_time/test_by_hand_process.py",
-    "rig/test_tmcl_client.py",
-    "rig/test_zaber_client.py",
-    "rig/test_standa_client.py",
+    "rig/test_makers_clients.py",
     "rig/real_time/test_panel_served.py",
     "rig/test_modbus_counterparties.py",
     "rig/real_time/test_bench_verbs.py",
@@ -339,7 +343,7 @@ LONG = (
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.
 INHERITED = ("SIGINT", "SIGQUIT", "SIGHUP", "SIGTERM", "SIGTSTP")
-_flush, _spawnv_passfds = os.fsync, multiprocessing.util.spawnv_passfds
+_flush = os.fsync
 # A rehearsal is the same on every port.
 _PORT = re.compile(r"port='[^']*'")
 # Files of the cache, of up to 80 MB each.
@@ -372,6 +376,12 @@ def _signals_as_in_the_foreground() -> None:
             signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, numbers)
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_setupnodes() -> None:
+    if preloaded.POSSIBLE:
+        preloaded.fork_workers()
 
 
 @pytest.hookimpl(optionalhook=True)
@@ -440,7 +450,7 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
         module.in_processes = in_processes if real else _one_by_one  # type: ignore[assignment]
     os.fsync = _flush if real else _unflushed  # type: ignore[assignment]
     if preloaded.POSSIBLE:
-        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else _spawnv_passfds
+        multiprocessing.util.spawnv_passfds = preloaded.spawnv_passfds if real else preloaded.SPAWN_ANEW
 
 
 def _unflushed(_: Any) -> None:
