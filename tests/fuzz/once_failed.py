@@ -157,6 +157,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "a key that is no hexadecimal number": b'{"pid": 1, "kind": "run", "virtual": true, "ports": ["a"], '
         b'"began_unix_s": 1.0, "address": "/nowhere", "key": "xyz"}',
     },
+    "zaber": {"at rest, then at another place": b"\x03\x02@02 1 OK IDLE -- 1000"},
     "leadshine_tcp": {"a fault in the status of a move": bytes.fromhex("0402 0203020072 d96ad1")},
 }  # fmt: skip
 """A number is the seed of a mutation, whose file stays the same only as long as mutations and examples do."""

@@ -75,6 +75,7 @@ DEVICE = StageBytes(
         b"2 1 move abs 1000 327": (BUSY, "moving"),
         b"2 1 move abs 40 655": BUSY,  # a jog, 0.1 mm at 1 mm/s
         b"0 0 stop": (SILENCE, "rested"),
+        b"0 0 estop": (SILENCE, "rested"),
     },
     states={
         "new": {**axis(1, "IDLE WR", 0), **axis(2, "IDLE WR", 0)},
