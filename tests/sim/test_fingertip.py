@@ -50,20 +50,6 @@ def test_force_to_depth_to_force(finger: Fingertip, shape: str, x: float, gwt: f
     assert again.force_n == pytest.approx(again.force_gwt * GWT_N, rel=1e-15)
 
 
-def test_identical_scenes_are_equal_to_the_bit(finger: Fingertip) -> None:
-    for scene in ({"doi_mm": 0.73}, {"force_gwt": 2.33}):
-        one, two = (finger.indent("step:1", -1.63, **scene) for _ in range(2))
-        assert one.force_n == two.force_n
-        assert one.doi_mm == two.doi_mm
-        np.testing.assert_array_equal(one.state.force, two.state.force)
-        np.testing.assert_array_equal(one.state.displacement, two.state.displacement)
-        np.testing.assert_array_equal(one.receptor_strain, two.receptor_strain)
-        first, second = one.as_json(), two.as_json()
-        first["solver"].pop("contact_s")
-        second["solver"].pop("contact_s")
-        assert first == second
-
-
 def test_a_model_from_disk_answers_as_the_one_just_made(
     coarse_config: FingertipConfig, tmp_path_factory: Any
 ) -> None:
