@@ -191,7 +191,7 @@ def _in_a_run(ways: list[tuple[str, str, Way]]) -> Any:
 
 # The byte log is looked at as the journal is, and a folder that is moved into another or with all runs is moved.
 OFTEN = [FILE[what] for what in ("deleted", "replaced", "shortened")]
-SELDOM = [FOLDER[what] for what in ("folder moved into another", "all runs moved")]
+SELDOM = [FOLDER["folder moved into another"], FOLDER["all runs moved"], FILE["replaced by a folder"]]
 
 
 def _is_quick(bench: str, name: str, way: Way) -> bool:
