@@ -56,7 +56,7 @@ class Owner:
             try:
                 self.hold(press)
             except RefusedError as error:
-                if error.code != "motion_over":
+                if error.code not in ("motion_over", "late_hold"):
                     raise
                 press += 1
             if there(self("status")):
