@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Protocol
 
 POLL_S = 0.001
+_TRIES, _AT_ONCE_S = 10, 0.01
 
 
 class Clock(Protocol):
@@ -20,6 +21,10 @@ class Clock(Protocol):
 
     def unix_s(self) -> float:
         """Wall time, seconds since 1970-01-01 UTC."""
+        ...
+
+    def suspended_s(self) -> float:
+        """Seconds for which the computer was suspended, which monotonic_s() leaves out; the origin is arbitrary."""
         ...
 
     def wait_s(self, seconds: float) -> None:
@@ -54,6 +59,17 @@ class WallClock:
 
     def unix_s(self) -> float:
         return time.time()
+
+    def suspended_s(self) -> float:
+        """Return 0 where the system has no clock that goes on, or a monotonic one that does (Windows)."""
+        goes_on: int | None = getattr(time, "CLOCK_BOOTTIME", None)
+        if goes_on is None:
+            return 0.0
+        for _ in range(_TRIES):  # The process may be interrupted between two clocks.
+            before_s, all_s, after_s = time.monotonic(), time.clock_gettime(goes_on), time.monotonic()
+            if after_s - before_s < _AT_ONCE_S:
+                break
+        return all_s - before_s
 
     def wait_s(self, seconds: float) -> None:
         time.sleep(max(seconds, 0.0))

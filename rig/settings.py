@@ -246,6 +246,14 @@ class StandaAxisSettings(Settings):
         "left",
         description="limit switch to which the axis homes, as in the controller's home flags; for z the upper one",
     )
+    serial: int | None = Field(
+        None,
+        ge=0,
+        description=(
+            "serial number of the controller, compared with it; required for ports whose names change, such as "
+            "/dev/ttyACM0"
+        ),
+    )
 
     @field_validator("microsteps")
     @classmethod

@@ -22,7 +22,6 @@ from rig.design.designed import Designed
 from rig.design.press_times import in_memory
 from rig.design.presses import PossiblePress
 from rig.engine import Engine, verbs
-from rig.engine.engine import State
 from rig.errors import BadInputError, CountError
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
@@ -37,8 +36,6 @@ E = TypeVar("E")
 A = TypeVar("A")
 
 LOOK_S = 0.005
-STOP_LOOK_S = 0.1
-"""Time between two looks at the stop inputs of the controller during a wait (s)."""
 
 COUNT_WITHIN_S = 30.0
 CHOICE_WITHIN_S = 10.0
@@ -249,7 +246,7 @@ class AdaptiveRun:
         clock = WallClock()
         chooser.begin(step.last)
         until_s = clock.monotonic_s() + (CHOICE_WITHIN_S if step.last is None else self.within_s)
-        look_s = clock.monotonic_s()
+        look = verbs.LooksAtClearance(engine, clock)
         while not chooser.is_ready():
             began_s = clock.monotonic_s()
             verbs.safe_point(engine)
@@ -257,10 +254,7 @@ class AdaptiveRun:
             until_s += now_s - began_s  # A pause of the operator does not count.
             if now_s >= until_s:
                 return None
-            if now_s >= look_s and engine.state is State.READY:
-                look_s = now_s + STOP_LOOK_S
-                if problem := engine.stop_problem(at_rest=True):
-                    engine.trip(problem)
+            look()
             clock.wait_s(LOOK_S)
         verbs.safe_point(engine)
         found = chooser.decision()

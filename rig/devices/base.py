@@ -165,12 +165,16 @@ class StageStatus:
         State as the controller names it, for example ``"Idle"``.
     x_mm, y_mm, z_mm : float
         Position in machine coordinates (mm).
+    referenced : bool
+        Whether the controller still counts from its home position, as far as it reports this. A controller that was
+        switched off counts from 0 wherever the carriage stands, which is the position of a homed one.
     """
 
     state: str
     x_mm: float
     y_mm: float
     z_mm: float
+    referenced: bool = True
 
 
 Looks = Iterator[StageStatus | None]
@@ -711,6 +715,16 @@ class ForceSensor(Protocol):
 
     def close(self) -> None:
         """Release the port."""
+        ...
+
+
+@runtime_checkable
+class ZeroedByDriver(Protocol):
+    """Interface of a sensor that is zeroed by its driver, and so no longer in the next command."""
+
+    @property
+    def subtracted_n(self) -> float:
+        """Load that the driver subtracts since its last zero (N)."""
         ...
 
 

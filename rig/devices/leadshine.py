@@ -17,6 +17,7 @@ from rig.settings import (
     SyncSettings,
 )
 from rig.transport.modbus import ModbusError, ModbusMaster
+from rig.transport.ports import may_be_renamed
 
 
 class LeadshineStage(Stage):
@@ -52,7 +53,20 @@ class LeadshineStage(Stage):
     def connect(self) -> str:
         """Check the settings of both drives, disarm them, and return their identification. Raises StageError."""
         self._trusted = False
+        self._refuse_alike()
         return "; ".join(drive.connect() for drive in self._drives.values())
+
+    def _refuse_alike(self) -> None:
+        """Refuse drives that cannot be told apart if their ports change names. Raises StageError."""
+        x, z = self._drives["x"], self._drives["z"]
+        if x.device_id == z.device_id and any(may_be_renamed(drive.bus.name) for drive in (x, z)):
+            raise StageError(
+                "{port}: both drives have device_id {device}, and their ports may change names; give them different "
+                "numbers, or name the ports as in /dev/serial/by-id",
+                code="port_may_change",
+                port=z.bus.name,
+                device=z.device_id,
+            )
 
     def homing(self) -> Looks:
         """Home z, then x, then set the soft limits in the drives. An alarm is not cleared. Raises StageError."""
@@ -209,10 +223,11 @@ class LeadshineStage(Stage):
     def _status(self, known: Mapping[str, Status]) -> StageStatus:
         """known: status words that were already read, by axis."""
         words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
-        if any(Status.HOMED not in word for word in words):
+        referenced = all(Status.HOMED in word for word in words)
+        if not referenced:
             self._trusted = False
         x_mm, z_mm = (drive.position_mm() for drive in self._drives.values())
-        return StageStatus(_state(words), x_mm, self._y_mm, z_mm)
+        return StageStatus(_state(words), x_mm, self._y_mm, z_mm, referenced)
 
     def _disarm(self, *, again: bool = False) -> None:
         """Disarm both before either moves, since a bit error in the address reaches the other one."""

@@ -220,6 +220,11 @@ class NetFtForce:
             last = [*last, self.read().force_n + self._offset_n][-_STEADY_READINGS:]
         self._offset_n = sum(last) / len(last)
 
+    @property
+    def subtracted_n(self) -> float:
+        """Load that the driver subtracts."""
+        return self._offset_n
+
     def close(self) -> None:
         self._records.close()
 

@@ -78,6 +78,28 @@ class _Look(Protocol):
 Look = TypeVar("Look", bound=_Look)
 
 
+class WayHome:
+    """Way of an axis that searches its home switch: towards home, and back from the switch by a little."""
+
+    BEFORE_MM, TOWARDS_MM, AFTER_MM = 1.0, 0.1, 10.0
+    """Longest way away from home before the axis went so far towards it or reached the switch, and after that."""
+
+    def __init__(self) -> None:
+        self._up_mm = self._highest_mm = 0.0
+        self._most_mm = self.BEFORE_MM
+
+    def is_wrong(self, up_mm: float, *, at_switch: bool) -> bool:
+        """Return whether the axis is too far on its way away from home.
+
+        up_mm: distance since the last look, positive towards home. at_switch: whether the home switch is active.
+        """
+        self._up_mm += up_mm
+        self._highest_mm = max(self._highest_mm, self._up_mm)
+        if at_switch or self._highest_mm >= self.TOWARDS_MM:
+            self._most_mm = self.AFTER_MM
+        return self._highest_mm - self._up_mm > self._most_mm
+
+
 class DrivenAxis(Protocol[Look]):
     """Axis of a `TwoAxisStage`: one drive, in machine mm. `Look` is what the drive replies about itself."""
 
@@ -166,6 +188,14 @@ class WatchedAxis(Generic[Look]):
                 **self._names,
             )
 
+    def _homes_the_wrong_way(self) -> StageError:
+        return StageError(
+            "{port}: {axis} axis moves away from home while homing; check the settings of the controller, and its "
+            "limit switches",
+            code="homes_the_wrong_way",
+            **self._names,
+        )
+
     def _stopped(self) -> StageError:
         return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
@@ -196,6 +226,11 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
     @abstractmethod
     def _refuse_alarm(self, axis: AnAxis, look: Look) -> None:
         """Raise StageAlarm or StageReset for an alarm; for a trusted position, also for what ends the trust."""
+        ...
+
+    @abstractmethod
+    def _is_referenced(self, axis: AnAxis, look: Look) -> bool:
+        """Return whether a drive at rest still counts from its home position; called after `_refuse_alarm`."""
         ...
 
     @property
@@ -294,15 +329,16 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
 
     def _status(self, known: Mapping[str, Look]) -> StageStatus:
         """known: looks that were already checked, by axis."""
-        busy, alarm, at_mm = False, False, {}
+        busy, alarm, referenced, at_mm = False, False, True, {}
         for name, axis in self._axes.items():
             look = known[name] if name in known else axis.look()
             if name not in known:
                 alarm |= self._has_alarm(axis, look)
+                referenced &= self._is_referenced(axis, look)
             busy |= look.busy
             at_mm[name] = axis.mm(look)
         state = "Alarm" if alarm else "Run" if busy else "Idle"
-        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"])
+        return StageStatus(state, at_mm["x"], self._y_mm, at_mm["z"], referenced)
 
     def _has_alarm(self, axis: AnAxis, look: Look) -> bool:
         """Return whether an axis has an alarm; raise if it has one since the position is trusted."""

@@ -26,7 +26,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -50,6 +50,7 @@ from rig.devices.standa_link import (
     StandaLink,
 )
 from rig.settings import BenchSettings, StageSettings, StandaAxisSettings, StandaSettings
+from rig.transport.ports import may_be_renamed
 
 HOME_S = 180.0
 # A move may take this much longer than computed from length, speed and acceleration.
@@ -83,7 +84,7 @@ BUTTONS = 0xC
 STOPS_AT_EDGES, EDGES_ARE_POSITIONS = 0x6, 0x1
 ACCELERATES, ANTIPLAY = 0x10, 0x08
 SWITCHES_OFF = 0x02
-HOMES_RIGHT = 0x0001
+HOMES_RIGHT, HOMES_TO_LIMIT = 0x0001, 0x0030
 
 
 class StandaAxis(WatchedAxis[AxisStatus]):
@@ -104,6 +105,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self._counts_per_mm = counts_per_mm
         self._least_acceleration_mm_s2 = least_acceleration_mm_s2
         self._sign = 1 if settings.home == "right" else -1
+        self.serial: int | None = None  # of the connected controller
         self._ramps: tuple[int, int] | None = None
         self._alarm = ""
         self._jogs_to: int | None = None
@@ -115,8 +117,10 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def connect(self) -> str:
         """Compare the controller with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = None
+        self._jogs_to = self._ramps = None
         (serial,) = self._link.ask("gser", SERIAL)
+        self.serial = serial
+        self._refuse_another(serial)
         major, minor, release = self._link.ask("gfwv", VERSION)
         *_, engine_flags, _, mode, _ = self._link.ask("geng", ENGINE)
         borders, *_ = self._link.ask("geds", EDGES)
@@ -130,6 +134,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             ("BORDER_STOP_LEFT and _RIGHT", borders & STOPS_AT_EDGES, STOPS_AT_EDGES),
             ("BORDER_IS_ENCODER", bool(borders & EDGES_ARE_POSITIONS), False),
             ("HOME_DIR_FIRST", "right" if homing_flags & HOMES_RIGHT else "left", self._settings.home),
+            ("HOME_STOP_FIRST_BITS", homing_flags & HOMES_TO_LIMIT, HOMES_TO_LIMIT),
             ("POWER_OFF_ENABLED", bool(power_flags & SWITCHES_OFF), False),
         ):
             if found != expected:
@@ -147,11 +152,19 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self._jogs_to = None
         if not keep_on():
             raise self._stopped()
+        before = self._at(self.look())
         self._link.command("home")
+        way = WayHome()
 
         def look() -> tuple[AxisStatus, bool]:
+            nonlocal before
             status = self.look()
             self.refuse_alarm(status)
+            at, before = before, self._at(status)
+            up_mm = (before - at) / self.steps_per_mm
+            if way.is_wrong(up_mm, at_switch=bool(status.inputs & EDGE[self._settings.home])):
+                self._link.send_now("stop")
+                raise self._homes_the_wrong_way()
             return status, not status.busy
 
         yield from self._until(look, HOME_S, 0.0, "homing")
@@ -271,9 +284,14 @@ class StandaAxis(WatchedAxis[AxisStatus]):
                 self._alarm, f"{self._link.name}: {self.name} axis: remove the cause, see its manual", **self._names
             )
 
+    @staticmethod
+    def is_referenced(status: AxisStatus) -> bool:
+        """Return whether a controller is homed and its motor on."""
+        return bool(status.flags & HOMED) and status.power != POWER_OFF
+
     def refuse_unreferenced(self, status: AxisStatus) -> None:
         """Refuse a controller that is no longer homed or whose motor is off. Raises StageReset."""
-        if not status.flags & HOMED or status.power == POWER_OFF:
+        if not self.is_referenced(status):
             raise StageReset(
                 "{port}: {axis} axis is no longer homed, or its motor is off; home again",
                 code="was_reset",
@@ -300,6 +318,19 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         return native
 
     # --- helpers ---
+
+    def _refuse_another(self, serial: int) -> None:
+        """Refuse the controller of another axis, which would move that axis. Raises StageError."""
+        if self._settings.serial is None and may_be_renamed(self._link.name):
+            raise StageError(
+                "{port}: {axis} axis: this port may have another controller after the next start; set serial = "
+                "{serial} under [stage.standa.{axis}], or name the port as in /dev/serial/by-id",
+                code="port_may_change",
+                serial=serial,
+                **self._names,
+            )
+        if self._settings.serial not in (None, serial):
+            self._refuse_setting("serial number", serial, self._settings.serial)
 
     def _end(self, letters: str, most_s: float, *, sent: bool = False) -> None:
         self._jogs_to = None
@@ -424,6 +455,19 @@ class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
         super().__init__(x, z, name="the stage", settings=settings)
         self._links = links
 
+    def connect(self) -> str:
+        """Compare both axes with the configuration and return their identification. Raises StageError."""
+        found = super().connect()
+        x, z = self._axes["x"], self._axes["z"]
+        if x.serial == z.serial:
+            raise StageError(
+                "the ports of both axes lead to one Standa controller, {serial}; correct stage.port or "
+                "stage.standa.x_port",
+                code="one_controller_for_two",
+                serial=z.serial,
+            )
+        return found
+
     def homing(self) -> Looks:
         """Home z, then x. An alarm is not cleared, also one that a stop has cleared in the controller.
 
@@ -462,6 +506,9 @@ class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
         if self._trusted:
             axis.refuse_unreferenced(look)
             axis.refuse_far_edge(look)
+
+    def _is_referenced(self, axis: StandaAxis, look: AxisStatus) -> bool:
+        return axis.is_referenced(look)
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:

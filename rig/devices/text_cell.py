@@ -184,6 +184,11 @@ class TextCellForce:
                 left_gwt=left_gwt,
             )
 
+    @property
+    def subtracted_n(self) -> float:
+        """Load that the driver subtracts; 0 if the board zeroes itself."""
+        return self._offset_gwt * GWT_N
+
     def close(self) -> None:
         self._transport.close()
 

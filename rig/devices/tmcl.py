@@ -24,7 +24,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -126,13 +126,20 @@ class TmclAxis(WatchedAxis[Look]):
         self._command(RFS, SEARCH)
         others()
         begun, begins_by_s = False, self._clock.monotonic_s() + HOMING_BEGINS_S
+        way, before_s = WayHome(), self._clock.monotonic_s()
 
         def look() -> tuple[Look, bool]:
-            nonlocal begun
+            nonlocal begun, before_s
             found = self.look()
             if not keep_on():
                 raise self._stopped()
             self.refuse_flags()
+            took_s, before_s = self._clock.monotonic_s() - before_s, self._clock.monotonic_s()
+            # By the speed: the position becomes 0 at the switch.
+            up_mm = found.speed / (self.steps_per_mm * self._units.speed_unit) * took_s
+            if way.is_wrong(up_mm, at_switch=found.switches[SWITCHES[self._axis.home_switch]]):
+                self._link.send_now([self.motor])
+                raise self._homes_the_wrong_way()
             begun = begun or found.searching
             if not begun and self._clock.monotonic_s() >= begins_by_s:
                 raise self._did_not_home(found)
@@ -259,6 +266,10 @@ class TmclAxis(WatchedAxis[Look]):
         for number in self._flags:
             # A module clears a flag when it is read.
             self._flags[number] |= found[number]
+        if not (found[SPEED] or search) and self._jogs_to == found[POSITION]:
+            self._jogs_to = None
+            self.disarm()
+            found[MAX_SPEED] = 0
         return Look(
             found[TARGET],
             found[POSITION],
@@ -512,6 +523,10 @@ class TmclStage(TwoAxisStage[TmclAxis, Look]):
         if self._trusted:
             axis.refuse_news(look)
         axis.refuse_flags()
+
+    def _is_referenced(self, axis: TmclAxis, look: Look) -> bool:
+        # A standing axis that this driver has homed has maximum speed 0; one that was switched off has another.
+        return look.busy or look.max_speed == 0
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:

@@ -129,6 +129,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to: int | None = None
         # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
         self._swings = name == "z"
+        self.warned = frozenset[str]()  # warnings when they were last asked for
         self._narrow = False  # whether limit.max may be that of a sine
 
     @property
@@ -392,8 +393,9 @@ class ZaberAxis(WatchedAxis[Reply]):
         """
         place = (self._address.address, self._address.axis)
         alerted = self._link.alerts.pop(place, NO_WARNING)
+        self.warned = frozenset()
         if NO_WARNING == reply.warning == alerted:
-            return frozenset()
+            return self.warned
         found = {reply.warning, alerted} - {NO_WARNING}
         if found <= HARMLESS:
             count, *rest = self._ask("warnings").data.split()
@@ -405,7 +407,8 @@ class ZaberAxis(WatchedAxis[Reply]):
                     heard=" ".join((count, *rest)),
                     **self._names,
                 )
-        return frozenset(found)
+        self.warned = frozenset(found)
+        return self.warned
 
     def refuse_alarm(self, warnings: frozenset[str], *, homing: bool = False) -> None:
         """Refuse a fault, and a warning that is not known to be harmless. Raises StageAlarm."""
@@ -644,6 +647,9 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
         axis.refuse_alarm(warnings)
         if self._trusted:
             axis.refuse_unreferenced(warnings)
+
+    def _is_referenced(self, axis: ZaberAxis, look: Reply) -> bool:
+        return not axis.warned & UNREFERENCED
 
 
 def steps_per_mm(stage: StageSettings, axis: str) -> float:

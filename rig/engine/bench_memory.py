@@ -46,7 +46,7 @@ class LastKnown(BaseModel):
 
     def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
-        if self.left_at_mm is None or at.state != "Idle":
+        if self.left_at_mm is None or at.state != "Idle" or not at.referenced:
             return False
         now = (at.x_mm, at.y_mm, at.z_mm)
         return all(abs(a - b) <= _SAME_PLACE_MM for a, b in zip(now, self.left_at_mm, strict=True))

@@ -38,6 +38,7 @@ from rig.units import GWT_N
 
 _T = TypeVar("_T")
 
+_SUSPENDED_S = 0.5  # The two clocks of a computer that was not suspended differ by less.
 _LATE_FACTOR = 2.0  # A move may take this multiple of its nominal duration before the heartbeat is lost.
 
 
@@ -103,9 +104,10 @@ class Engine:
         self._each: EachReading | None = None  # of this motion
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
         # last measured state, and whether the stage has been at rest since
-        self._known, self._measured = KnownContact(), False
+        self._known, self._measured, self._measured_s = KnownContact(), False, -math.inf
         self._unread: NoReadingError | None = None  # why the last force at rest is missing
         self._last_gwt: float | None = None  # last reading counted from a zero
+        self._suspended_s = self.clock.suspended_s()
         self._strayed = False  # The stage was stopped because it strayed.
         self._floor_mm = math.nan
         self._next_index = 0
@@ -221,7 +223,7 @@ class Engine:
         if self.state is State.TRIPPED:
             return
         self.beat()
-        if problem := self.stop_problem(at_rest=False):
+        if problem := self._suspended() or self.stop_problem(at_rest=False):
             raise recast(InterruptedMotionError, problem)
         try:
             force_gwt = self.sensing.glance_gwt()
@@ -288,8 +290,14 @@ class Engine:
         kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._contact(kind, force_gwt)
         self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
+        self._measured_s = self.clock.monotonic_s()
         self.keep_contact(found)
         return found
+
+    @property
+    def measured_ago_s(self) -> float:
+        """Time since contact was last measured (s); infinite before."""
+        return self.clock.monotonic_s() - self._measured_s
 
     def confirm_lifted(self) -> None:
         """Confirm at rest that the indentor is clear of the finger; trip if this is not confirmed."""
@@ -330,7 +338,7 @@ class Engine:
         """Record a possible contact before the first motion below clearance."""
         self.state = State.IN_CONTACT
         if not self.may_touch:
-            self.may_touch = True
+            self.may_touch, self._suspended_s = True, self.clock.suspended_s()
             self.keep_contact(self._contact("unknown", self._last_gwt))
 
     def force_at_rest_gwt(self) -> float | None:
@@ -415,7 +423,7 @@ class Engine:
 
     def _read_at_rest(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
-        if problem := self.stop_problem(at_rest=True):
+        if problem := self._suspended() or self.stop_problem(at_rest=True):
             self.trip(problem)
         try:
             reading = read()
@@ -427,6 +435,19 @@ class Engine:
         if problem := self.stop_problem(at_rest=True):
             self.trip(problem)
         return reading
+
+    def _suspended(self) -> TripError | None:
+        """Return a trip if the computer was suspended since the last call while the indentor may touch the finger."""
+        before_s, self._suspended_s = self._suspended_s, self.clock.suspended_s()
+        for_s = self._suspended_s - before_s
+        if for_s <= _SUSPENDED_S or not self.may_touch:
+            return None
+        return TripError(
+            "the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; switch "
+            "its sleep off",
+            code="suspended",
+            for_s=for_s,
+        )
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
         """Return the depth past contact (mm), corrected for the compliance of the rig."""

@@ -105,12 +105,16 @@ class ContactTime:
     @property
     def total_s(self) -> float:
         """Contact time so far (s)."""
-        return self._before_s + (0.0 if self._since_s is None else self._clock.monotonic_s() - self._since_s)
+        return self._before_s + (0.0 if self._since_s is None else self._now_s - self._since_s)
+
+    @property
+    def _now_s(self) -> float:
+        return self._clock.monotonic_s() + self._clock.suspended_s()  # A suspended computer may leave a touch.
 
     def begin(self) -> None:
         """Begin contact, unless it has begun."""
         if self._since_s is None:
-            self._since_s = self._clock.monotonic_s()
+            self._since_s = self._now_s
 
     def end(self) -> None:
         """End contact."""

@@ -6,7 +6,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from rig.clock import Clock
-from rig.devices.base import ForceBusy, ForceError, ForceOverload, ForceReading, ForceSensor, ForceUnderload
+from rig.devices.base import (
+    ForceBusy,
+    ForceError,
+    ForceOverload,
+    ForceReading,
+    ForceSensor,
+    ForceUnderload,
+    ZeroedByDriver,
+)
 from rig.devices.registry import ForceKind, find
 from rig.errors import RigError, code_of
 from rig.settings import RigSettings
@@ -270,6 +278,13 @@ class Sensing:
             return None
         self.glanced = reading = self._from_zero(self._read(0.0))
         return (reading.force_n - self._baseline_n) / GWT_N
+
+    @property
+    def lasting_zero(self) -> ForceZero | None:
+        """Zero for the next command, whose driver subtracts nothing yet."""
+        if self.zero is None or not isinstance(self.sensor, ZeroedByDriver):
+            return self.zero
+        return replace(self.zero, offset_n=self.zero.offset_n + self.sensor.subtracted_n)
 
     def take_zero(self, readings_gwt: Sequence[float], *, provisional: bool = False) -> ForceZero:
         """Count forces from the mean of these readings; provisional: contact is possible."""

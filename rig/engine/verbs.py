@@ -1,20 +1,26 @@
 """Verbs of a script besides pressing; each is allowed in some states of the engine only (docs/safety_promises.md)."""
 
+import math
 import statistics
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
+from rig.clock import Clock
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM
-from rig.engine.sensing import zero_readings_gwt
+from rig.engine.sensing import APART_S, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.units import GWT_N
 
 _T = TypeVar("_T")
+
+STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
+"""Time between two looks at the stop inputs, and at stage and force sensor, during a wait at clearance (s)."""
+_LOOK_TAKES_S = 0.25  # No look begins so shortly before the end of a rest.
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -101,10 +107,19 @@ def _contact(engine: Engine) -> dict[str, Any]:
 
 
 def zero(engine: Engine) -> None:
-    """Zero the force sensor in the air, and journal its drift since the last zero."""
+    """Zero the force sensor in the air, and journal its drift since the last zero.
+
+    A finger that has come up to the indentor looks like a drift. A drift as large as a touch is therefore measured
+    again at habits.park_height_mm, where the sensor is then zeroed; a touch ends the descent back to clearance.
+    """
     engine.require_clear("zero")
-    sensing = engine.sensing
-    drift_gwt = statistics.fmean(zero_readings_gwt(engine.reading)) if sensing.zeroed else None
+    sensing, settings = engine.sensing, engine.settings
+    drift_gwt = _drift_gwt(engine)
+    air_mm = min(settings.habits.park_height_mm, -settings.frame.apex_z_mm)
+    lifts = drift_gwt is not None and abs(drift_gwt) >= sensing.touch_gwt and engine.height_mm < air_mm - AT_MM
+    if lifts:
+        engine.lift(air_mm)
+        drift_gwt = _drift_gwt(engine)
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
@@ -123,6 +138,13 @@ def zero(engine: Engine) -> None:
                 band_gwt=band_gwt,
             )
         )
+    if lifts:
+        _go_to_clearance(engine, settings.habits.travel_speed_mm_s)
+
+
+def _drift_gwt(engine: Engine) -> float | None:
+    """Return the mean force at rest from the last zero (gwt), or None without a zero."""
+    return statistics.fmean(zero_readings_gwt(engine.reading)) if engine.sensing.zeroed else None
 
 
 def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
@@ -140,6 +162,8 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
                 high_mm=high,
             )
     safe_point(engine)
+    if engine.sensing.zeroed and engine.measured_ago_s > APART_S:  # The finger may have come up to the indentor.
+        _refuse_contact(engine, engine.reading().force_n / GWT_N)
     speed = engine.settings.habits.travel_speed_mm_s
     engine.move(lambda: engine.motion.aside(x_mm, along_mm, speed))
     _go_to_clearance(engine, speed)
@@ -164,13 +188,55 @@ def retract(engine: Engine) -> None:
 
 
 def rest(engine: Engine, seconds: float) -> None:
-    """Wait at clearance (s). A pause takes effect at once, and its time counts."""
+    """Wait at clearance (s).
+
+    A pause takes effect at once, and its time counts. A stop input or a lost device ends the wait.
+    """
     engine.require_clear("rest")
-    until_s = engine.clock.monotonic_s() + seconds
-    while engine.clock.monotonic_s() < until_s:
-        engine.clock.wait_until(engine.bench.operator.pause.asked, until_s)
+    clock, look = engine.clock, LooksAtClearance(engine, engine.clock)
+    until_s = clock.monotonic_s() + seconds
+    while (now_s := clock.monotonic_s()) < until_s:
+        clock.wait_until(engine.bench.operator.pause.asked, min(now_s + STOP_LOOK_S, until_s))
         safe_point(engine)
+        if until_s - clock.monotonic_s() > _LOOK_TAKES_S:
+            look()
     engine.record("rest", {"rest_s": seconds})
+
+
+def look_at_devices(engine: Engine) -> None:
+    """Ask stage and force sensor in a wait at clearance, so that the loss of one ends the wait.
+
+    Raises TripError for the sensor or a stop input, StageError or TransportError for the stage.
+    """
+    engine.guarded(engine.bench.stage.status)
+    engine.reading()
+
+
+class LooksAtClearance:
+    """Looks at stop inputs and devices during a wait of any length; call it as often as you like.
+
+    The devices of a virtual bench are not asked: they cannot be lost, and by the wall clock their time would depend
+    on the speed of the computer.
+    """
+
+    def __init__(self, engine: Engine, clock: Clock) -> None:
+        """clock: the clock that the wait goes by."""
+        self._engine, self._clock = engine, clock
+        self._inputs_s = clock.monotonic_s()
+        self._devices_s = math.inf if getattr(engine.bench, "virtual", False) else self._inputs_s + REST_LOOK_S
+
+    def __call__(self) -> None:
+        """Look at what is due. Raises as `look_at_devices`."""
+        engine, now_s = self._engine, self._clock.monotonic_s()
+        if engine.state is not State.READY:
+            return
+        if now_s >= self._inputs_s:
+            self._inputs_s = now_s + STOP_LOOK_S
+            if problem := engine.stop_problem(at_rest=True):
+                engine.trip(problem)
+        if now_s >= self._devices_s:
+            look_at_devices(engine)
+            self._devices_s = self._clock.monotonic_s() + REST_LOOK_S
 
 
 def checkpoint(engine: Engine, name: str) -> None:
@@ -216,19 +282,27 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
     """Descend slowly to clearance; a touch ends the descent, since frame and calibration may be wrong.
 
     This keeps a carriage that goes twice as far as commanded, with a sensor half a second late, within the bound of
-    docs/safety_design.md. A touch that vanishes at rest (vibration of the stage) is passed by one step.
+    docs/safety_design.md. A touch that vanishes at rest (vibration of the stage) is passed by one step. Before the
+    first zero, forces count from readings before the descent.
     """
-    habits = engine.settings.habits
+    habits, sensing = engine.settings.habits, engine.sensing
     down_mm, slow_mm_s, step_mm = habits.clearance_mm, habits.descent_speed_mm_s, habits.descent_step_mm
-    while engine.sensing.zeroed and engine.height_mm > down_mm + AT_MM:
-        engine.go_to_height(down_mm, slow_mm_s, touch_ends_it=True)
-        _refuse_contact(engine, engine.reading().force_n / GWT_N)
-        if engine.height_mm > down_mm + AT_MM:
-            engine.go_to_height(max(engine.height_mm - step_mm, down_mm), slow_mm_s)
+    provisional = not sensing.zeroed and engine.height_mm > down_mm + AT_MM
+    try:
+        if provisional:
+            sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
+        while sensing.zeroed and engine.height_mm > down_mm + AT_MM:
+            engine.go_to_height(down_mm, slow_mm_s, touch_ends_it=True)
             _refuse_contact(engine, engine.reading().force_n / GWT_N)
+            if engine.height_mm > down_mm + AT_MM:
+                engine.go_to_height(max(engine.height_mm - step_mm, down_mm), slow_mm_s)
+                _refuse_contact(engine, engine.reading().force_n / GWT_N)
+    finally:
+        if provisional:
+            sensing.zero = None
     if engine.height_mm != down_mm:
         engine.go_to_height(down_mm, speed_mm_s)
-    if engine.sensing.zeroed:
+    if sensing.zeroed:
         _refuse_contact(engine, engine.read_force_gwt(NO_PRESS, "clearance"))
 
 

@@ -48,9 +48,10 @@ def at_hand(
     if sensing is not None:
         sensing.zero, guard = known.zero, Guard(settings, sensing)
     placed = stage.homed or known.is_where_left(stage.status())
+    lifted = placed and known.contact is not None and not known.contact.may_touch
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
-    hand.keep_contact, hand.may_touch = memory.touched, known.contact is None or known.contact.may_touch
+    hand.keep_contact, hand.may_touch = memory.touched, not lifted
     yield hand
     if hand.placed:
         memory.left(stage.status())
@@ -90,7 +91,8 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
     sensing.zero = None  # Readings now have a new zero.
     memory.forget_zero()
     try:
-        memory.zeroed(sensing.take_zero(zero_readings_gwt(sensing.raw)))
+        zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
+        memory.zeroed(sensing.lasting_zero or zero)
     except NoReadingError as error:
         raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
     return name

@@ -68,6 +68,9 @@ class ByHand:
         speed, or if the sensor does not respond (upwards it may be out of range). Raises StageError.
         """
         direction, at = held(), self._stage.status()
+        if self.placed and not at.referenced:
+            self.stands(placed=False)
+            self.may_touch = True  # The carriage may have been moved, too.
         if direction is None:
             return Moved(at, None)
         if direction == DOWN and by_mm is not None:

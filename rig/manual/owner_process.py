@@ -214,6 +214,8 @@ class HandOwner:
         try:
             at = self._stage.status()
             self._show(at, None)
+            if self._hand.placed and not at.referenced:
+                self._stands(placed=False)
             if self._lost and not is_held(at.state):
                 self._stage.connect()
                 self._lost = False

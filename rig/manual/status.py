@@ -14,7 +14,7 @@ from typing import Any
 
 from rig.clock import Clock
 from rig.data.journal import ByteLog
-from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus
+from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus, ZeroedByDriver
 from rig.engine.bench_memory import state_folder
 from rig.engine.contact import KnownContact
 from rig.engine.limits import Trips
@@ -58,6 +58,11 @@ class OverheardSensor:
     def close(self) -> None:
         """Close the port."""
         self._sensor.close()
+
+    @property
+    def subtracted_n(self) -> float:
+        """Load that the driver subtracts since its last zero (N)."""
+        return self._sensor.subtracted_n if isinstance(self._sensor, ZeroedByDriver) else 0.0
 
     @property
     def sample_period_s(self) -> float:

@@ -173,12 +173,17 @@ class PressOrders:
     # --- the run's own thread ---
 
     def next(self, engine: Engine) -> Order | None:
-        """Wait for the next order at clearance, where a pause takes effect; None ends the run."""
+        """Wait for the next order at clearance; None ends the run.
+
+        A pause takes effect there, and a stop input or a lost device ends the run.
+        """
         with self._guard:
             self._waiting, self._order = True, None
         clock = WallClock()
+        look = verbs.LooksAtClearance(engine, clock)
         while True:
             verbs.safe_point(engine)
+            look()
             order, over = self._look()
             if order is not None:
                 return None if order.what == "leave" else order

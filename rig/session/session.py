@@ -293,7 +293,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
-        bench.left_with(engine.sensing.zero)
+        bench.left_with(engine.sensing.lasting_zero)
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import re
 import select
 import socket
 import threading
@@ -341,6 +342,11 @@ def open_port(
     if port.startswith(DATAGRAMS):
         return UdpTransport(port, name=name, owned=owned)
     return SerialTransport(port, baud, name=name, character=character, dtr=dtr, owned=owned)
+
+
+def may_be_renamed(port: str) -> bool:
+    """Return whether the system numbers this port in the order of plugging, so that its name changes the device."""
+    return re.fullmatch(r"/dev/tty(ACM|USB)\d+", port) is not None
 
 
 def refuse_missing(port: str) -> None:

@@ -90,6 +90,10 @@ class VirtualClock:
     def unix_s(self) -> float:
         return self._start_unix_s + self._now_s
 
+    def suspended_s(self) -> float:
+        """Return 0: virtual time is not suspended."""
+        return 0.0
+
     def call_at(self, t_s: float, action: Callable[[], None]) -> Handle:
         """Call an action at t_s; a time in the past means now. Ties keep their order."""
         return self._queue.push(max(t_s, self._now_s), action)

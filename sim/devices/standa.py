@@ -31,7 +31,7 @@ FAILED, RUNNING = 0x40, 0x80
 ERRC, ERRD, ERRV, HOMED, ALARM = 0x01, 0x02, 0x04, 0x20, 0x40
 RIGHT_EDGE, LEFT_EDGE, BUTTON_RIGHT = 0x01, 0x02, 0x04
 POWER_OFF, POWER_ON = 1, 3
-ACCELERATES, STOPS_AT_EDGES, HOMES_RIGHT = 0x10, 0x06, 0x01
+ACCELERATES, STOPS_AT_EDGES, HOMES_RIGHT, HOMES_TO_LIMIT = 0x10, 0x06, 0x01, 0x30
 FASTEST = 100_000
 BEYOND_MM = 0.5
 
@@ -89,7 +89,7 @@ class VirtualStandaController:
         homing = (round(5 * steps_per_mm), 0, round(steps_per_mm), 0, -self._sign * delta, -self._sign * part)
         self.settings = {name: bytes(length - LETTERS - CRC_BYTES) for name, length in SETTINGS.items()}
         self.settings |= {
-            "hom": struct.pack("<IBIBihH9x", *homing, HOMES_RIGHT if self._sign > 0 else 0),
+            "hom": struct.pack("<IBIBihH9x", *homing, HOMES_TO_LIMIT | HOMES_RIGHT * (self._sign > 0)),
             "mov": struct.pack("<IBHHIBB9x", round(2 * steps_per_mm), 0, ramp, ramp, 0, 0, 0),
             "eng": struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, ACCELERATES, 0, microsteps.bit_length(), 200),
             "eds": struct.pack("<BBihih6x", STOPS_AT_EDGES, 0, 0, 0, 0, 0),

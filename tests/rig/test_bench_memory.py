@@ -1,14 +1,29 @@
 """What one command leaves to the next: the zero of the sensor, and where the homed stage stood."""
 
+import io
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from rig.bench.virtual import bench_around, virtual_force, virtual_line
 from rig.devices.base import StageStatus
+from rig.devices.make_drivers import force_driver
+from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.sensing import ForceZero
+from rig.engine.dead_man import DOWN
+from rig.engine.sensing import ForceZero, Sensing
+from rig.manual.home_and_zero import zero
+from rig.manual.jog import ByHand
+from rig.plan.config import Config
 from rig.settings import RigSettings
+from rig.transport import LoopbackTransport
+from rig.units import GWT_N
+from sim.carriage import Carriage
+from sim.devices.clock import VirtualClock
+from sim.devices.line import Load
+from tests.rig.hand_bench import Spring
 
 AT = StageStatus("Idle", -3.0, -2.0, -1.5)
 
@@ -78,3 +93,73 @@ def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path, monkeypat
     memory = BenchMemory(RigSettings())
     memory.left(AT)
     assert memory.read() == LastKnown()
+
+
+def _bench(kind: str) -> Any:
+    """A homed stage of a kind, and the record of where it stands."""
+    config = Config.model_validate({"stage": {"kind": kind}})
+
+    def make(carriage: Carriage) -> Spring:
+        return Spring(carriage, 6.0)
+
+    bench = bench_around(make, config, VirtualClock(1.7e9), io.StringIO())
+    bench.stage.connect()
+    bench.stage.home()
+    memory = BenchMemory(config)
+    memory.left(bench.stage.status())
+    return bench, config, memory
+
+
+def _switched_off_and_on(stage: Any) -> None:
+    """All of it; two drives have a supply each."""
+    for one in (stage,) if hasattr(stage, "power_cycle") else (stage.x, stage.z):
+        one.power_cycle()
+
+
+@pytest.mark.parametrize("kind", BUILT_IN["stage"])
+@pytest.mark.parametrize("off", [False, True], ids=["left alone", "switched off and on"])
+def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: bool) -> None:
+    """It was left at home, 0, and counts from 0 again, wherever a hand or its weight has moved the carriage to."""
+    bench, _, memory = _bench(kind)
+    if off:
+        _switched_off_and_on(bench.board)
+    bench.stage.connect()
+    at = bench.stage.status()
+    assert memory.read().is_where_left(at) is not off
+
+
+@pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
+def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: str) -> None:
+    """A board with locked homing says so by itself. A jog leaves the height known."""
+    bench, config, memory = _bench(kind)
+    bench.stage.connect()
+    placed = memory.read().is_where_left(bench.stage.status())
+    hand = ByHand(config, bench.stage, bench.clock, None, lambda at, force_gwt: None, placed=placed)
+    hand.go(lambda: DOWN, 2.0, 0.5)
+    assert hand.placed
+    memory.left(bench.stage.status())
+    assert memory.read().is_where_left(bench.stage.status())
+    _switched_off_and_on(bench.board)
+    hand.go(lambda: None, 2.0)
+    assert not hand.placed
+
+
+@pytest.mark.parametrize("kind", BUILT_IN["force"])
+def test_the_next_command_counts_from_the_same_zero(kind: str) -> None:
+    """A cell that shows 40 gwt in the air. Some are zeroed by their driver, which then begins anew."""
+    config = Config.model_validate({"force": {"kind": kind}})
+    clock = VirtualClock(1.7e9)
+    line, gwt = virtual_line(clock, config.force), 40.0
+    twin = virtual_force(clock, line, config, Load(lambda t_s: gwt * GWT_N))
+
+    def connected() -> Sensing:
+        wire = LoopbackTransport(line, clock)
+        found = Sensing(config, clock, force_driver(lambda port: wire, clock, config))
+        found.connect()
+        return found
+
+    zero(config, connected(), anyway=True)
+    gwt = 48.0
+    then = connected()
+    then.zero = BenchMemory(config).read().zero
+    assert then.settled().force_n / GWT_N == pytest.approx(8.0, abs=0.02), twin

@@ -104,6 +104,7 @@ def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
     assert asked["force_gwt"] == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.quick(rows=lambda tolerance, model: model == "halfspace")  # of the finger: sim/test_choice.py
 @pytest.mark.parametrize(("tolerance", "model"), [("60%", "halfspace"), ("0.05", "finger")])
 def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -> None:
     ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "auto",
@@ -191,16 +192,10 @@ def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> No
     assert len(list(Path("runs").iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        ("--set", "depth_mm=0.2", "times=2"),
-        ("--set", "depth_mm=0.2", "--set", "times=2"),
-        ("--set", "depth_mm=0.2", "--json", "--set", "times=2"),
-    ],
-)
-def test_settings_in_either_form(rig: Rig, script: Path, form: tuple[str, ...]) -> None:
-    answer = rig("dry-run", script, *form, *([] if "--json" in form else ["--json"])).json
+def test_settings_in_either_form(rig: Rig, script: Path) -> None:
+    for form in (("--set", "depth_mm=0.2", "times=2"), ("--set", "depth_mm=0.2", "--set", "times=2")):
+        assert [step["doi_mm"] for step in rig("check", script, *form, "--json").json["steps"]] == [0.2, 0.2]
+    answer = rig("dry-run", script, "--set", "depth_mm=0.2", "--json", "--set", "times=2").json
     assert (answer["complete"], answer["indentations"]) == (True, 2)
     start = next(read_journal(Path(answer["run"]) / "events.jsonl"))
     assert start["parameters"] == {"depth_mm": 0.2, "times": 2}

@@ -1,16 +1,19 @@
 """The heartbeat by itself, how far a stage goes on, and the small records of an indentation."""
 
 import math
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from rig.engine import Pause, PressId, Target
+from rig.engine import Pause, PressId, Target, TripError, indent
 from rig.engine.bench import LOOK_S, Heartbeat
 from rig.engine.limits import Stopping
 from rig.records import NO_PRESS, ContactFit
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
+from tests.error_codes import raises
 
 DOCS = Path(__file__).parents[2] / "docs" / "safety_design.md"
 
@@ -67,6 +70,45 @@ def test_a_broken_promise_is_noticed_as_soon_as_is_documented() -> None:
         clock.wait_s(LOOK_S)
         heartbeat.look()
     assert stopped_s == [pytest.approx(100.52)]
+
+
+# --- a computer that was suspended ---
+
+
+def test_a_computer_that_was_suspended_in_a_touch_lifts_and_counts_the_time(spring: Callable[..., Any]) -> None:
+    """The monotonic clock stood still for an hour: a hold would otherwise be as long as commanded."""
+    bench = spring()
+    engine = bench.ready()
+
+    def sleep(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "hold_start":
+            bench.clock.suspended_s = lambda: 3600.0
+
+    bench.on_event = sleep
+    with raises(TripError, "suspended", for_s=3600.0):
+        indent(engine, Target("force_gwt", 1.0), hold_s=0.5)
+    assert engine.height_mm == 2.0
+    assert engine.known_contact.kind == "lifted"
+    assert bench.of("trip")[0]["contact_s"] > 3600.0
+    assert bench.of("hold_end") == []
+
+
+def test_a_computer_that_was_suspended_in_a_motion_ends_it_first(spring: Callable[..., Any]) -> None:
+    bench = spring()
+    engine = bench.ready()
+    engine.go_to_height(1.96, 0.5)
+    bench.clock.call_at(bench.clock.monotonic_s() + 0.03, lambda: setattr(bench.clock, "suspended_s", lambda: 9.0))
+    with raises(TripError, "suspended", for_s=9.0):
+        engine.go_to_height(1.92, 0.1)
+    assert engine.height_mm == 2.0
+
+
+def test_a_computer_that_was_suspended_in_the_air_goes_on(spring: Callable[..., Any]) -> None:
+    bench = spring()
+    engine = bench.ready()
+    bench.clock.suspended_s = lambda: 3600.0
+    indent(engine, Target("force_gwt", 1.0), hold_s=0.0)
+    assert engine.contact.total_s < 60.0
 
 
 # --- how far a stage goes on ---

@@ -1,6 +1,7 @@
 """What a Leadshine stage refuses, when it trusts its position, and how it takes up backlash."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from functools import partial
 from typing import Any
 
@@ -50,6 +51,18 @@ def test_nothing_is_written_to_a_drive_that_would_not_obey(
     with raises(kind, code, **fields):
         VERBS[verb](stage)
     assert bus.told == []
+
+
+@pytest.mark.parametrize(
+    ("port", "refused"), [("/dev/ttyUSB1", True), ("/dev/serial/by-id/a", False), ("tcp://10.0.0.7:502", False)]
+)
+def test_drives_that_two_ports_could_exchange_are_refused(bench: Make, port: str, refused: bool) -> None:
+    """With the same address behind two adapters, z's paths would move x if their names change places."""
+    bus, stage = bench()
+    bus.name = port
+    stage._drives["x"].device_id = Z
+    with raises(StageError, "port_may_change", port=port, device=Z) if refused else nullcontext():
+        stage._refuse_alike()
 
 
 NO_NUMBER = [float("nan"), float("inf"), float("-inf")]

@@ -3,11 +3,11 @@
 import random
 import struct
 from collections.abc import Callable, Iterator
+from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.virtual import stage_opener, virtual_stage
 from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
@@ -205,7 +205,7 @@ class Bench:
         return [data[:4].decode("latin-1") for _, to, data in self.sent if to == axis]
 
 
-def bench_of(*, homed: bool = True, **tables: Any) -> Bench:
+def bench_of(*, homed: bool = True, connected: bool = True, **tables: Any) -> Bench:
     """A bench, homed."""
     config = Config.model_validate({"stage": {"kind": "standa", **tables.pop("stage", {})}, **tables})
     clock = VirtualClock(1.7e9, 50.0)
@@ -224,29 +224,12 @@ def bench_of(*, homed: bool = True, **tables: Any) -> Bench:
         return wire
 
     stage: Stage = stage_driver(stage_opener(config, line, noted), clock, config)
-    stage.connect()
+    if connected:
+        stage.connect()
     if homed:
         stage.home()
     sent.clear()
     return Bench(clock, pair, stage, (line, *line.further), sent)
-
-
-RIGHT = {"standa": {"x": {"home": "right"}, "z": {"home": "right", "step_um": 2.5, "microsteps": 8}}}
-
-
-@pytest.mark.parametrize("own", [{}, RIGHT], ids=["left", "right"])
-def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
-    bench = bench_of(stage=own)
-    assert bench.stage.homed
-    assert (bench.stage.steps_per_mm("z") > 0) is bool(own)
-    bench.stage.move_to(z_mm=-11.0013, speed_mm_s=5.0)
-    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
-    now = bench.stage.status()
-    assert now.state == "Idle"
-    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0013), abs=2e-4)
-    x, _, z = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
-    assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=2e-4)
-    assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=2e-4)
 
 
 def test_a_move_has_its_speed_and_the_ramp_of_the_controller() -> None:
@@ -270,14 +253,15 @@ def _changed(name: str, layout: str, place: int, value: int) -> Callable[[Virtua
     return change
 
 
-ENGINE, SPEEDS = "<HHIBHhBH12x", "<IBHHIBB9x"
+ENGINE, SPEEDS, HOMING = "<HHIBHhBH12x", "<IBHHIBB9x", "<IBIBihH9x"
 OTHERWISE = [
     (_changed("eng", ENGINE, 6, 8), "MicrostepMode"),
     (_changed("eng", ENGINE, 4, 0), "ENGINE_ACCEL_ON"),
     (_changed("eng", ENGINE, 4, 0x18), "ENGINE_ANTIPLAY"),
     (_changed("eds", "<BBihih6x", 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
     (_changed("eds", "<BBihih6x", 0, 7), "BORDER_IS_ENCODER"),
-    (_changed("hom", "<IBIBihH9x", 6, 1), "HOME_DIR_FIRST"),
+    (_changed("hom", HOMING, 6, 0x31), "HOME_DIR_FIRST"),
+    (_changed("hom", HOMING, 6, 0x10), "HOME_STOP_FIRST_BITS"),
     (_changed("pwr", "<BHHHB6x", 4, 2), "POWER_OFF_ENABLED"),
     (_changed("mov", SPEEDS, 2, 4000), "Accel"),
     (_changed("mov", SPEEDS, 3, 4000), "Decel"),
@@ -291,10 +275,67 @@ def test_a_controller_that_is_set_otherwise_is_refused(
     bench = bench_of(homed=False)
     fresh = bench_of(homed=False)
     change(bench.pair.z)
-    bench.stage._axes["z"]._ramps = None  # type: ignore[attr-defined]
     with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
         bench.stage.connect()
     assert fresh.stage.connect()
+
+
+@pytest.mark.parametrize("serial", [10003, 10001])
+def test_another_controller_is_refused(serial: int) -> None:
+    """Ports that have changed places, so that z's commands would move x: 10003 is z's."""
+    bench = bench_of(homed=False, stage={"standa": {"z": {"serial": serial}}}, connected=serial == 10003)
+    if serial == 10003:
+        assert bench.stage.connect()
+        return
+    with raises(StageError, "not_as_configured", setting="serial number", axis="z", found=10003, expected=10001):
+        bench.stage.connect()
+
+
+def test_two_names_of_one_controller_are_refused() -> None:
+    bench = bench_of(homed=False)
+    bench.stage._axes["x"]._link = bench.stage._axes["z"]._link  # type: ignore[attr-defined]
+    with raises(StageError, "one_controller_for_two", serial=10003):
+        bench.stage.connect()
+
+
+@pytest.mark.parametrize(
+    ("port", "serial", "refused"),
+    [
+        ("/dev/ttyACM0", None, True), ("/dev/ttyUSB12", None, True), ("/dev/ttyACM0", 10003, False),
+        ("/dev/serial/by-id/usb-XIMC_00001234-if00", None, False), ("tcp://10.0.0.7:1820", None, False),
+        ("COM3", None, False),
+    ],
+)  # fmt: skip
+def test_a_port_whose_name_may_change_needs_a_serial_number(port: str, serial: int | None, refused: bool) -> None:
+    bench = bench_of(homed=False, stage={"standa": {"z": {"serial": serial}}})
+    bench.stage._axes["z"]._link.name = port  # type: ignore[attr-defined]
+    with raises(StageError, "port_may_change", port=port, axis="z", serial=10003) if refused else nullcontext():
+        bench.stage.connect()
+
+
+@pytest.mark.parametrize("start_mm", [-10.0, -0.2])
+def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float) -> None:
+    """A millimeter, and as far as the stage needs to stop, whatever it was told."""
+    bench = bench_of()
+    bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
+    z: Any = bench.pair.z
+    z._home = lambda: z._go([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
+    before = z.carriage_at(bench.clock.monotonic_s())
+    with raises(StageError, "homes_the_wrong_way", axis="z"):
+        bench.stage.home()
+    gone_mm = (before - z.carriage_at(bench.clock.monotonic_s())) / abs(bench.stage.steps_per_mm("z"))
+    assert 1.0 < gone_mm < 1.3
+    assert not bench.stage.homed
+
+
+def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
+    """HomeDelta of 50 mm would go through the finger: 10 mm, and a stop."""
+    bench = bench_of(homed=False)
+    per_mm = abs(bench.stage.steps_per_mm("z"))
+    _changed("hom", HOMING, 4, 5000)(bench.pair.z)
+    with raises(StageError, "homes_the_wrong_way", axis="z"):
+        bench.stage.home()
+    assert -10.0 < bench.pair.z.carriage_at(bench.clock.monotonic_s()) / per_mm < -9.0
 
 
 def test_nothing_but_speed_and_zero_is_ever_written() -> None:
@@ -418,14 +459,6 @@ def test_what_ends_a_move(
         assert not bench.pair.z.busy, "it is stopped off its way"
 
 
-def test_switched_off_and_on_at_rest_it_is_no_longer_homed() -> None:
-    bench = bench_of()
-    bench.pair.power_cycle()
-    with raises(StageReset, "was_reset"):
-        bench.stage.status()
-    assert not bench.stage.homed
-
-
 # --- stop ---
 
 
@@ -472,61 +505,3 @@ def test_a_stop_after_a_command_that_was_cut_short() -> None:
     bench.stage.stop()
     assert bench.clock.monotonic_s() - asked_s < 0.5
     assert not bench.pair.z.busy
-
-
-def test_a_controller_that_cannot_be_stopped_says_so() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
-    bench.pair.z._end = lambda letters: None  # type: ignore[method-assign]
-    asked_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z"):
-        bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 1.3
-
-
-# --- jogs, configuration ---
-
-
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
-    bench = bench_of(homed=homed)
-    low = bench.stage.status().z_mm
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(0.1)
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(2.0)
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-4)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
-
-
-def test_a_calibration_replaces_the_length_of_a_step() -> None:
-    measured = {"value": 51200.0, "date": "2026-01-01", "expires": "2027-01-01"}
-    bench = bench_of(calibration={"z_steps_per_mm": measured})
-    assert bench.stage.steps_per_mm("z") == -51200.0
-    assert bench.stage.steps_per_mm("x") == -25600.0
-    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
-    assert bench.pair.z.position() == 102400
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("step_um", 0.0), ("step_um", 100.1), ("step_um", float("nan")), ("microsteps", 3), ("microsteps", 512),
-        ("home", "up"), ("steps", 1),
-    ],
-)  # fmt: skip
-def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Config.model_validate({"stage": {"kind": "standa", "standa": {"z": {key: value}}}})
-    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "standa", "z", key)]
-
-
-def test_two_controllers_need_two_ports() -> None:
-    config = Config.model_validate({"stage": {"kind": "standa", "port": "/dev/a", "standa": {"x_port": "/dev/a"}}})
-    clock = VirtualClock()
-    with raises(StageError, "one_port_for_two", port="/dev/a"):
-        stage_driver(lambda port: LoopbackTransport(SerialLine(clock, 9600), clock), clock, config)

@@ -13,6 +13,7 @@ from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, Tri
 from rig.engine.engine import State
 from rig.errors import PressPaused
 from rig.settings import RigSettings
+from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import raises
 
@@ -113,6 +114,32 @@ def test_a_drift_beyond_the_band_alarms_either_way(spring: Make, drift_gwt: floa
     assert len(bench.of("alarm")) == (abs(drift_gwt) > 0.03)
 
 
+def test_a_drift_as_large_as_a_touch_is_measured_again_in_the_air(spring: Make) -> None:
+    """And zeroed there: the stage goes up to habits.park_height_mm, 10 mm, and slowly back."""
+    bench = spring()
+    engine = bench.ready()
+    _feels(bench, 0.3)
+    before = len(_heights(bench))
+    verbs.zero(engine)
+    assert _heights(bench)[before:] == [10.0, 2.0]
+    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.3)
+    verbs.move_to(engine, 1.0)
+    assert engine.x_mm == 1.0
+
+
+@pytest.mark.parametrize("above_mm", [0.05, 0.5, 1.5])
+def test_a_finger_that_came_up_to_the_indentor_is_not_zeroed_away(spring: Make, above_mm: float) -> None:
+    """A zero in that touch would hide as much of every later force. On the way back down it trips."""
+    bench = spring(contact_mm=-0.3)
+    engine = bench.ready()
+    bench.contact_mm = 2.0 + above_mm
+    with raises(TripError, "touch_at_clearance"):
+        verbs.zero(engine)
+    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.0, abs=1e-6), "measured in the air"
+    assert engine.known_contact.kind == "lifted"
+    assert abs(engine.sensing.settled().force_n) < 0.01 * GWT_N
+
+
 # --- home ---
 
 
@@ -203,6 +230,39 @@ def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Ma
     assert [move["F"] for move in bench.moves() if "Z" in move] == [pytest.approx(60 * 0.7)]
     assert _heights(bench) == [2.0]
     assert len(bench.of("sample")) == 1  # at clearance; those on the way are looked at only
+
+
+@pytest.mark.parametrize("k_gwt", [6.0, 60.0])
+@pytest.mark.parametrize("weight_gwt", [0.0, 30.0])
+def test_before_the_first_zero_a_touch_ends_the_same_slow_way_down(
+    spring: Make, k_gwt: float, weight_gwt: float
+) -> None:
+    """The finger lies 1.5 mm above clearance; the sensor shows the weight of the indentor."""
+    bench = _homed(spring, k_gwt=k_gwt, contact_mm=3.5)
+    truth_n, worst_gwt = bench.force_n, 0.0
+    bench.force_n = lambda t_s: truth_n(t_s) + weight_gwt * GWT_N
+
+    def sample() -> None:
+        nonlocal worst_gwt
+        worst_gwt = max(worst_gwt, truth_n(bench.clock.monotonic_s()) / GWT_N)
+        bench.clock.call_at(bench.clock.monotonic_s() + 0.002, sample)
+
+    sample()
+    with raises(TripError, "touch_at_clearance"):
+        verbs.move_to(bench.engine, 0.0)
+    assert worst_gwt < k_gwt * 0.35**1.5, "v · (a look, a reading, the stop) at 0.8 mm/s"
+    assert bench.engine.sensing.zero is None, "readings before the descent are no zero for the next command"
+
+
+def test_nothing_goes_sideways_under_a_finger_that_came_up(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    verbs.rest(engine, 3.0)
+    bench.contact_mm = 2.2
+    with raises(TripError, "touch_at_clearance", height_mm=2.0):
+        verbs.move_to(engine, 1.0)
+    assert not [move for move in bench.moves()[-1:] if "X" in move]
+    assert bench.true_pose()[0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_shake_that_is_none_at_rest_is_passed_by_a_step(spring: Make) -> None:
@@ -306,6 +366,38 @@ def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
     assert bench.clock.monotonic_s() - start_s == pytest.approx(3.0, abs=0.1)
     assert bench.of("paused") == [{"reason": "operator"}]
     assert bench.of("rest") == []
+
+
+@pytest.mark.parametrize("lost", ["stage", "force", "neither"])
+def test_a_device_that_is_lost_in_a_rest_is_noticed_at_the_next_look(spring: Make, lost: str) -> None:
+    """Every second; then nothing moves if the stage is lost."""
+    bench = spring()
+    engine = bench.ready()
+    at_s = bench.clock.monotonic_s() + 10.3
+    if lost == "stage":
+        bench.clock.call_at(at_s, bench.stage.close)
+    elif lost == "force":
+        bench.clock.call_at(at_s, lambda: setattr(bench.balance, "mute", True))
+    error: Any = {"stage": TransportError, "force": TripError}.get(lost)
+    with pytest.raises(error) if error else nullcontext():
+        verbs.rest(engine, 600.0)
+    if error:
+        assert 0.0 < bench.clock.monotonic_s() - at_s < verbs.REST_LOOK_S + 5.0
+        assert bench.of("rest") == []
+
+
+def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    from_s = bench.clock.monotonic_s() + 10.3
+
+    def pressed(*, at_rest: bool) -> TripError | None:
+        now = from_s <= bench.clock.monotonic_s() < from_s + 0.15
+        return TripError("pressed", code="hardware_trip") if now else None
+
+    engine.stop_problem = pressed
+    with raises(TripError, "hardware_trip"):
+        verbs.rest(engine, 600.0)
 
 
 def test_an_operator_who_goes_on_goes_on_but_a_press_begins_again(spring: Make) -> None:

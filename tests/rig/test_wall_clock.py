@@ -30,3 +30,11 @@ def test_wait_until_ready_or_late() -> None:
     assert clock.wait_until(lambda: clock.monotonic_s() >= at_s, at_s + DEADLINE_S)
     assert clock.monotonic_s() < at_s + DEADLINE_S, "it did not wait for the deadline"
     assert not clock.wait_until(lambda: False, clock.monotonic_s() + 0.005)
+
+
+def test_a_computer_that_is_awake_is_not_suspended() -> None:
+    """The difference of two clocks, which are read one after the other."""
+    clock = WallClock()
+    before_s = clock.suspended_s()
+    clock.wait_s(0.01)
+    assert abs(clock.suspended_s() - before_s) < 0.1

@@ -50,7 +50,7 @@ def usual(axis: str, serial: int) -> Replies:
         a + b"gfwv": b"gfwv" + struct.pack("<BBH", 4, 7, 12),
         a + b"geng": b"geng" + struct.pack("<HHIBHhBH12x", 0, 500, 5000, 0, 0x10, 0, 9, 200),
         a + b"geds": b"geds" + bytes([6]) + bytes(19),
-        a + b"ghom": b"ghom" + bytes(27),
+        a + b"ghom": b"ghom" + bytes(16) + b"\x30" + bytes(10),
         a + b"gpwr": b"gpwr" + bytes(14),
         a + b"gmov": b"gmov" + struct.pack("<IBHHIBB9x", 200, 0, 6000, 6000, 0, 0, 0),
         a + b"sstp": b"sstp",

@@ -28,14 +28,16 @@ from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
-from rig.engine import EngineError, TripError
+from rig.engine import EngineError, TripError, verbs
 from rig.errors import BadInputError, CountError, RunAborted
 from rig.plan.config import Config, load_config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
+from rig.session.orders import PressOrders, scope_of
 from rig.session.rehearsal_summary import Page, in_both_units
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.transport import TransportError
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
@@ -121,8 +123,10 @@ def _cuts(lines: list[dict[str, Any]]) -> list[int]:
     return [n + 1 for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] in ends]
 
 
+@pytest.mark.quick(rows=lambda killed: killed == "around the first and the last press")
+@pytest.mark.parametrize("killed", ["around the first and the last press", "around those between"])
 def test_a_run_killed_anywhere_resumes_with_the_same_choices(
-    here: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+    killed: str, here: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bit for bit: counts, probabilities, presses; no press is lost or made twice."""
     config = load_config(here / "rig.toml")
@@ -140,7 +144,8 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     lines = (whole / "events.jsonl").read_bytes().splitlines(keepends=True)
     cuts = _cuts([json.loads(line) for line in lines])
     assert len(cuts) == 4 * presses + 1
-    for number, end in enumerate(cuts):
+    ends = {*cuts[:4], *cuts[-5:]}
+    for number, end in enumerate(sorted(ends if "first" in killed else {*cuts} - ends)):
         folder = here / f"cut{number}"
         shutil.copytree(whole, folder)
         (folder / "events.jsonl").write_bytes(b"".join(lines[:end]) + b'{"doc": "eve')
@@ -152,43 +157,37 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
         shutil.rmtree(folder)
 
 
-def _same(some: ResponseTable) -> ResponseTable:
-    return some
+OTHER_PRESSES = {
+    "other presses": (lambda some: some.only(range(2, len(some.presses))), {}),
+    "one press": (lambda some: some.only(range(1)), {}),
+    "a number beyond the set": (None, {"possible": 10_000}),
+    "a negative number": (None, {"possible": -1}),
+    "another x": (None, {"x_mm": 0.123}),
+    "another indentor": (None, {"indentor": "bar:9.0"}),
+}
+"""What became of the table of presses, or of the journal."""
 
 
-@pytest.mark.parametrize(
-    ("table_now", "journal"),
-    [
-        (lambda some: some.only(range(2, len(some.presses))), {}),
-        (lambda some: some.only(range(1)), {}),
-        (_same, {"possible": 10_000}),
-        (_same, {"possible": -1}),
-        (_same, {"x_mm": 0.123}),
-        (_same, {"indentor": "bar:9.0"}),
-    ],
-    ids=["other presses", "one press", "a number beyond the set", "a negative number", "x", "another indentor"],
-)
 def test_a_recorded_number_that_names_another_press_is_refused(
-    here: Path,
-    program: Program,
-    monkeypatch: pytest.MonkeyPatch,
-    some: ResponseTable,
-    table_now: Callable[[ResponseTable], ResponseTable],
-    journal: dict[str, Any],
+    here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, some: ResponseTable
 ) -> None:
     """By another version of the finger's model, or by an edited journal: nothing moves."""
-    run = read_run(Path(program(*DRY, "--choose", TRUTH, "--json").json["run"]))
-    lines = [json.loads(line) for line in run.folder.events.read_bytes().splitlines()]
+    whole = Path(program(*DRY, "--choose", TRUTH, "--json").json["run"])
+    lines = [json.loads(line) for line in (whole / "events.jsonl").read_bytes().splitlines()]
     numbers = [n for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] == "choice"]
-    lines[numbers[1]]["data"].update(journal)
-    left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
-    run.folder.events.write_text(left, encoding="utf-8")
-    now = table_now(some)
-    monkeypatch.setattr(designs, "response_table", lambda *_: now)
-    monkeypatch.setattr(designs, "press_times", lambda *_: PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0))
-    ended = program("resume", run.folder.path, "--json")
-    assert (ended.code, ended.json["code"]) == (2, "choice_changed"), ended.err
-    assert run.folder.events.read_text(encoding="utf-8") == left, "nothing was made"
+    recorded = dict(lines[numbers[1]]["data"])
+    for name, (other_table, journal) in OTHER_PRESSES.items():
+        folder = shutil.copytree(whole, here / name)
+        lines[numbers[1]]["data"] = {**recorded, **journal}
+        left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
+        (folder / "events.jsonl").write_text(left, encoding="utf-8")
+        now = some if other_table is None else other_table(some)
+        times = PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0)
+        monkeypatch.setattr(designs, "response_table", lambda *_, now=now: now)
+        monkeypatch.setattr(designs, "press_times", lambda *_, times=times: times)
+        ended = program("resume", folder, "--json")
+        assert (ended.code, ended.json["code"]) == (2, "choice_changed"), (name, ended.err)
+        assert (folder / "events.jsonl").read_text(encoding="utf-8") == left, "nothing was made"
 
 
 def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be_chosen(
@@ -442,6 +441,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         problem: TripError | None = None,
         interrupt: Callable[[], bool] = _never,
         step: ChoosePress = SECOND,
+        lost: Callable[[Any], object] = lambda bench: None,
     ) -> tuple[int | None, Any]:
         script = load_script(str(here / "designed.py"))
         choosing = Choosing(REQUEST, TRUTH, Config(), some, few_times)
@@ -451,6 +451,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         engine = bench.ready()
         bench.interrupt = interrupt
         engine.stop_problem = lambda *, at_rest: problem
+        lost(bench)
         found = run.choose(engine, step)
         return found, bench
 
@@ -524,6 +525,37 @@ def test_a_stop_input_trips_during_the_wait(waiting: Callable[..., Any]) -> None
     with pytest.raises(TripError) as caught:
         waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", code="hardware_trip"))
     assert caught.value.code == "hardware_trip"
+
+
+@pytest.mark.parametrize(
+    ("lost", "error"),
+    [
+        (lambda bench: bench.stage.close(), TransportError),
+        (lambda bench: setattr(bench.balance, "mute", True), TripError),
+    ],
+    ids=["stage", "force sensor"],
+)
+def test_a_device_that_is_lost_ends_the_wait(
+    waiting: Callable[..., Any],
+    lost: Callable[[Any], object],
+    error: type[Exception],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(verbs, "REST_LOOK_S", 0.02)
+    with pytest.raises(error):
+        waiting(_Chooser(_never), within_s=600.0, lost=lost)
+
+
+@pytest.mark.parametrize("lost", [lambda bench: bench.stage.close(), lambda bench: bench.force.close()])
+def test_a_device_that_is_lost_ends_the_wait_for_an_order(
+    spring: Callable[..., Any], lost: Callable[[Any], object], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(verbs, "REST_LOOK_S", 0.02)
+    bench = spring()
+    engine = bench.ready()
+    lost(bench)
+    with pytest.raises((TransportError, TripError)):
+        PressOrders(scope_of({"indentor": "bar:3.0", "force_gwt": 1.0})).next(engine)
 
 
 def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
