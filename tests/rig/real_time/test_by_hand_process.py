@@ -170,7 +170,7 @@ def test_two_drives_on_a_bus_are_stopped_while_they_jog(
 def test_holds_that_stop_coming_stop_it(homed: tuple[Owner, Path]) -> None:
     owner, _ = homed
     owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
-    assert owner.done()["ended_by"] == LAPSED
+    assert until(lambda: owner.done()["ended_by"]) == LAPSED
 
 
 @pytest.mark.parametrize(
