@@ -1,9 +1,9 @@
 """Records of an indentation: what is asked, what the model expects, what was done."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 from rig.units import GWT_N
 
@@ -18,6 +18,18 @@ class Target:
     def part(self, hold: int, increments: int) -> "Target":
         """The target of one of several equal increments, the first being 1."""
         return Target(self.kind, self.value * hold / increments)
+
+
+K = TypeVar("K", bound=Hashable)
+T = TypeVar("T")
+
+
+def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
+    """Return all items of each key, in order of first appearance, sorted or not."""
+    found: dict[K, list[T]] = {}
+    for item in items:
+        found.setdefault(key(item), []).append(item)
+    return found
 
 
 _FORCE_DIGITS = 6

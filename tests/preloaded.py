@@ -27,6 +27,7 @@ from sim.workers import TO_THE_GROUP
 from tests.waiting import until
 
 POSSIBLE = sys.platform == "linux"
+SPAWN_ANEW = getattr(multiprocessing.util, "spawnv_passfds", None)
 IMPORTED = (
     *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
     *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
@@ -105,6 +106,7 @@ class Popen(subprocess.Popen[Any]):
         really = super()._execute_child  # type: ignore[misc]
         asked = inspect.signature(really).bind(*arguments).arguments
         words, env = [os.fspath(word) for word in asked["args"]], dict(asked["env"] or os.environ)
+        unbuffered = words[1:2] == ["-u"]
         names = [name for name in {*env, *os.environ} if name.startswith("PYTHON") and name != PATH]
         as_here = words[0] == sys.executable and all(env.get(name) == os.environ.get(name) for name in names)
         if not POSSIBLE or not as_here or any(asked[name] for name in NOT_HERE):
@@ -114,15 +116,32 @@ class Popen(subprocess.Popen[Any]):
         numbers = {number: number if end == -1 else end for number, end in enumerate(ends)}
         cwd = os.path.abspath(asked["cwd"] or ".")
         session = asked["start_new_session"]
-        self.pid = server(env).fork(words, numbers, env=env, cwd=cwd, session=session, forks=True)
+        if unbuffered:
+            del words[1]
+        how = {"env": env, "cwd": cwd, "session": session, "unbuffered": unbuffered}
+        self.pid = server(env).fork(words, numbers, **how, forks=True)
         self._child_created = True
         self._close_pipe_fds(*[asked[end] for end in ENDS])  # type: ignore[attr-defined]
+
+
+def fork_workers() -> None:
+    """Have xdist begin its workers so: each would import what the tests of a worker need, and a server of its own.
+
+    The server of a worker is then forked with it.
+    """
+    from execnet import gateway_base, gateway_io  # xdist is there
+
+    def begin(end: Any, words: Sequence[str], execmodel: Any) -> None:
+        end.popen = Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        gateway_base.Popen2IO.__init__(end, end.popen.stdin, end.popen.stdout, execmodel=execmodel)
+
+    gateway_io.Popen2IOMaster.__init__ = begin  # type: ignore[method-assign]
 
 
 def spawnv_passfds(path: bytes | str, words: Sequence[str], handles: Sequence[int]) -> int:
     """As that of `multiprocessing.util`, by which it begins a process."""
     same = {number: number for number in {0, 1, 2, *handles}}
-    return server().fork(list(map(os.fsdecode, words)), same, session=False, forks=False)
+    return server().fork(list(map(os.fsdecode, words)), same, session=False, unbuffered=False, forks=False)
 
 
 def import_all() -> None:
@@ -188,7 +207,8 @@ def _inherit(asked: dict[str, Any], handles: Sequence[int]) -> None:
     os.environ.clear()
     os.environ.update(asked["env"])
     # The streams of the server still believe that they write to its own files.
-    unbuffered, out = bool(asked["env"].get("PYTHONUNBUFFERED")), io.FileIO(1, "w", closefd=False)
+    unbuffered = asked["unbuffered"] or bool(asked["env"].get("PYTHONUNBUFFERED"))
+    out = io.FileIO(1, "w", closefd=False)
     sys.stdin = sys.__stdin__ = io.TextIOWrapper(io.BufferedReader(io.FileIO(0, closefd=False)), "utf-8")
     sys.stdout = sys.__stdout__ = io.TextIOWrapper(
         out if unbuffered else io.BufferedWriter(out),

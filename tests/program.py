@@ -95,6 +95,8 @@ Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **op
 
 WHOLE = str(Path(__file__).with_name("whole_program.py"))
 """A Python runs this file as `rig`; its figures are empty, also those that the process of the finger draws."""
+HELD_REPORT = "HELD_REPORT"
+"""In its environment, this keeps its report from being made."""
 
 
 SEVERAL = """\

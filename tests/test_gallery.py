@@ -1,4 +1,7 @@
-"""The gallery's scripts run, give what their pages say, draw a picture, and hold their types."""
+"""The gallery's scripts run, give what their pages say, and draw a picture.
+
+`make test` runs them on a coarse finger and with fewer poses; `make test-studies` and `make docs` as they stand.
+"""
 
 import contextlib
 import subprocess
@@ -13,9 +16,10 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from sim import MEASURES
+from sim import MEASURES, Fingertip, FingertipConfig
 from tests.preloaded import Popen
 from tests.program import WHOLE, Program, program_of
+from tests.sim.coarse_mesh import coarse_mesh
 
 ROOT = Path(__file__).parents[1]
 GALLERY = ROOT / "examples" / "gallery"
@@ -65,14 +69,46 @@ class Undrawn(Popen):
         super().__init__([python, WHOLE, *words[2:]] if words[:2] == ["-m", "rig"] else command, **options)
 
 
-def _run(name: str) -> dict[str, Any]:
+COARSE = "coarse_mesh(0.3, 0.6)"
+SMALLER = {
+    "01_press_and_plot": {'MeshSpec(level="coarse")': COARSE},
+    "02_sweep": {'MeshSpec(level="coarse")': COARSE},
+    "03_own_indentor": {
+        "Fingertip, MeasuredProfile": "Fingertip, FingertipConfig, MeasuredProfile, MeshSpec",
+        "Fingertip.load()": f"Fingertip.load(FingertipConfig(mesh={COARSE}))",
+    },
+    "04_own_layers": {'MeshSpec(level="coarse")': COARSE},
+    "05_own_finger": {'MeshSpec(level="coarse")': COARSE},
+    "07_ssrp": {'MeshSpec(level="coarse")': COARSE},
+    "08_fit_to_rates": {'MeshSpec(level="coarse")': COARSE},
+    "09_many_poses": {'MeshSpec(level="coarse")': COARSE, "POSES = 80": "POSES = 12"},
+    "10_parameter_study": {
+        "(0.3, 0.4, 0.5), (0.26, 0.32, 0.38)": "(0.3, 0.5), (0.26, 0.38)",
+        "MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6)": COARSE,
+    },
+    "11_encode": {'MeshSpec(level="coarse")': COARSE},
+    "03_letter": {'"--x-mm", "0", ': '"--x-mm", "0", "--model", "halfspace", '},
+}
+"""What is written otherwise in a script, to take less time."""
+
+
+def _code(path: Path, smaller: bool = True) -> str:
+    text = path.read_text(encoding="utf-8")
+    for there, less in SMALLER.get(path.stem, {}).items() if smaller else ():
+        assert text.count(there) == 1, f"{path.stem}: {there}"
+        text = text.replace(there, less)
+    return text
+
+
+def _run(name: str, smaller: bool = True) -> dict[str, Any]:
     """The names that a script leaves; it has drawn one figure and written nothing beside it."""
     (path,) = (path for path in SCRIPTS if path.stem == name)
     main, before = ModuleType("__main__"), sys.modules["__main__"]  # no __file__, as sphinx-gallery runs a script
     try:
         sys.modules["__main__"] = main
+        main.__dict__["coarse_mesh"] = coarse_mesh
         with mock.patch.object(sys, "argv", [str(path)]):
-            exec(compile(path.read_text(encoding="utf-8"), path, "exec"), main.__dict__)
+            exec(compile(_code(path, smaller), path, "exec"), main.__dict__)
         assert len(plt.get_fignums()) == 1
         assert all(axes.has_data() for axes in plt.gcf().axes)
     finally:
@@ -142,16 +178,16 @@ def test_fit_to_rates() -> None:
 
 def test_many_poses(capsys: pytest.CaptureFixture[str]) -> None:
     found = _run("09_many_poses")["found"]
-    assert found.problems == [""] * 80
+    assert found.problems == [""] * 12
     printed = capsys.readouterr().out
-    assert printed.startswith("<80 indentations, 0 with a problem>\n")
+    assert printed.startswith("<12 indentations, 0 with a problem>\n")
     assert printed.count("mm deep on average") == len(set(found.table()["shape"])) == 3
 
 
 def test_parameter_study() -> None:
     study = _run("10_parameter_study")["study"]
-    assert study["epidermis_mm"].tolist() == [0.3] * 3 + [0.4] * 3 + [0.5] * 3
-    force_gwt = study["force_gwt"].reshape(3, 3)
+    assert study["epidermis_mm"].tolist() == [0.3, 0.3, 0.5, 0.5]
+    force_gwt = study["force_gwt"].reshape(2, 2)
     assert (np.diff(force_gwt, axis=0) > 0).all()
     assert (np.diff(force_gwt, axis=1) > 0).all()
 
@@ -204,6 +240,7 @@ def test_finger_identified(in_this_process: None) -> None:
     assert (left["middle"] < left["high"]).all()
 
 
+@pytest.mark.study  # rig/test_resume.py, rig/test_command_line.py: Ctrl-C
 def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Undrawn)
     left = _run("06_run_resumed")
@@ -212,6 +249,7 @@ def test_run_resumed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (left["resumed"].missing, left["resumed"].repeated) == (0, 0)
 
 
+@pytest.mark.study  # rig/compare/test_study_on_a_cluster.py
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_study_on_a_cluster(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Popen)
@@ -225,6 +263,7 @@ def test_device_added() -> None:
     assert max(_forces(samples, 1)) > 1
 
 
+@pytest.mark.study  # rig/real_time/test_bluesky.py
 def test_bluesky(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(subprocess, "Popen", Popen)
     left = _run("10_bluesky")
@@ -240,6 +279,12 @@ def _forces(samples: list[dict[str, Any]], index: int) -> list[float]:
 # --- all of them ---
 
 
+@pytest.mark.study  # the tests above
+@pytest.mark.parametrize("name", SMALLER)
+def test_each_runs_as_it_stands(name: str, in_this_process: None) -> None:
+    _run(name, smaller=False)
+
+
 def test_each_is_tried() -> None:
     assert [path.stem[:3] for path in LIBRARY] == [f"{n:02}_" for n in range(1, 13)]
     assert [path.stem[:3] for path in RIG] == [f"{n:02}_" for n in range(1, 11)]
@@ -247,9 +292,9 @@ def test_each_is_tried() -> None:
     assert {path.stem[3:] for path in SCRIPTS} <= tried
 
 
-@pytest.mark.parametrize("path", SCRIPTS, ids=lambda path: path.stem)
-def test_each_is_one_page_of_code(path: Path) -> None:
-    assert len([line for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]) <= 40
+def test_each_is_one_page_of_code() -> None:
+    lines = {path.stem: path.read_text(encoding="utf-8").splitlines() for path in SCRIPTS}
+    assert {name for name, text in lines.items() if len([line for line in text if line.strip()]) > 40} == set()
 
 
 def test_one_runs_as_a_script_beside_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -262,6 +307,7 @@ def test_one_runs_as_a_script_beside_processes(tmp_path: Path, monkeypatch: pyte
     assert np.array(done.stdout.splitlines()).shape == (3,)
 
 
+@pytest.mark.study  # the next one, and rig/compare/test_recorded_example.py
 def test_recorded_bar(in_this_process: None) -> None:
     static, dynamic = _run("09_recorded_bar")["phases"]
     assert (static["positions_recorded"], dynamic["positions_recorded"]) == (36, 36)
@@ -272,3 +318,13 @@ def test_recorded_bar(in_this_process: None) -> None:
     assert not any(row["in_set"] for row in dynamic["rows"])
     low, high = static["rows"][0]["held_out_interval"]
     assert low < static["rows"][0]["held_out"] < high
+
+
+def test_recorded_bar_on_a_coarse_finger(in_this_process: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    coarse = Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5)), receptor_x_mm=(-0.5, 0.0))
+    monkeypatch.setattr(Fingertip, "load", lambda *_, **__: coarse)
+    monkeypatch.setattr("rig.compare.example._RAMP_STEPS", 2)
+    phases = _run("09_recorded_bar")["phases"]
+    assert [one["phase"] for one in phases] == ["static", "dynamic"]
+    assert [one["positions_recorded"] for one in phases] == [36, 36]
+    assert all(one["sed_r"] > 0.85 for one in phases)

@@ -17,11 +17,29 @@ import pytest
 from rig.devices.registry import BUILT_IN
 from sim.models.fingertip import Fingertip
 from tests.device_packages import EXAMPLE, interpreter, scratch, wheel
-from tests.program import EMPTY_FIGURES, INIT_ANSWERS, SEVERAL
+from tests.program import EMPTY_FIGURES, INIT_ANSWERS
 
 ROOT = Path(__file__).parents[1]
 KINDS = [f"rig.devices.{name}" for names in BUILT_IN.values() for name in names]
-COMMAND_LINE = "from rig.cli import main; main()"
+OFFERED = "mtsics, laumas, text_cell, net_ft or line_scale"
+SEVERAL = """\
+import contextlib, io, json, sys
+from rig.cli import main
+
+ended = []
+for words in json.loads(sys.argv[1]):
+    sys.argv[1:] = words
+    out, err, code = io.StringIO(), io.StringIO(), 0
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            main()
+        except SystemExit as exit:
+            code = exit.code or 0
+    ended.append((code, out.getvalue(), err.getvalue()))
+print(json.dumps(ended))
+"""
+"""Commands as JSON, carried out one after the other; how each ended, and what it printed."""
+
 PIP = ("--disable-pip-version-check", "install", "--no-index", "--no-deps", "--quiet")
 SCRIPT = """\
 from rig.protocol import Rig
@@ -60,23 +78,25 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def _rig(folder: Path, *arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return _python(folder, "-c", COMMAND_LINE, *arguments)
-
-
-def _several(folder: Path, *commands: Sequence[str | Path]) -> list[str]:
-    """What commands print that are given one after the other to one Python."""
-    words = json.dumps([list(map(str, command)) for command in commands])
-    done = _python(folder, "-c", EMPTY_FIGURES + SEVERAL, words)
+@pytest.fixture(scope="module")
+def ended(folder: Path, finger: Fingertip) -> dict[str, tuple[int, str, str]]:
+    """How commands end there, by name: exit code, standard output, standard error."""
+    (folder / "own.toml").write_text('[force]\nkind = "line_scale"\n[force.line_scale]\naddress = 7\n', "utf-8")
+    (folder / "built_in.toml").write_text('[force]\nkind = "mtsics"\n', encoding="utf-8")
+    ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1", *INIT_ANSWERS)
+    commands: dict[str, Sequence[str]] = {
+        "own": ("dry-run", "press.py", "--config", "own.toml", "--json"),
+        "built in": ("dry-run", "press.py", "--config", "built_in.toml", "--json"),
+        "doctor": ("doctor", "--json"),
+        "help": ("serve", "--help"),
+        "devices": ("config", "--devices", "--json"),
+        "serve": ("serve", "--force", "scale"),
+        "init": ("init", "--sensor", "scale", *ports),
+        "written": ("init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports),
+    }
+    done = _python(folder, "-c", EMPTY_FIGURES + SEVERAL, json.dumps(list(commands.values())))
     assert done.returncode == 0, done.stderr
-    return done.stdout.split("\0")[:-1]
-
-
-def _runs(folder: Path, *forces: str) -> list[Path]:
-    for n, force in enumerate(forces):
-        (folder / f"{n}.toml").write_text(f"[force]\n{force}", encoding="utf-8")
-    commands = [("dry-run", "press.py", "--config", f"{n}.toml", "--json") for n in range(len(forces))]
-    return [folder / json.loads(said)["run"] for said in _several(folder, *commands)]
+    return dict(zip(commands, json.loads(done.stdout), strict=True))
 
 
 def _holds(run: Path) -> list[dict[str, Any]]:
@@ -84,9 +104,9 @@ def _holds(run: Path) -> list[dict[str, Any]]:
     return [one["data"] for one in documents if one["doc"] == "event" and one["stream"] == "hold_end"]
 
 
-def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingertip) -> None:
+def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
     """Both show 0.01 g of the same finger: at rest the same steps give the same counts."""
-    own, built_in = _runs(folder, 'kind = "line_scale"\n[force.line_scale]\naddress = 7\n', 'kind = "mtsics"\n')
+    own, built_in = (folder / json.loads(ended[name][1])["run"] for name in ("own", "built in"))
     for ours, theirs in zip(_holds(own), _holds(built_in), strict=True):
         assert ours["force_gwt"] == pytest.approx(theirs["force_gwt"], abs=1e-9)
         assert ours["true_doi_mm"] == pytest.approx(theirs["true_doi_mm"], abs=1e-9)
@@ -97,48 +117,34 @@ def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, finger: Fingert
     assert json.loads((own / "provenance.json").read_text("utf-8"))["devices"]["force"].endswith("line_scale")
 
 
-def test_it_is_installed_there_and_nowhere_else(folder: Path) -> None:
-    code = "import rig_line_scale, sys; print(rig_line_scale.__file__, sys.prefix)"
-    file, prefix = _python(folder, "-c", code).stdout.split()
-    assert Path(file).is_relative_to(folder / "scratch")
-    assert Path(prefix) == folder / "scratch"
-    ours = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
-    assert "ModuleNotFoundError" in ours.stderr
-
-
-def test_doctor_and_serve_know_it(folder: Path) -> None:
-    told, help_, known = _several(
-        folder, ("doctor", "--json"), ("serve", "--help"), ("config", "--devices", "--json")
-    )
-    assert json.loads(told)["devices"][-1] == {
+def test_commands_know_it(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
+    assert {name: code for name, (code, _, _) in ended.items() if code} == {"serve": 2, "init": 2}
+    assert json.loads(ended["doctor"][1])["devices"][-1] == {
         "kind": "line_scale",
         "role": "force",
         "package": "rig-line-scale 0.1.0",
     }
-    assert "line_scale" in help_
-    catalogued = json.loads(known)["devices"][-1]
+    assert "line_scale" in ended["help"][1]
+    catalogued = json.loads(ended["devices"][1])["devices"][-1]
     assert (catalogued["kind"], catalogued["package"]) == ("line_scale", "rig-line-scale 0.1.0")
     assert (bool(catalogued["manual_text"]), catalogued["hardware_text"], catalogued["measured"]) == (True, None, [])
-    refused = _rig(folder, "serve", "--force", "scale")
-    assert refused.returncode == 2
-    assert "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr
+    assert OFFERED in ended["serve"][2]
+    assert OFFERED in ended["init"][2]
+    assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")  # without a probe
 
 
-def test_init_offers_it_and_takes_it_without_a_probe(folder: Path) -> None:
-    ports = ("--stage", "grbl", "--stage-port", "nowhere0", "--sensor-port", "nowhere1")
-    refused = _rig(folder, "init", "--sensor", "scale", *ports, *INIT_ANSWERS)
-    assert (refused.returncode, "mtsics, laumas, text_cell, net_ft or line_scale" in refused.stderr) == (2, True)
-    written = _rig(folder, "init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports, *INIT_ANSWERS)
-    assert written.returncode == 0, written.stderr
-    assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")
-
-
-def test_nothing_is_imported_but_the_kinds_that_are_used(folder: Path) -> None:
-    """A stage's, for its outputs; no sensor's, no package's, and no other stage's."""
-    code = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)"
-    told = _python(folder, "-c", code).stdout.split()
-    assert [name for name in told if name in KINDS] == ["rig.devices.grbl"]
-    assert not [name for name in told if name.startswith("rig_line_scale")]
+def test_it_is_there_and_nowhere_else_and_only_what_is_used_is_imported(folder: Path) -> None:
+    """Of the kinds: a stage, for its outputs; no sensor, no package, and no other stage."""
+    used = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)\n"
+    code = "import rig_line_scale, sys; print(rig_line_scale.__file__, sys.prefix)"
+    modules, place = _python(folder, "-c", used + code).stdout.splitlines()
+    assert [name for name in modules.split() if name in KINDS] == ["rig.devices.grbl"]
+    assert not [name for name in modules.split() if name.startswith("rig_line_scale")]
+    file, prefix = place.split()
+    assert Path(file).is_relative_to(folder / "scratch")
+    assert Path(prefix) == folder / "scratch"
+    ours = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert "ModuleNotFoundError" in ours.stderr
 
 
 def test_its_own_tests_pass(folder: Path) -> None:

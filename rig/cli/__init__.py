@@ -2,11 +2,14 @@
 
 import io
 import json
+import os
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 _ABORTED = 130
 _NOT_WRITTEN = 2
+_READER_GONE = 1
 
 
 def main() -> None:
@@ -16,11 +19,36 @@ def main() -> None:
     try:
         from rig.cli.program import run
 
-        run()
+        try:
+            run()
+        except SystemExit as ended:
+            _flush(quietly=bool(ended.code))
+            raise
     except KeyboardInterrupt:
         _leave("stopped at once by the operator", _ABORTED)
+    except BrokenPipeError:
+        _write_nowhere()
+        sys.exit(_READER_GONE)
     except OSError as error:
+        _write_nowhere()
         _leave(f"{error.filename or 'standard output'}: {error.strerror or error}", _NOT_WRITTEN)
+
+
+def _flush(*, quietly: bool) -> None:
+    """Write what standard output still holds; at the exit of the interpreter an error would be no line."""
+    try:
+        if sys.stdout is not None:
+            sys.stdout.flush()
+    except OSError:
+        _write_nowhere()
+        if not quietly:
+            raise
+
+
+def _write_nowhere() -> None:
+    """Let what standard output still holds go nowhere; it would fail again at exit."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _leave(line: str, code: int) -> NoReturn:

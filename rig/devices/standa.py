@@ -577,6 +577,6 @@ DEVICE = StageKind(
     twin="sim.devices.standa:standa_twin",
     ramps=True,
     probe=_probe,
-    tests=("tests/rig/test_standa_driver.py", "tests/rig/test_standa_client.py"),
+    tests=("tests/rig/test_standa_driver.py", "tests/rig/test_makers_clients.py"),
     evidence=Evidence(manual="protocol.xi of libximc, version 20.8", client="libximc 2.14.30"),
 )

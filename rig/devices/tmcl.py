@@ -594,6 +594,6 @@ DEVICE = StageKind(
     twin="sim.devices.tmcl:tmcl_twin",
     ramps=True,
     probe=_probe,
-    tests=("tests/rig/test_tmcl_driver.py", "tests/rig/test_tmcl_client.py"),
+    tests=("tests/rig/test_tmcl_driver.py", "tests/rig/test_makers_clients.py"),
     evidence=Evidence(manual="commands and parameters in pytrinamic 0.2.26", client="pytrinamic 0.2.26"),
 )

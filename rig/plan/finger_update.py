@@ -7,7 +7,6 @@ moves by the Kalman gain and the spread shrinks (deterministic update, Anderson 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from rig.data import Run
 from rig.plan.config import Config, load_config
 from rig.plan.finger_file import Draw, FingerFile, IdentifiedFinger, Posterior
 from rig.plan.finger_model import answers
-from rig.records import Pace, Target
+from rig.records import Pace, Target, grouped
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import parse_shape
 from sim.identification.prior import LEAST_STIFFENING
@@ -78,7 +77,9 @@ def references(run: Run, config: Config) -> list[ReferenceForce]:
             press = (start["indentor"], start["x_mm"], Target("doi_mm", start["value"]), pace)
             noise = hold["force_sd_gwt"] / hold["force_gwt"] / math.sqrt(hold["readings"])
             found.append((press, math.log(hold["force_gwt"]), noise**2))
-    return [_together(press, [one[1:] for one in alike]) for press, alike in groupby(found, key=lambda one: one[0])]
+    return [
+        _together(press, [one[1:] for one in alike]) for press, alike in grouped(found, lambda one: one[0]).items()
+    ]
 
 
 def _together(press: tuple[str, float, Target, Pace], alike: Sequence[tuple[float, float]]) -> ReferenceForce:

@@ -4,7 +4,7 @@ import csv
 import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby, pairwise
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
 from rig.data.tables import booked_s, motions_in_contact, sine_in_words, tables
 from rig.plan.finger_model import PredictedHold
+from rig.records import grouped
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
 from rig_shared.user_files import read_text, toml_of
@@ -129,17 +130,19 @@ def conditions(run: Run) -> list[Condition]:
     motions = {event["index"]: f"at {event['speed_mm_s']:g} mm/s" for event in run.stream("ramp")}
     motions |= {event["index"]: sine_in_words(event) for event in run.stream("vibrate")}
 
-    def alike(start: dict[str, Any]) -> tuple[str, float, str, float, str]:
-        return start["indentor"], start["x_mm"], start["target"], start["value"], motions.get(start["index"], "")
+    def alike(start: dict[str, Any]) -> tuple[str, str, float, str, float]:
+        return start["indentor"], start["target"], start["value"], motions.get(start["index"], ""), start["x_mm"]
 
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
-    ordered = sorted(begun, key=alike)
-    return [Condition(*key, tuple(e["index"] for e in same)) for key, same in groupby(ordered, key=alike)]
+    return [
+        Condition(indentor, x_mm, target, value, motion, tuple(event["index"] for event in same))
+        for (indentor, target, value, motion, x_mm), same in sorted(grouped(begun, key=alike).items())
+    ]
 
 
 def by_target(found: Sequence[Condition]) -> dict[str, list[Condition]]:
     """Return the conditions that differ only in position, under their shared label."""
-    return {name: list(members) for name, members in groupby(found, key=lambda condition: condition.group)}
+    return grouped(found, key=lambda condition: condition.group)
 
 
 def loading(condition: Condition, samples: Samples) -> Loading | None:

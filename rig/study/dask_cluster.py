@@ -17,6 +17,7 @@ Item = TypeVar("Item")
 Answer = TypeVar("Answer")
 
 _RETRIES = 3
+_CONNECT_S = 10
 _PATIENCE_S = 10
 
 
@@ -55,7 +56,7 @@ def _naming(scheduler: str) -> Iterator[None]:
 
 def _connected(scheduler: str) -> Any:
     try:
-        return Client(scheduler, timeout=_PATIENCE_S)  # type: ignore[no-untyped-call]
+        return Client(scheduler, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError):
         raise WorkersError("no scheduler answers; give its address, e.g. tcp://host:8786", code="no_answer") from None
 

@@ -1,5 +1,6 @@
 """A virtual bench with real drivers, on which a wire or a device can be made to fail."""
 
+import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ TARGET = Target("force_gwt", 8.0)
 PREDICTED = Spring(contact_mm=-0.3, doi_mm=1.0, force_n=10 * GWT_N, exponent=1.5)
 SOFT_TRIP_N = 2 * TARGET.value * GWT_N
 LOOK_S = 0.002
+NEVER = math.nan, math.nan
 FAR_MM, FAR_LOOKS = 1.0, 10
 """So far above the finger nothing that moves at up to 50 mm/s gets there in as many looks: one of them is made."""
 
@@ -31,6 +33,8 @@ Change = Callable[[bytes], list[bytes]]
 
 class FaultyBench:
     """A finger of springs under real drivers; what the devices send can be changed on its way."""
+
+    _seen = NEVER  # the time and height of a look under way
 
     def __init__(self, folder: Path, tables: Mapping[str, Any]) -> None:
         self.config = config = Config.model_validate(tables)
@@ -67,7 +71,11 @@ class FaultyBench:
     @property
     def height_mm(self) -> float:
         """Where the carriage really is."""
-        return self.carriage.pose_at(self.clock.monotonic_s()).above_apex_mm
+        return self._above_apex_mm(self.clock.monotonic_s())
+
+    def _above_apex_mm(self, t_s: float) -> float:
+        """The height of the carriage; that of a look is worked out once."""
+        return self._seen[1] if t_s == self._seen[0] else self.carriage.pose_at(t_s).above_apex_mm
 
     def reached_mm(self, height_mm: float) -> float:
         """Where the indentor is for the finger, with the carriage at this height."""
@@ -75,7 +83,7 @@ class FaultyBench:
 
     def true_n(self, t_s: float) -> float:
         """What the finger really feels."""
-        return PREDICTED.force_at(self.reached_mm(self.carriage.pose_at(t_s).above_apex_mm))
+        return PREDICTED.force_at(self.reached_mm(self._above_apex_mm(t_s)))
 
     def after(self, phase: str, act: Callable[[], object]) -> None:
         """Do it once, when the first sample of this phase, or event of this stream, is on disk."""
@@ -93,9 +101,11 @@ class FaultyBench:
 
     def _look(self) -> None:
         at_s = self.clock.monotonic_s()
-        far = self.reached_mm(self.height_mm) > PREDICTED.contact_mm + FAR_MM
+        self._seen = at_s, self.height_mm
+        far = self.reached_mm(self._seen[1]) > PREDICTED.contact_mm + FAR_MM
         if not far:
             self.worst_n = max(self.worst_n, self.true_n(at_s))
+        self._seen = NEVER
         self.engine.heartbeat.look()
         for _ in range(FAR_LOOKS if far else 1):
             at_s += LOOK_S

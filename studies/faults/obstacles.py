@@ -231,7 +231,7 @@ def _no_folders(scene: StopScene) -> None:
         "RIG_STATE_DIR",
         "RIG_CACHE_DIR",
     )
-    scene.environment = dict.fromkeys(names, "/proc/nowhere/at/all")
+    scene.environment = dict.fromkeys((*names, "PYTHONUSERBASE"), "/proc/nowhere/at/all")
 
 
 def _linked_runtime(scene: StopScene) -> None:
@@ -407,7 +407,7 @@ def stopped(obstacle: Obstacle, folder: Path, *options: str) -> Stopped:
         process = subprocess.Popen(
             [sys.executable, "-c", _BEGIN, "stop", "--config", str(config), *options],
             env={**os.environ, **scene.environment}, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-            preexec_fn=limited,
+            preexec_fn=limited if scene.limits else None,
         )  # fmt: skip
         try:
             out, err = process.communicate(timeout=_DEADLINE_S)

@@ -76,7 +76,7 @@ class Reader:
     writes : tuple of str
         Patterns of files that the call may write, relative to the folder.
     in_suite : int
-        Share of a campaign's inputs; the suite reads a quarter of so many.
+        Share of a campaign's inputs; `make test` reads a quarter of so many, `make test-studies` all.
     """
 
     file: str

@@ -14,7 +14,6 @@ _LOCKS = "POSIX record locks and their owner; test_without_posix.py has the lock
 CANNOT = {
     "rig/panel/test_posts.py::test_a_stop_that_did_not_arrive_is_told": _SIGNALS,
     "rig/real_time/test_asked_from_elsewhere.py::test_a_run_whose_finger_is_lost_is_lifted_and_says_so": _NICE,
-    "rig/real_time/test_asked_from_elsewhere.py::test_the_finger_ends_with_its_run": _NICE,
     "rig/real_time/test_bench_verbs.py::test_a_stage_is_owned_by_whoever_has_the_port_of_one_of_its_drives": _UNNAMED,
     "rig/real_time/test_bench_verbs.py::test_status_of_ports_that_are_not_there_and_of_one_that_is_owned": _UNNAMED,
     "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[a person mounts]": _PIPES,
@@ -50,7 +49,6 @@ CANNOT = {
     "rig/test_how_it_ends.py::test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up": _SIGNALS,
     "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named": _UNNAMED,
     "rig/test_kills.py::test_killed_runs_are_taken_up": _SIGNALS,
-    "rig/test_mistakes.py::test_a_script_that_makes_no_step_is_refused[time.sleep(3600)]": _ALARMS,
     "rig/test_mistakes.py::test_what_the_model_takes_is_no_silence_of_the_script": _ALARMS,
     "rig/test_modbus_counterparties.py::test_minimalmodbus": _PTYS,
     "rig/test_modbus_counterparties.py::test_modbus_tk_on_a_serial_line": _PTYS,

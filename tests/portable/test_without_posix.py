@@ -189,13 +189,6 @@ def test_check_dry_run_show_and_compare(rig: Rig, tmp_path: Path) -> None:
     assert json.loads(verdict.stdout)["rows"]
 
 
-def test_init_finds_the_devices(rig: Rig, bench: Path, tmp_path: Path) -> None:
-    served = read_ports(bench)
-    ports = [word for port in served for word in ("--port", port)]
-    rig("init", "--yes", "--to", "found.toml", *ports, *INIT_ANSWERS)
-    assert read_ports(tmp_path / "found.toml") == served
-
-
 def read_ports(config: Path) -> tuple[str, str]:
     from rig.plan.config import load_config
 
@@ -203,24 +196,25 @@ def read_ports(config: Path) -> tuple[str, str]:
     return found.stage.port, found.force.port
 
 
-def test_a_run_is_owned_asked_and_ended(rig: Rig, bench: Path, tmp_path: Path) -> None:
+def test_a_bench_is_found_a_run_ends_and_another_is_stopped_in_a_hold(
+    rig: Rig, bench: Path, begun: Callable[..., "subprocess.Popen[str]"], tmp_path: Path
+) -> None:
+    """Whoever owns it sends the bytes of a stop and confirms; its main thread is interrupted without a signal."""
+    served = read_ports(bench)
+    ports = [word for port in served for word in ("--port", port)]
+    rig("init", "--yes", "--to", "found.toml", *ports, *INIT_ANSWERS)
+    assert read_ports(tmp_path / "found.toml") == served
     rig("run", _script(tmp_path, 0.1), "--yes", "--config", bench, "--out", "runs", typed="\n" * 9)
     (folder,) = (path for path in (tmp_path / "runs").iterdir() if not path.name.startswith("."))
     assert read_run(folder).complete
-
-
-def test_a_stop_from_another_process_ends_a_run_in_a_hold(
-    rig: Rig, bench: Path, begun: Callable[..., "subprocess.Popen[str]"], tmp_path: Path
-) -> None:
-    """The owner sends the bytes and confirms; its main thread is interrupted without a signal."""
-    running = begun("run", _script(tmp_path, 30.0), "--yes", "--config", bench, "--out", "runs")
+    running = begun("run", _script(tmp_path, 30.0), "--yes", "--config", bench, "--out", "stopped")
     assert running.stdin is not None
     running.stdin.write("\n" * 9)
     running.stdin.flush()
 
     def holds() -> bool:
         assert running.poll() is None, running.communicate()
-        return any('"hold"' in path.read_text(encoding="utf-8") for path in tmp_path.glob("runs/*/events.jsonl"))
+        return any('"hold"' in path.read_text(encoding="utf-8") for path in tmp_path.glob("stopped/*/events.jsonl"))
 
     until(holds)
     found = json.loads(rig("stop", "--config", bench, "--json").stdout)

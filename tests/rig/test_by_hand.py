@@ -73,8 +73,9 @@ class AtHand:
         self.shown.append((at, force_gwt))
 
     def _sample(self) -> None:
-        self.worst_gwt = max(self.worst_gwt, self.spring.true_gwt(self.clock.monotonic_s()))
-        self.clock.call_at(self.clock.monotonic_s() + 0.002, self._sample)
+        now_s = self.clock.monotonic_s()
+        self.worst_gwt = max(self.worst_gwt, self.spring.true_gwt(now_s))
+        self.clock.call_at(now_s + self.spring.next_look_s(now_s), self._sample)
 
     def jog(self, axis: Any, by_mm: float, speed_mm_s: float = 2.0) -> Moved:
         direction = Direction(axis, 1 if by_mm > 0 else -1)

@@ -104,6 +104,7 @@ def test_a_section_states_the_length_behind_its_force(rig: Rig) -> None:
     assert asked["force_gwt"] == pytest.approx(2.0, rel=1e-9)
 
 
+@pytest.mark.quick(rows=lambda tolerance, model: model == "halfspace")  # of the finger: sim/test_choice.py
 @pytest.mark.parametrize(("tolerance", "model"), [("60%", "halfspace"), ("0.05", "finger")])
 def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -> None:
     ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5", "--model", "auto",
@@ -191,16 +192,10 @@ def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> No
     assert len(list(Path("runs").iterdir())) == 1
 
 
-@pytest.mark.parametrize(
-    "form",
-    [
-        ("--set", "depth_mm=0.2", "times=2"),
-        ("--set", "depth_mm=0.2", "--set", "times=2"),
-        ("--set", "depth_mm=0.2", "--json", "--set", "times=2"),
-    ],
-)
-def test_settings_in_either_form(rig: Rig, script: Path, form: tuple[str, ...]) -> None:
-    answer = rig("dry-run", script, *form, *([] if "--json" in form else ["--json"])).json
+def test_settings_in_either_form(rig: Rig, script: Path) -> None:
+    for form in (("--set", "depth_mm=0.2", "times=2"), ("--set", "depth_mm=0.2", "--set", "times=2")):
+        assert [step["doi_mm"] for step in rig("check", script, *form, "--json").json["steps"]] == [0.2, 0.2]
+    answer = rig("dry-run", script, "--set", "depth_mm=0.2", "--json", "--set", "times=2").json
     assert (answer["complete"], answer["indentations"]) == (True, 2)
     start = next(read_journal(Path(answer["run"]) / "events.jsonl"))
     assert start["parameters"] == {"depth_mm": 0.2, "times": 2}
@@ -288,10 +283,12 @@ class Running:
 
 @pytest.fixture
 def running(script: Path, tmp_path: Path) -> Any:
+    """At 40 times the pace of a bench; ten seconds, if nothing ends it."""
+    script.write_text(SCRIPT.replace("hold_s=0.5", "hold_s=400.0"), encoding="utf-8")
     started: list[Running] = []
 
-    def start(*options: str) -> Running:
-        started.append(Running(script, tmp_path / "out", *options))
+    def start() -> Running:
+        started.append(Running(script, tmp_path / "out", "--speed", "40"))
         return started[-1]
 
     yield start
@@ -302,7 +299,7 @@ def running(script: Path, tmp_path: Path) -> Any:
 
 
 def test_ctrl_c_stops_at_a_safe_point(finger: Fingertip, running: Any) -> None:
-    run = running("--speed", "40", "--set", "times=30")
+    run = running()
     run.wait_for('"phase": "press"')
     run.process.send_signal(signal.SIGINT)
     ended = run.end()
@@ -322,7 +319,7 @@ def test_ctrl_c_stops_at_a_safe_point(finger: Fingertip, running: Any) -> None:
 
 
 def test_a_killed_run_leaves_a_readable_journal(finger: Fingertip, running: Any) -> None:
-    run = running("--speed", "40", "--set", "times=30")
+    run = running()
     run.wait_for('"phase": "press"')
     run.process.kill()
     assert run.end().code == -signal.SIGKILL

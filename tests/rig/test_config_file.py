@@ -275,7 +275,7 @@ CHANGES = st.fixed_dictionaries({}, optional={place: st.floats(*ends) for place,
     changes=CHANGES,
     port=st.text(st.characters(codec="utf-8"), min_size=1, max_size=20).filter(str.strip),
 )
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str, str], float], port: str) -> None:
     tables: dict[str, dict[str, object]] = {"stage": {"port": port}, "finger": {"tissue": {"e_bone": 1e9}}}
     for (table, key), value in changes.items():

@@ -22,6 +22,7 @@ from tests.error_codes import has_code, raises
         ("30", "1.5", FittedReceptor(Receptor(30.0, 1.5), 0.0, 0.0)),
         ("30±2", "1.5±0.25", FittedReceptor(Receptor(30.0, 1.5), 2.0, 0.25)),
         ("3e1+-2e0", "-1.5", FittedReceptor(Receptor(30.0, -1.5), 2.0, 0.0)),
+        ("30+/-2", "0", FittedReceptor(Receptor(30.0, 0.0), 2.0, 0.0)),
         ("1e9", "1e9±0", FittedReceptor(Receptor(1e9, 1e9), 0.0, 0.0)),
         ("1e-9", "-1e9", FittedReceptor(Receptor(1e-9, -1e9), 0.0, 0.0)),
         (None, None, None),

@@ -73,8 +73,10 @@ def _worst_cells() -> list[tuple[str, str, float]]:
 
 
 def _stays(phase: str, fault: str, documented_gwt: float) -> bool:
-    """What shows, and what depth alone bounds in a press and by hand."""
-    return fault not in phases.SHOWN_BY_NOTHING or phase in ("press", "jog")
+    """What shows, where a finger is touched or come back to, and what depth alone bounds in a press and by hand."""
+    if fault in phases.SHOWN_BY_NOTHING:
+        return phase in ("press", "jog")
+    return phase in ("touch", "press", "hold", "coming back", "jog")
 
 
 @pytest.mark.quick(rows=_stays)

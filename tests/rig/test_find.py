@@ -60,6 +60,7 @@ def touched(finger: Fingertip) -> Any:
     return _touched(finger, TRUTH, (-2.0, 0.0, 2.0))
 
 
+@pytest.mark.quick(rows=lambda noise_mm: not noise_mm)  # noise: tests/rig/test_found_frame.py
 @pytest.mark.parametrize("noise_mm", [0.0, 0.005])
 def test_the_frame_of_a_turned_finger_is_found(finger: Fingertip, touched: Any, noise_mm: float) -> None:
     """As a table of the configuration, too."""

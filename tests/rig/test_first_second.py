@@ -3,6 +3,7 @@
 import atexit
 import gc
 import io
+import json
 import pkgutil
 import shutil
 import subprocess
@@ -70,17 +71,38 @@ IMPORTS = {
 }
 
 
-@pytest.mark.parametrize("words", IMPORTS, ids=lambda words: words.partition(" --help")[0] or "nothing")
-def test_a_command_waits_for_no_library_that_it_does_not_use(
-    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+ASKED = """\
+import json, os, sys
+from contextlib import suppress
+from rig.cli import main
+
+for words in json.loads(sys.argv[1]):
+    if not os.fork():
+        try:
+            sys.argv = ["rig", *words.split()]
+            os.dup2(os.open(os.devnull, os.O_RDWR), 1)
+            with suppress(SystemExit):
+                main()
+            print(json.dumps([words, *sys.modules]), file=sys.stderr, flush=True)
+        finally:
+            os._exit(0)
+    os.wait()
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs fork")
+def test_a_command_waits_for_no_library_that_it_does_not_use(tmp_path: Path) -> None:
+    """Each command is carried out where nothing but the command line has been imported."""
     shutil.copytree(OLD_RUN, tmp_path / "run")
     (tmp_path / "rig.toml").write_text('[stage]\nport = "/dev/null"\n[force]\nport = "/dev/zero"\n', encoding="utf-8")
-    monkeypatch.chdir(tmp_path)
-    needed, unneeded = IMPORTS[words]
-    imported = imported_by(words.split())
-    assert needed in imported
-    assert imported & unneeded == set()
+    asked = [sys.executable, "-c", ASKED, json.dumps(list(IMPORTS))]
+    ended = subprocess.run(asked, cwd=tmp_path, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=True)
+    told = [json.loads(line) for line in ended.stderr.splitlines() if line.startswith("[")]
+    imported = {words: set(modules) for words, *modules in told}
+    assert list(imported) == list(IMPORTS)
+    for words, (needed, unneeded) in IMPORTS.items():
+        assert needed in imported[words], words
+        assert imported[words] & unneeded == set(), words
 
 
 @pytest.mark.parametrize("place", sorted(BAD_INPUT | STOPPED | UNWRITABLE))
@@ -88,18 +110,6 @@ def test_an_error_is_known_under_the_name_of_its_class(place: str) -> None:
     error = pkgutil.resolve_name(place)
     assert issubclass(error, Exception)
     assert f"{error.__module__}:{error.__qualname__}" == place
-
-
-def imported_by(words: list[str]) -> set[str]:
-    """All modules that a command's process has imported at its end."""
-    asked = (
-        "import sys; from rig.cli import main\n"
-        f"sys.argv = ['rig', *{words!r}]\n"
-        "try:\n    main()\nfinally:\n    print(*sys.modules, file=sys.stderr)"
-    )
-    command = [sys.executable, "-c", asked]
-    ended = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
-    return set(ended.stderr.split("\n")[-2].split())
 
 
 @pytest.mark.parametrize("name", COMMANDS)

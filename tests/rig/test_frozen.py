@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 from warnings import catch_warnings, simplefilter
 
+import numpy as np
 import pytest
 import typer
 from typer.models import ArgumentInfo, ParameterInfo
@@ -23,10 +24,14 @@ from typer.models import ArgumentInfo, ParameterInfo
 from rig.cli.json_schemas import OUTPUTS, schema_of
 from rig.cli.output import ExitCode
 from rig.cli.program import COMMANDS
+from rig.data import Run
 from rig.data.schema import STREAMS
 from rig.plan.config import Config
+from rig.plan.nerve import MeasureTable, Visits
 from sim.benchmark import QUICK_SCENES, Candidate, coarse
+from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from sim.nerve.population import AfferentPopulation
 from studies.reference_run import BENCHES, carried_out, fingerprint
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -282,6 +287,13 @@ def _short(value: Any) -> Any:
     return float(f"{value:.6g}") if isinstance(value, float) else value
 
 
+def _cheap_tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
+    """What every afferent has at every place: as much as the depth squared."""
+    depths = np.linspace(0.05, 0.6, 4)
+    felt = [afferents.measure(dict.fromkeys(MEASURES, np.full(len(afferents), 120 * depth**2))) for depth in depths]
+    return {visit.place: MeasureTable(depths, np.array(felt)) for visit in found.visits}
+
+
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None) -> Path:
     """A script, a recording, two runs, a coarse finger and a study, in the folder where commands are asked."""
@@ -300,6 +312,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None)
     for name, text in texts.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])  # the whole finger would be factorised
+    monkeypatch.setattr("rig.plan.nerve.tables_of", _cheap_tables)  # and here
     (tmp_path / "kept").mkdir()
     (tmp_path / "kept" / "one.model").write_bytes(b"kept")
     few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)

@@ -140,6 +140,7 @@ def test_before_a_run_nothing_is_left_of_it(
     assert list((tmp_path / "runs").iterdir()) == []
 
 
+@pytest.mark.quick(rows=lambda name, nth: not name.endswith(".csv") and (name, nth) != ("bytes.jsonl", 1))
 @pytest.mark.parametrize(
     ("name", "nth"),
     [
@@ -184,7 +185,7 @@ def test_a_run_is_whole_again_when_there_is_room(
 @pytest.mark.parametrize(
     ("as_what", "name"),
     [
-        *(("--csv", name) for name in ("data.h5", "sample.csv", "hold_end.csv", "SHA256SUMS")),
+        *(("--csv", name) for name in ("data.h5", "sample.csv", "SHA256SUMS")),
         *(("--nwb", name) for name in ("run.nwb", "SHA256SUMS")),
     ],
 )

@@ -34,8 +34,17 @@ OWN_TERMINAL = "import fcntl, sys, termios; fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 START = "from rig.cli import main; print('begun', file=sys.stderr, flush=True); main()"
 
 
-def _started(*arguments: str) -> list[str]:
-    return [sys.executable, "-c", f"import sys; {START}", *arguments]
+# The last one writes unbuffered; of the others, what remains is written when the interpreter ends.
+OUTPUTS = pytest.mark.parametrize(("options", "unbuffered"), [("--help", ""), ("doctor", ""), ("doctor --json", "1")])
+
+
+def _ended(options: str, unbuffered: str, out: int) -> tuple[int, str]:
+    """The exit code of a command whose output goes there, and its standard error."""
+    command = [sys.executable, "-c", f"import sys; {START}", *options.split()]
+    env = {**os.environ, "PYTHONUNBUFFERED": unbuffered}
+    with subprocess.Popen(command, stdout=out, stderr=subprocess.PIPE, text=True, env=env) as process:
+        err = process.communicate(timeout=DEADLINE_S)[1]
+    return process.returncode, err
 
 
 @pytest.mark.parametrize("json_too", [False, True])
@@ -55,28 +64,24 @@ def test_ctrl_c_while_the_libraries_are_loaded(json_too: bool) -> None:
     assert (json.loads(out) == told) if json_too else out == ""
 
 
-@pytest.mark.parametrize("options", [["--help"], ["doctor"], ["doctor", "--json"]])
-def test_a_reader_that_has_gone_ends_it_silently(options: list[str]) -> None:
+@OUTPUTS
+def test_a_reader_that_has_gone_ends_it_silently(options: str, unbuffered: str) -> None:
     reader, writer = os.pipe()
     os.close(reader)
     try:
-        ended = subprocess.run(
-            _started(*options), stdout=writer, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
-        )
+        code, err = _ended(options, unbuffered, writer)
     finally:
         os.close(writer)
-    assert (ended.returncode, beside_progress(ended.stderr)) == (1, "begun\n")
+    assert (code, beside_progress(err)) == (1, "begun\n")
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a device without space (Linux)")
-@pytest.mark.parametrize("options", [["--help"], ["doctor"], ["doctor", "--json"]])
-def test_a_full_disk_is_said(options: list[str]) -> None:
+@OUTPUTS
+def test_a_full_disk_is_said(options: str, unbuffered: str) -> None:
     with Path("/dev/full").open("w") as full:
-        ended = subprocess.run(
-            _started(*options), stdout=full, stderr=subprocess.PIPE, text=True, timeout=DEADLINE_S, check=False
-        )
-    begun, line = beside_progress(ended.stderr).splitlines()
-    assert (ended.returncode, begun) == (2, "begun")
+        code, err = _ended(options, unbuffered, full.fileno())
+    begun, line = beside_progress(err).splitlines()
+    assert (code, begun) == (2, "begun")
     assert line.startswith("rig: ")
     assert line.endswith(os.strerror(errno.ENOSPC))
 

@@ -409,6 +409,7 @@ def usual(finger: Fingertip) -> ExpectedDuration:
     return expected
 
 
+@pytest.mark.quick(rows=lambda habits: {"increment_mm", "settle_readings"} & habits.keys())
 @pytest.mark.parametrize(
     "habits",
     [{"increment_mm": 0.02}, {"settle_readings": 9}, {"approach_speed_mm_s": 0.1}, {"clearance_mm": 5.0}],

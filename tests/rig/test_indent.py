@@ -241,7 +241,7 @@ def test_contact_is_found_wherever_the_finger_is(spring: Make, contact_mm: float
     contact_mm=st.floats(-1.0, 1.0),
     force_gwt=st.floats(0.2, 5.0),
 )
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_any_spring_any_force(spring: Make, k_gwt: float, contact_mm: float, force_gwt: float) -> None:
     depth_mm = (force_gwt / k_gwt) ** (2 / 3)
     # Within reach, and not so stiff that one step of the stage is more than the tolerance is wide.

@@ -24,7 +24,7 @@ Tables = dict[str, dict[str, Any]]
 Range = tuple[float, float]
 NO_NUMBERS = (math.nan, math.inf, -math.inf)
 NUMBERS = ("number", "integer")
-few = settings(max_examples=20, deadline=None)
+few = settings(max_examples=10, deadline=None)
 
 
 def _span(low: float, high: float) -> tuple[float, float, float]:

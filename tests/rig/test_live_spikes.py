@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.bench.live_spikes import PATIENCE_S, SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
+from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
 from rig.bench.served import ServedBench
 from rig.bench.served_spikes import _pressing
 from rig.errors import BadInputError
@@ -45,10 +45,10 @@ def made(place: IndentorPlace) -> PlaceTable:
 
 
 def path() -> Staircase:
-    """Two presses in increments of 0.05 mm, with holds."""
-    down = [-0.3, *np.arange(0.0, 0.61, 0.05)]
+    """Two presses in increments of 0.1 mm, with holds."""
+    down = [-0.3, *np.arange(0.0, 0.61, 0.1)]
     depth = [*down, 0.6, -0.3, -0.3] * 2
-    times = np.cumsum([0.06] * len(down) + [1.2, 0.4, 0.5] + [0.06] * len(down) + [1.2, 0.4, 0.5])
+    times = np.cumsum(([0.06] * len(down) + [0.7, 0.3, 0.3]) * 2)
     return Staircase(times.tolist(), depth, [2.0] * len(depth), 50.0)
 
 
@@ -174,13 +174,15 @@ def test_a_suspended_bench_costs_nothing_and_goes_on() -> None:
         assert min(row[len(first) :], default=pause_s) >= pause_s
 
 
-def test_nobody_waits_for_ever() -> None:
+def test_nobody_waits_for_ever(monkeypatch: pytest.MonkeyPatch) -> None:
     """And what is stored in the meantime has an end."""
+    monkeypatch.setattr("rig.bench.live_spikes.PATIENCE_S", 5.0)
     found = Follower(after=10**9)
-    t = SAMPLE_S * np.arange(round(1.02 * PATIENCE_S / SAMPLE_S))
-    found.go(t[:20000], np.full(20000, 0.3))
+    t = SAMPLE_S * np.arange(round(5.1 / SAMPLE_S))
+    before = round(4.5 / SAMPLE_S)
+    found.go(t[:before], np.full(before, 0.3))
     assert not found.said
-    found.go(t[20000:], np.full(len(t) - 20000, 0.3))
+    found.go(t[before:], np.full(len(t) - before, 0.3))
     assert len(found.said) == 1
     assert len(found.live._poses) < 50
 

@@ -19,13 +19,15 @@ from rig.plan.finger_model import copy_name, from_copy, kept_in, named_file, res
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run_figures import contacts_from_below, is_relief
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
+MESH = coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0)
+COARSE = as_toml(MESH)
 SHAPE = "heightmap:parts/letter.png,width_mm=2,height_mm=0.4,turn_deg=20"
 SCRIPT = f"""\
 def run(rig):
@@ -179,7 +181,7 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip,
 @pytest.fixture(scope="module")
 def halfspace() -> Fingertip:
     """Enough to be drawn."""
-    return load("halfspace")
+    return load("halfspace", FingertipConfig(mesh=MESH))
 
 
 def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Fingertip, tmp_path: Path) -> None:
@@ -223,7 +225,7 @@ def test_rig_indent_draws_what_it_pressed(rig: Callable[..., Any], tmp_path: Pat
     for shape, picture, begins in ((letter, "a.svg", b"<?xml"), ("sphere:2", "a.png", b"\x89PNG")):
         found = rig(
             *("indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.2"),
-            *("--model", "halfspace", "--picture", picture),
+            *("--model", "halfspace", "--config", "coarse.toml", "--picture", picture),
         )
         assert found["code"] == 0
         assert found["force_gwt"] > 0

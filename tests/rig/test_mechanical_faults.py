@@ -79,6 +79,7 @@ def _pressed_twice(folder: Path, tables: Mapping[str, Any], strike: Callable[[Sl
     return Ended(bench, reason)
 
 
+@pytest.mark.quick(rows=lambda stage, share: stage == "grbl" or share == 1.0)
 @pytest.mark.parametrize("share", [1.0, 0.9, 0.8], ids=["stalls", "slips by 90 %", "slips by 80 %"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_lift_that_is_none_is_measured_before_anything_goes_sideways(
@@ -100,6 +101,7 @@ def test_a_lift_that_is_none_is_measured_before_anything_goes_sideways(
         assert (known.kind, at.left) == ("lifted", "lifted"), "it came free on the way to where a trip lifts to"
 
 
+@pytest.mark.quick(rows=lambda stage, share, phase: stage == "grbl" or (share == 1.0 and phase != "touch"))
 @pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
 @pytest.mark.parametrize("share", [1.0, 0.5], ids=["stalls", "slips"])
 @pytest.mark.parametrize("stage", STAGES)
@@ -116,6 +118,7 @@ def test_no_phase_presses_beyond_the_bound_and_every_report_is_true(
 BACKLASH = {"virtual": {"z_screw_backlash_mm": 0.2}}
 
 
+@pytest.mark.quick(rows=lambda stage, screw: stage == "grbl" or screw is COARSE_SCREW)
 @pytest.mark.parametrize("screw", [SCREW, COARSE_SCREW, BACKLASH], ids=["finer", "coarser", "backlash"])
 @pytest.mark.parametrize("stage", STAGES)
 def test_a_screw_that_is_another_than_configured(tmp_path: Path, stage: str, screw: Mapping[str, Any]) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 import pytest
 from pydantic import BaseModel, ValidationError
 
-import rig.protocol.handlers as patience
 from rig.bench.checks import bench_problems
 from rig.cli import main
 from rig.errors import BadInputError, first_problem
@@ -95,31 +94,7 @@ def test_the_depth_limit_that_binds_is_named(tmp_path: Path, finger: Fingertip) 
     assert said.endswith("limits.max_doi_mm = 0.5")
 
 
-# --- too many steps, or none ---
-
-
-def test_too_many_steps_are_refused_at_the_stated_cap(
-    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(patience, "MOST_STEPS", 50)
-    said = _complaint(tmp_path, finger, "while True: rig.note('again')")
-    assert said.startswith("line 4: note: ")
-    assert " 50 " in said
-    assert patience.MOST_STEPS == 50
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
-@pytest.mark.parametrize(
-    "body",
-    ["while True: pass", "time.sleep(3600)", "while True:\n        try: rig.note(3)\n        except Exception: pass"],
-)
-def test_a_script_that_makes_no_step_is_refused(
-    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, body: str
-) -> None:
-    monkeypatch.setattr(patience, "LONGEST_SILENCE_S", 0.3)
-    said = _complaint(tmp_path, finger, body)
-    assert said.startswith("line ")
-    assert " 0.3 s" in said
+# --- how long it may think: tests/rig/test_patience.py ---
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")

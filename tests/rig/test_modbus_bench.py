@@ -347,7 +347,6 @@ def test_there_is_nothing_to_jog_along_y(make: Make) -> None:
     [
         (lambda t_s: float("nan"), "cell_error"),
         (lambda t_s: 215 * GWT_N, "over_max"),
-        (lambda t_s: 340 * GWT_N, "over_max"),
         (lambda t_s: 30 * 340 * GWT_N, "over_max"),
         (lambda t_s: -11_000 * GWT_N, "gross_out_of_range"),
     ],
@@ -377,7 +376,7 @@ def test_a_silent_transmitter_trips(make: Make) -> None:
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
-@pytest.mark.parametrize("resolution_gwt", [0.002, 0.05, 0.1])
+@pytest.mark.parametrize("resolution_gwt", [0.002, 0.1])
 def test_thresholds_follow_the_sensor(make: Make, resolution_gwt: float) -> None:
     """A cell that shows steps of 0.1 gwt must not be searched for a hundredth: contact is found, to what it hides."""
     force = {"resolution_gwt": resolution_gwt, "laumas": {"count_g": min(resolution_gwt, 0.01)}}

@@ -37,7 +37,7 @@ class Noise:
 
 @FRAMINGS
 @given(answers=st.lists(NOISE, min_size=1, max_size=3))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers: list[bytes]) -> None:
     clock = VirtualClock()
     master = ModbusMaster(LoopbackTransport(Noise(clock, answers).line, clock), clock, framing=framing)
@@ -55,7 +55,7 @@ def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers
 
 @FRAMINGS
 @given(answer=NOISE)
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: bytes) -> None:
     clock = VirtualClock()
     line, heard = SerialLine(clock, 115200), list[bytes]()
@@ -69,7 +69,7 @@ def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: b
 
 @FRAMINGS
 @given(chunks=st.lists(st.tuples(NOISE, st.sampled_from([0.0, 0.001, 0.1])), min_size=1, max_size=4))
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=150, deadline=None)
 def test_the_devices_survive_and_answer_the_next_question(
     framing: Framing, chunks: list[tuple[bytes, float]]
 ) -> None:

@@ -1,7 +1,6 @@
 """Spikes of simulated afferents beside a run: from its journal to files, report and `rig compare`."""
 
 import csv
-import json
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
@@ -27,6 +26,7 @@ from sim.nerve.population import AfferentPopulation
 from sim.nerve.spike_stream import SpikeStream
 from tests.error_codes import raises
 from tests.program import Program
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
 AFFERENTS = "SA1@0,SA1@1:0.5,RA@0"
@@ -98,12 +98,9 @@ def _without(run: Run, *streams: str) -> Run:
     return replace(run, in_order=[(name, event) for name, event in run.in_order if name not in streams])
 
 
-def test_a_run_without_presses_has_no_spikes(run: Run, config: Config) -> None:
+def test_a_run_without_presses_or_without_contact_heights_has_no_spikes(run: Run, config: Config) -> None:
     with raises(BadInputError, "no_presses", run=str(run.folder.path)):
         visits_of(replace(run, in_order=[]), config)
-
-
-def test_a_run_without_contact_heights_has_no_spikes(run: Run, config: Config) -> None:
     with raises(BadInputError, "no_contact_heights", run=str(run.folder.path)):
         visits_of(_without(run, "touch"), config)
 
@@ -265,8 +262,8 @@ def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
 # --- the command ---
 
 
-def test_the_command_writes_files_and_figures(run: Run, program: Program, finger: Fingertip) -> None:
-    assert finger is not None
+@pytest.mark.usefixtures("cheap", "empty_figures", "finger")
+def test_the_command_writes_files_and_figures(run: Run, program: Program) -> None:
     ended = program("nerve", str(run.folder.path), "--afferents", AFFERENTS, "--json")
     assert ended.code == 0, ended.err
     answer = ended.json
@@ -312,26 +309,38 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("words", WRONG)
-def test_what_is_wrong_changes_nothing(run: Run, program: Program, finger: Fingertip, words: str) -> None:
-    assert finger is not None
+@pytest.mark.usefixtures("finger")
+def test_what_is_wrong_changes_nothing(run: Run, program: Program) -> None:
     before = {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"}
-    ended = program("nerve", str(run.folder.path), *words.split(), "--json")
-    assert (ended.error_code, ended.code) == WRONG[words]
+    for words, (code, exit_code) in WRONG.items():
+        ended = program("nerve", str(run.folder.path), *words.split(), "--json")
+        assert (ended.error_code, ended.code) == (code, exit_code), words
     assert {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"} == before
 
 
-SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.indent(doi_mm=0.4, hold_s=0.3)
+"""
 
 
-def test_a_dry_run_adds_spikes(
-    program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """And `rig nerve` gives the same spikes afterwards."""
-    assert finger is not None
+@pytest.fixture
+def mine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
+    """A press of a finger of few nodes."""
     monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(SCRIPT + "    rig.indent(doi_mm=0.4, hold_s=0.3)\n", encoding="utf-8")
-    ended = program("dry-run", "mine.py", "--afferents", "SA1@0", "--json")
+    Path("mine.py").write_text(SCRIPT, encoding="utf-8")
+    Path("coarse.toml").write_text(as_toml(coarse_mesh(0.3, 0.5)), encoding="utf-8")
+    return "dry-run", "mine.py", "--config", "coarse.toml", "--json"
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_a_dry_run_adds_spikes(program: Program, mine: tuple[str, ...]) -> None:
+    """And `rig nerve` gives the same spikes afterwards."""
+    ended = program(*mine, "--afferents", "SA1@0")
     assert ended.code == 0, ended.err
     folder = Path(ended.json["run"])
     spikes = (folder / "synthetic_spikes.csv").read_bytes()
@@ -342,14 +351,8 @@ def test_a_dry_run_adds_spikes(
     assert (folder / "synthetic_spikes.csv").read_bytes() == spikes
 
 
-@pytest.mark.parametrize(("afferents", "code"), [("3xQQ", "unknown_afferent"), ("SA1@9", "afferent_off_pad")])
-def test_a_dry_run_is_refused_before_it_begins(
-    program: Program, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, afferents: str, code: str
-) -> None:
-    assert finger is not None
-    monkeypatch.chdir(tmp_path)
-    Path("mine.py").write_text(SCRIPT + "    rig.indent(doi_mm=0.4, hold_s=0.3)\n", encoding="utf-8")
-    ended = program("dry-run", "mine.py", "--afferents", afferents, "--json")
-    assert json.loads(ended.out)["code"] == code
-    assert ended.code == 2
+def test_a_dry_run_is_refused_before_it_begins(program: Program, mine: tuple[str, ...]) -> None:
+    for afferents, code in (("3xQQ", "unknown_afferent"), ("SA1@9", "afferent_off_pad")):
+        ended = program(*mine, "--afferents", afferents)
+        assert (ended.json["code"], ended.code) == (code, 2)
     assert not Path("runs").exists()

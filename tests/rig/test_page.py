@@ -48,6 +48,7 @@ def run(rig):
         rig.indent(doi_mm=0.2, hold_s=0.1)
 """
 Run = Callable[..., Ended]
+MadeOnce = Callable[[str, Callable[[], object]], Path]
 
 
 @pytest.fixture
@@ -117,10 +118,12 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
 
 
 @pytest.mark.parametrize("command", ["run", "resume"])
-def test_without_a_terminal_nothing_is_opened(rig: Run, opened: list[Any], command: str, tmp_path: Path) -> None:
+def test_without_a_terminal_nothing_is_opened(
+    rig: Run, opened: list[Any], command: str, tmp_path: Path, made_once: MadeOnce
+) -> None:
     arguments: tuple[str, ...] = RUN
     if command == "resume":
-        arguments = ("resume", str(_killed(rig, tmp_path)))
+        arguments = ("resume", str(_killed(rig, made_once)))
     opened.clear()
     ended = rig(*arguments)
     assert ended.code == 2
@@ -130,6 +133,7 @@ def test_without_a_terminal_nothing_is_opened(rig: Run, opened: list[Any], comma
     assert len(list((tmp_path / "runs").iterdir())) == (0 if command == "run" else 1)
 
 
+@pytest.mark.quick(rows=lambda typed, code: typed != "y\n")
 @pytest.mark.parametrize(("typed", "code"), [("\n", 0), ("y\n", 0), ("n\n", 130), ("", 130)])
 def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path, typed: str, code: int) -> None:
     ended = rig(*RUN, typed=typed)
@@ -143,10 +147,15 @@ def test_the_page_is_confirmed_once(rig: Run, opened: list[Any], tmp_path: Path,
 @pytest.mark.parametrize(("typed", "done"), [("\n", ["planned", "reported"]), ("n\n", ["planned"]), (None, None)])
 @pytest.mark.parametrize("command", ["run", "resume"])
 def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
-    rig: Run, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, command: str, typed: str | None, done: list[str] | None
+    rig: Run,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    typed: str | None,
+    done: list[str] | None,
+    made_once: MadeOnce,
 ) -> None:
     """A stop is one write all that time; where nobody can be asked nothing is opened at all."""
-    arguments = RUN if command == "run" else ("resume", str(_killed(rig, tmp_path)))
+    arguments = RUN if command == "run" else ("resume", str(_killed(rig, made_once)))
     found: list[str] = []
 
     def noted(name: str, act: Callable[..., Any]) -> Callable[..., Any]:
@@ -228,16 +237,17 @@ def test_text_that_waits_can_answer_and_nothing_cannot(monkeypatch: pytest.Monke
 
 
 def test_a_dry_run_asks_nothing(rig: Run) -> None:
-    ended = rig("dry-run", "mine.py", "--json")
-    assert (ended.code, ended.err) == (0, "")
     ended = rig("dry-run", "mine.py")  # in a pipe it tells how far it is
     assert (ended.code, "Enter" in ended.err, set(_page(ended))) == (0, False, {"speed"})
 
 
-def _killed(rig: Run, folder: Path) -> Path:
-    """A real run as a kill in its second press leaves it."""
+def _carried_out(rig: Run) -> None:
     assert rig(*RUN, "--yes").code == 0
-    (run,) = (folder / "runs").iterdir()
+
+
+def _killed(rig: Run, made_once: MadeOnce) -> Path:
+    """A real run as a kill in its second press leaves it."""
+    run = made_once("whole", lambda: _carried_out(rig))
     lines = (run / "events.jsonl").read_bytes().splitlines(keepends=True)
     documents = [json.loads(line) for line in lines]
     readings = {n: d["data"] for n, d in enumerate(documents) if d["doc"] == "event" and d["stream"] == "sample"}
@@ -248,7 +258,7 @@ def _killed(rig: Run, folder: Path) -> Path:
 
 def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_path: Path) -> None:
     """Until the run is taken up and has come to its end, doctor, run and resume say where the indentor was."""
-    run = _killed(rig, tmp_path)
+    run = _killed(rig, lambda kind, make: (make(), *(tmp_path / "runs").iterdir())[1])
     line = f"rig resume {run}"
     doctor = json.loads(rig("doctor", "--config", "rig.toml", "--json").out)["last_run_text"]
     again = rig(*RUN, typed="n\n")
@@ -318,6 +328,7 @@ REFUSED: dict[str, tuple[Callable[[Path, pytest.MonkeyPatch], None], str | None,
 }
 
 
+@pytest.mark.quick(rows=lambda name, as_json: as_json or name in ("no port", "a no"))
 @pytest.mark.parametrize("as_json", [True, False])
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_ends_before_it_begins_says_that_nothing_was_moved(

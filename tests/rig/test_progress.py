@@ -143,21 +143,34 @@ def _stopped(rig: Callable[..., Said]) -> str:
     return folder
 
 
-COMMANDS: dict[str, tuple[Callable[[Callable[..., Said]], tuple[str, ...]], int]] = {
-    "dry-run": (lambda rig: ("dry-run", "mine.py"), 2),
-    "dry-run, paced": (lambda rig: ("dry-run", "mine.py", "--speed", "999999"), 2),
-    "run": (lambda rig: ("run", "mine.py", "--config", "rig.toml", "--yes"), 2),
-    "resume": (lambda rig: ("resume", _stopped(rig)), 1),
-    "check": (lambda rig: ("check", "mine.py"), 0),
-    "compare": (lambda rig: ("compare", _coarse_run(rig), "--out", "c.html"), 0),
-    "study": (lambda rig: ("study", "study.toml"), 0),
+COMMANDS: dict[str, tuple[tuple[str, ...], int]] = {
+    "dry-run": (("dry-run", "mine.py"), 2),
+    "dry-run, paced": (("dry-run", "mine.py", "--speed", "999999"), 2),
+    "run": (("run", "mine.py", "--config", "rig.toml", "--yes"), 2),
+    "resume": (("resume",), 1),
+    "check": (("check", "mine.py"), 0),
+    "compare": (("compare", "--out", "c.html"), 0),
+    "study": (("study", "study.toml"), 0),
 }
+NEEDS: dict[str, Callable[[Callable[..., Said]], str]] = {"resume": _stopped, "compare": _coarse_run}
 
 
+@pytest.fixture
+def told(rig: Callable[..., Said], made_once: Callable[..., Path]) -> Callable[..., Said]:
+    """What a command says, of a run where it needs one."""
+
+    def of(name: str, *options: str) -> Said:
+        (verb, *arguments), _ = COMMANDS[name]
+        run = [str(made_once(name, lambda: NEEDS[name](rig)))] if name in NEEDS else []
+        return rig(verb, *run, *arguments, *options)
+
+    return of
+
+
+@pytest.mark.quick(rows=lambda name: name != "dry-run, paced")
 @pytest.mark.parametrize("name", COMMANDS)
-def test_a_pipe_is_told_at_once_and_line_by_line(rig: Callable[..., Said], name: str) -> None:
-    arguments, indentations = COMMANDS[name]
-    said = rig(*arguments(rig))
+def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name: str) -> None:
+    said, indentations = told(name), COMMANDS[name][1]
     assert said.before, "nothing was said before something slow began"
     assert "\r" not in said.out + said.err
     assert "\x1b" not in said.out + said.err
@@ -172,13 +185,14 @@ def test_a_pipe_is_told_at_once_and_line_by_line(rig: Callable[..., Said], name:
         assert re.fullmatch(rf"{indentations} indentations, \d:\d\d:\d\d left", before)
 
 
+@pytest.mark.quick(rows=lambda name: name != "dry-run, paced")
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
-def test_who_asked_for_json_is_told_nothing_else(rig: Callable[..., Said], name: str) -> None:
+def test_who_asked_for_json_is_told_nothing_else(told: Callable[..., Said], name: str) -> None:
     """`rig run` has its page, and a run that was killed its warning."""
-    said = rig(*COMMANDS[name][0](rig), "--json")
+    said = told(name, "--json")
     assert said.out.count("\n") == 1
-    told = [line for line in said.err.splitlines() if not line.startswith(("resuming after", f"rig: {NO_END}"))]
-    assert told == []
+    others = [line for line in said.err.splitlines() if not line.startswith(("resuming after", f"rig: {NO_END}"))]
+    assert others == []
 
 
 def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Said]) -> None:

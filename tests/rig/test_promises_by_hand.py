@@ -1,10 +1,10 @@
 """What docs/safety_promises.md promises of manual control holds for what is asked over the socket, on every bench.
 
-Each promise is a walk of a person at the panel; devices virtual, bytes real, clock virtual.
+Each promise is a walk of a person at the panel; devices virtual, bytes real, clock virtual. What a single motion may
+do to a finger: tests/rig/test_by_hand.py.
 """
 
 import math
-import re
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -32,18 +32,6 @@ def promise(walk: Callable[[Make], None]) -> Callable[[Make], None]:
 def nan(bench: HandBench) -> None:
     """From here on the sensor has no number to say."""
     bench.bench.force.read = lambda: ForceReading(math.nan, True, bench.clock.monotonic_s())  # type: ignore[method-assign]
-
-
-def freeze(bench: HandBench, at_gwt: float | None) -> None:
-    """The sensor stays at a value, its own last one if none is given."""
-    sensor = bench.bench.force
-    last_n = sensor.read().force_n if at_gwt is None else at_gwt * GWT_N
-
-    def read() -> ForceReading:
-        bench.clock.wait_s(0.02)
-        return ForceReading(last_n, True, bench.clock.monotonic_s())
-
-    sensor.read = read  # type: ignore[method-assign]
 
 
 def ended(bench: HandBench, person: Person) -> str:
@@ -91,49 +79,6 @@ def down_it_ends_at_the_first_touch_and_a_new_press_goes_on_to_nine_tenths_of_th
 
 
 @promise
-def above_a_trip_it_goes_back_up_the_way_it_came(make: Make) -> None:
-    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1)
-    said = ended(bench, bench.hold("z", -1, 20.0))
-    assert re.search(r"exceeds the soft trip of 10\.20 gwt.*; lifted by 0\.\d\d mm$", said)
-    assert bench.height_mm == pytest.approx(0.52, abs=0.004)
-
-
-@promise
-def with_on_trip_stop_it_stays(make: Make) -> None:
-    bench = make(above_mm=0.52, k_gwt=6000.0, soft_trip_n=0.1, on_trip="stop")
-    assert "lifted" not in ended(bench, bench.hold("z", -1, 20.0))
-    assert bench.height_mm < 0.0
-
-
-@promise
-def a_reading_that_falls_ends_it(make: Make) -> None:
-    bench = make(above_mm=0.2, k_gwt=-6.0)
-    assert "does the sensor read backwards?" in ended(bench, bench.hold("z", -1, 20.0))
-
-
-@promise
-def a_reading_that_stays_the_same_or_is_gone_below_a_touch_ends_it(make: Make) -> None:
-    for at_gwt, reason in ((0.0, "mm below a touch; check"), (None, "stays at")):
-        bench = make(above_mm=0.2)
-
-        def person(bench: HandBench = bench, at_gwt: float | None = at_gwt) -> Person:
-            yield from bench.hold("z", -1, 20.0)
-            freeze(bench, at_gwt)
-            yield from bench.hold("z", -1, 20.0)
-
-        assert reason in ended(bench, person())
-        assert bench.height_mm > -0.5
-
-
-@promise
-def sideways_it_ends_at_a_touch(make: Make) -> None:
-    bench = make()
-    bench.spring.wall_x_mm = 1.0
-    assert "touched" in ended(bench, bench.hold("x", 1, 20.0))
-    assert 1.0 < bench.x_mm < 1.0 + 2.0 * 0.6
-
-
-@promise
 def above_a_trip_only_up_is_free(make: Make) -> None:
     bench = make(above_mm=-0.8, soft_trip_n=0.02, zero=ZERO)
 
@@ -148,41 +93,6 @@ def above_a_trip_only_up_is_free(make: Make) -> None:
 
 
 @promise
-def up_it_is_stopped_by_a_force_that_grows_beyond_a_trip(make: Make) -> None:
-    bench = make(soft_trip_n=0.02)
-    from_s = bench.clock.monotonic_s() + 2.0
-    bench.spring.true_gwt = lambda t_s: 30.0 + t_s if t_s > from_s else 0.0  # type: ignore[method-assign]
-    assert "exceeds the soft trip" in ended(bench, bench.hold("z", 1, 20.0))
-    assert bench.height_mm < 3.0 + 2.0 * 3.2
-
-
-@promise
-def a_sensor_beyond_its_range_is_left_upwards_and_nowhere_else(make: Make) -> None:
-    bench = make(above_mm=0.5)
-    bench.spring.offset_gwt = 500.0
-
-    def person() -> Person:
-        yield from bench.hold("x", 1, 0.4)
-        assert "nothing was moved" in bench("status")["ended_by"]
-        yield from bench.hold("z", 1, 1.0)
-
-    assert ended(bench, person()) == "None"
-    assert bench.x_mm == pytest.approx(0.0, abs=0.002)
-    assert bench.height_mm > 1.5
-
-
-@promise
-def without_a_zero_forces_count_from_before_the_first_motion(make: Make) -> None:
-    """A holder of 80 gwt hangs on the sensor, and the soft trip is 51."""
-    bench = make(above_mm=0.3, soft_trip_n=0.5)
-    bench.spring.offset_gwt = 80.0
-    state = bench.run(bench.hold("z", -1, 20.0))
-    assert "touched" in state["ended_by"]
-    assert state["force_gwt"] == pytest.approx(bench.worst_gwt, abs=0.02)
-    assert not state["zeroed"]
-
-
-@promise
 def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
     bench = make(zero=ForceZero(3.0 * GWT_N, 0.0))
     bench.spring.offset_gwt = 5.0
@@ -192,15 +102,6 @@ def with_one_forces_count_from_the_last_zero_on_record(make: Make) -> None:
 
 
 # --- the way ---
-
-
-@promise
-def deeper_than_max_doi_below_the_apex_a_held_button_ends(make: Make) -> None:
-    """A sensor that is frozen from the beginning cannot show the finger; the known height can."""
-    bench = make(above_mm=0.2)
-    freeze(bench, 0.0)
-    assert "deeper than limits.max_doi_mm" in ended(bench, bench.hold("z", -1, 60.0))
-    assert bench.height_mm == pytest.approx(-1.5, abs=0.051)
 
 
 @promise

@@ -10,9 +10,10 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.script import Script, load_script, script_with
-from sim.config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 Fields = dict[str, Any]
 SCRIPT = """\
@@ -353,8 +354,8 @@ def test_the_plan_predicts(tmp_path: Path, finger: Fingertip) -> None:
 
 @pytest.fixture(scope="module")
 def coarse() -> Fingertip:
-    """The default finger on elements twice as large."""
-    return Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.34)))
+    """The default finger on few elements."""
+    return Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.34, 0.68)))
 
 
 @pytest.mark.parametrize(

@@ -48,12 +48,13 @@ SLOW = {"doi_mm": 0.8, "speed_mm_s": 0.3}
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.02, 0.3, 0.8, 1.5])
-@pytest.mark.parametrize("tables", [{}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}])
-@pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (8.0, 1.4), (1.0, 0.1)])
-def test_a_ramp_from_its_trip_ends_at_the_bound_of_a_press(
-    speed_mm_s: float, tables: dict[str, Any], force_gwt: float, doi_mm: float
-) -> None:
-    settings = RigSettings.model_validate(tables)
+def test_a_ramp_from_its_trip_ends_at_the_bound_of_a_press(speed_mm_s: float) -> None:
+    for tables in ({}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}):
+        for force_gwt, doi_mm in ((8.0, 0.86), (8.0, 1.4), (1.0, 0.1)):
+            _ends_at_the_bound(RigSettings.model_validate(tables), speed_mm_s, force_gwt, doi_mm)
+
+
+def _ends_at_the_bound(settings: RigSettings, speed_mm_s: float, force_gwt: float, doi_mm: float) -> None:
     bound = RampBound.of(settings, speed_mm_s, 16.0, force_gwt, doi_mm)
     press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
     move = Stopping.in_one_move(settings, speed_mm_s)
@@ -172,21 +173,15 @@ def _paused(bench: Any) -> None:
     verbs.safe_point(bench.engine)
 
 
-@pytest.mark.parametrize(
-    ("between", "presses"),
-    [(_nothing, False), (_pressed, False), (_pressed_less, True), (_touched, True), (_homed, True),
-     (_elsewhere, True), (_mounted, True), (_paused, True)],
-)  # fmt: skip
-def test_only_where_the_stiffness_is_not_measured_it_presses_first(
-    spring: Make, between: Callable[[Any], None], presses: bool
-) -> None:
+def test_only_where_the_stiffness_is_not_measured_it_presses_first(spring: Make) -> None:
     bench = spring(soft_trip_n=0.1)
     ramp(bench.ready(), **SLOW, hold_s=0.0)
-    between(bench)
-    bench.events.clear()
-    done = ramp(bench.engine, **SLOW, hold_s=0.0)
-    assert bool(_samples(bench, "press")) is presses
-    assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
+    for between in (_nothing, _pressed, _pressed_less, _touched, _homed, _elsewhere, _mounted, _paused):
+        between(bench)
+        bench.events.clear()
+        done = ramp(bench.engine, **SLOW, hold_s=0.0)
+        assert bool(_samples(bench, "press")) is (between not in (_nothing, _pressed)), between
+        assert done.holds[0].doi_mm == pytest.approx(0.8, abs=0.0025)
 
 
 def test_a_deeper_ramp_presses_first_and_a_shallower_one_goes_by_the_law(spring: Make) -> None:
@@ -336,16 +331,7 @@ def _ramp(bench: FaultyBench) -> Any:
     return ramp(bench.engine, **FAST, hold_s=0.1, expected_contact_mm=PREDICTED.contact_mm)
 
 
-def test_it_is_done_on_every_stage(faulty: FaultyBench) -> None:
-    done = _ramp(faulty)
-    assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
-    assert faulty.worst_n / GWT_N == pytest.approx(10.0 * 0.86**1.5, rel=0.03)
-    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
-
-
-@pytest.mark.quick(
-    rows=lambda faulty, nearer_mm: faulty == "grbl" or (faulty in ("rtu", "zaber") and nearer_mm == 0.6)
-)
+@pytest.mark.quick(rows=lambda faulty, nearer_mm: faulty == "grbl" or (faulty == "rtu" and nearer_mm == 0.6))
 @pytest.mark.parametrize("nearer_mm", [0.3, 0.6])
 def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, nearer_mm: float) -> None:
     def nearer() -> None:
@@ -384,7 +370,7 @@ def test_a_sensor_that_lost_its_cell_ends_it(faulty: FaultyBench) -> None:
 
 @pytest.mark.quick(
     rows=lambda faulty, stays_gwt, nearer_mm: (
-        faulty == "grbl" or (faulty == "zaber" and stays_gwt == 5.0 and nearer_mm > 0)
+        (faulty, stays_gwt) in (("grbl", 2.0), ("zaber", 5.0)) and (faulty == "grbl" or nearer_mm > 0)
     )
 )
 @pytest.mark.parametrize("stays_gwt", [2.0, 5.0])
@@ -495,6 +481,7 @@ def test_a_pause_is_taken_before_the_ramp_and_begins_it_anew(spring: Make) -> No
 
 
 def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) -> None:
+    """It is then done as any ramp, on every stage."""
     asked: list[bool] = []
     forces: list[float] = []
     faulty.pause = Pause(lambda: bool(asked), lambda: not asked.clear())
@@ -505,6 +492,8 @@ def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) 
     holds = faulty.journal_path.read_text(encoding="utf-8").count('"hold": 1, "target"')
     assert holds == 1
     assert done.holds[0].doi_mm == pytest.approx(0.86, abs=0.003)
+    assert faulty.worst_n / GWT_N == pytest.approx(10.0 * 0.86**1.5, rel=0.03)
+    assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
 
 
 def test_samples_of_a_ramp_have_the_side_axes_of_the_sensor(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """A stop is recorded whenever it came, and no data look worse for it."""
 
 import json
+import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -42,10 +43,19 @@ def script(tmp_path: Path) -> Script:
     return load_script(str(path))
 
 
-@pytest.fixture
-def whole(script: Script, finger: Fingertip, tmp_path: Path) -> RunFolder:
+@pytest.fixture(scope="module")
+def made(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole run."""
+    folder = tmp_path_factory.mktemp("made")
+    (folder / "two.py").write_text(SCRIPT, encoding="utf-8")
+    script = load_script(str(folder / "two.py"))
     plan = make_plan(script, Config(), finger)
-    return dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs", "S07"))).folder
+    return dry_run(Session(script, Config(), finger, plan, NewRun(folder / "runs", "S07"))).folder.path
+
+
+@pytest.fixture
+def whole(made: Path, tmp_path: Path) -> RunFolder:
+    return RunFolder(shutil.copytree(made, tmp_path / "runs" / made.name))
 
 
 def _last(folder: RunFolder) -> Mapping[str, Any]:

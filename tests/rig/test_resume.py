@@ -107,24 +107,25 @@ def _at(stream: str, **data: Any) -> Callable[[dict[str, Any]], bool]:
     return fits
 
 
-@pytest.mark.parametrize(
-    ("last", "restarted"),
-    [
-        (lambda document: document["doc"] == "start", 0),
-        (_at("home"), 0),
-        (_at("move", x_mm=0.5), 0),
-        (_at("sample", index=0, phase="press"), 1),
-        (_at("hold_end", index=1, hold=1), 1),
-        (_at("hold_end", index=1, hold=2), 0),
-        (_at("indentation_end", index=1), 0),
-        (_at("hold_end", index=2, hold=2), 0),
-        (_at("note", text="finished"), 0),
-    ],
-    ids=["start", "home", "move", "press", "first hold", "last hold", "between", "all held", "no stop"],
-)
-def test_exactly_what_is_missing_is_done(
-    finger: Fingertip, whole: Path, cut: Make, last: Callable[[dict[str, Any]], bool], restarted: int
-) -> None:
+CUT: dict[str, tuple[Callable[[dict[str, Any]], bool], int]] = {
+    "start": (lambda document: document["doc"] == "start", 0),
+    "home": (_at("home"), 0),
+    "move": (_at("move", x_mm=0.5), 0),
+    "press": (_at("sample", index=1, phase="press"), 1),
+    "first hold": (_at("hold_end", index=1, hold=1), 1),
+    "last hold": (_at("hold_end", index=1, hold=2), 0),
+    "between": (_at("indentation_end", index=1), 0),
+    "all held": (_at("hold_end", index=2, hold=2), 0),
+    "no stop": (_at("note", text="finished"), 0),
+}
+"""The last document on disk, and how many indentations are begun anew."""
+
+
+@pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
+@pytest.mark.parametrize("after", CUT)
+def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
+    """And gives what it would have: the force is a target, so it agrees to the tolerance of seeking it."""
+    last, restarted = CUT[after]
     folder = cut(last)
     done = _resume(folder, finger)
     run = read_run(folder)
@@ -140,25 +141,14 @@ def test_exactly_what_is_missing_is_done(
     assert moved[0] == "home"
     if any(d.get("stream") == "indentation_start" for d in after):
         assert moved[:3] == ["home", "zero", "move"]
-
-
-def test_the_second_press_gives_what_the_first_would_have(finger: Fingertip, whole: Path, cut: Make) -> None:
-    """The same finger, the same script: the force is a target, so it agrees to the tolerance of seeking it."""
-    folder = cut(_at("sample", index=1, phase="press"))
-    _resume(folder, finger)
     was, now = (read_run(path).stream("hold_end") for path in (whole, folder))
+    assert [(e["index"], e["hold"]) for e in now] == [(i, k) for i in range(3) for k in (1, 2)]
     assert [e["force_gwt"] for e in now] == pytest.approx([e["force_gwt"] for e in was], abs=0.05)
     assert [e["true_doi_mm"] for e in now] == pytest.approx([e["true_doi_mm"] for e in was], abs=0.02)
-
-
-def test_interrupted_attempts_are_kept_apart(finger: Fingertip, cut: Make) -> None:
-    folder = cut(_at("hold_end", index=1, hold=1))
-    done = _resume(folder, finger)
-    run = done.run
-    assert [(e["index"], e["hold"]) for e in run.stream("hold_end")] == [(i, k) for i in range(3) for k in (1, 2)]
-    assert [(e["index"], e["hold"]) for e in run.superseded["hold_end"]] == [(1, 1)]
-    assert (folder / "hold_end_superseded.csv").read_text(encoding="utf-8").count("\n") == 2
-    assert {e["index"] for e in run.superseded["sample"]} == {1}
+    if after == "first hold":  # interrupted attempts are kept apart
+        assert [(e["index"], e["hold"]) for e in done.run.superseded["hold_end"]] == [(1, 1)]
+        assert (folder / "hold_end_superseded.csv").read_text(encoding="utf-8").count("\n") == 2
+        assert {e["index"] for e in done.run.superseded["sample"]} == {1}
 
 
 def test_a_run_killed_before_its_first_document_begins(finger: Fingertip, whole: Path, cut: Make) -> None:

@@ -355,7 +355,9 @@ SHOWN = {
 
 
 @pytest.mark.quick(rows=lambda folder: folder not in ("old", "old, resumed"))
-def test_every_place_counts_from_the_start_of_the_run(folder: Path) -> None:
+def test_every_place_counts_from_the_start_of_the_run(folder: Path, request: pytest.FixtureRequest) -> None:
+    if request.node.callspec.params["folder"] in ("fresh", "resumed"):
+        _is_written_in_the_time_of_the_run(folder)
     true_s = _true_s(folder)
     assert true_s
     wrong = {}
@@ -369,14 +371,7 @@ def test_every_place_counts_from_the_start_of_the_run(folder: Path) -> None:
     assert wrong == {}
 
 
-# --- what is written ---
-
-
-@pytest.mark.parametrize("kind", ["fresh", "resumed"])
-def test_journal_and_bytes_are_written_in_the_time_of_the_run(
-    kind: str, run: Run, resume: Run, tmp_path: Path
-) -> None:
-    folder = _kind(kind, run, resume, tmp_path)
+def _is_written_in_the_time_of_the_run(folder: Path) -> None:
     documents = list(read_journal(folder / "events.jsonl"))
     assert (documents[0]["t_s"], documents[0]["unix_s"]) == (0.0, pytest.approx(START_UNIX_S, abs=0.5))
     for one in documents:

@@ -95,17 +95,15 @@ def _rows(path: Path) -> list[dict[str, str]]:
 
 
 def test_a_complete_run_is_compared(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, empty_figures: None
 ) -> None:
-    """But for strain maps, for which the whole finger would be factorised; test_stimulus_maps.py has them."""
-    monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])
     recorded = f"bar:3.0={OLD / 'recorded.csv'}"
     told = _told(["compare", str(_copy("complete", tmp_path)), "--recorded", recorded], capsys, monkeypatch)
     _is_in(json.loads((OLD / "compared.json").read_text(encoding="utf-8")), told)
 
 
 def test_a_stopped_run_is_resumed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, empty_figures: None
 ) -> None:
     """Killed in indentation 5 of 8; what comes of it are the presses of the run that nobody killed."""
     folder = _copy("stopped", tmp_path)

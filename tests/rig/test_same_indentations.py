@@ -1,4 +1,7 @@
-"""The same protocol on every stage with every force sensor, and on Modbus with other steps and counts."""
+"""The same protocol on every stage with every force sensor, and on Modbus with other steps and counts.
+
+A stage knows nothing of the sensor: `make test` takes every stage with one sensor and every sensor on one stage.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -91,6 +94,7 @@ BENCHES = [
 ]
 
 
+@pytest.mark.quick(rows=lambda bench: bench["stage"]["kind"] == "grbl" or bench["force"]["kind"] == "mtsics")
 @pytest.mark.parametrize("bench", BENCHES, ids=lambda bench: "-".join(map(str, _words(bench))))
 def test_equal_steps_and_counts_leave_nothing_to_differ(
     grbl: Run, finger: Fingertip, tmp_path: Path, bench: dict[str, Any]

@@ -13,7 +13,7 @@ from pydantic import ValidationError
 
 from rig.bench.checks import checked_subject
 from rig.cli import main
-from rig.data import read_run
+from rig.data import RunFolder, read_run
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.sensing import APART_S
@@ -322,7 +322,7 @@ def test_the_contact_time_is_that_of_the_readings(done: FinishedRun) -> None:
     assert total_s > 10.0
 
 
-@pytest.mark.quick(rows=lambda stream, nth: stream in ("rest", "sample"))
+@pytest.mark.quick(rows=lambda stream, nth: stream == "sample")
 @pytest.mark.parametrize(
     ("stream", "nth"), [("hold_end", 1), ("rest", 2), ("precondition_hold_end", 2), ("sample", -20)]
 )
@@ -363,12 +363,16 @@ def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> Finished
     return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
 
-def test_references_are_compared_and_no_data(finger: Fingertip, tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def referenced(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> FinishedRun:
+    return _with_references(tmp_path_factory.mktemp("references"), finger)
+
+
+def test_references_are_compared_and_no_data(referenced: FinishedRun) -> None:
     """The same finger answers the same to a step of the sensor, 0.01 of some 0.6 and 2 gwt."""
-    done = _with_references(tmp_path, finger)
-    run = done.run
-    assert done.complete
-    assert done.indentations == 3
+    run = referenced.run
+    assert referenced.complete
+    assert referenced.indentations == 3
     pressed = [(e["index"], e["hold"], e["commanded"]) for e in run.stream("reference_hold_end")]
     assert pressed == [(0, 1, 0.15), (0, 2, 0.3), (1, 1, 0.15), (1, 2, 0.3)]
     assert [event["deviation"] for event in run.stream("reference")] == pytest.approx([0.0, 0.0], abs=0.03)
@@ -378,6 +382,7 @@ def test_references_are_compared_and_no_data(finger: Fingertip, tmp_path: Path) 
     assert _order(run) == list(Schedule(PLACES, order="random", seed=3).block(1))
 
 
+@pytest.mark.quick(rows=lambda on_alarm: on_alarm == "warn")  # test_an_alarm_trips_where_that_is_configured
 @pytest.mark.parametrize("on_alarm", ["warn", "trip"])
 def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on_alarm: str) -> None:
     """A share of 0.7 relaxes with 30 s: when the second reference comes it has not recovered from what was before."""
@@ -390,14 +395,16 @@ def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on
     assert done.complete is (on_alarm == "warn")
 
 
-def test_a_resumed_run_compares_with_its_first_reference(finger: Fingertip, tmp_path: Path) -> None:
-    whole = _with_references(tmp_path, finger)
-    lines = whole.folder.events.read_bytes().splitlines(keepends=True)
+def test_a_resumed_run_compares_with_its_first_reference(
+    referenced: FinishedRun, finger: Fingertip, tmp_path: Path
+) -> None:
+    folder = RunFolder(shutil.copytree(referenced.folder.path, tmp_path / "cut"))
+    lines = folder.events.read_bytes().splitlines(keepends=True)
     last = next(n for n, line in enumerate(lines) if b'"indentation_end"' in line and b'"event"' in line)
-    (first,) = [e["force_gwt"] for e in whole.run.stream("reference_hold_end")[1:2]]
+    (first,) = [e["force_gwt"] for e in referenced.run.stream("reference_hold_end")[1:2]]
     text = b"".join(lines[: last + 1]).replace(f'"force_gwt": {first}'.encode(), f'"force_gwt": {first / 2}'.encode())
-    whole.folder.events.write_bytes(text)
-    stopped = read_stopped(whole.folder.path)
+    folder.events.write_bytes(text)
+    stopped = read_stopped(folder.path)
     plan = make_plan(stopped.script, stopped.config, finger)
     again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))
     assert again.complete

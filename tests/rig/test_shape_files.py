@@ -52,6 +52,7 @@ def _cut(run: Path) -> None:
     (run / "events.jsonl").write_bytes(b"".join(lines[: ends[0] + 1]))
 
 
+@pytest.mark.quick(rows=lambda what: what == "edited")
 @pytest.mark.parametrize("what", ["edited", "gone"])
 def test_what_becomes_of_the_original_changes_nothing(
     rig: Rig, made_once: MadeOnce, finger: Fingertip, tmp_path: Path, what: str

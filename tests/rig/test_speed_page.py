@@ -11,7 +11,7 @@ from sim.benchmark import FAMILIES, QUANTITIES, QUICK_SCENES, Candidate, coarse,
 
 @pytest.fixture(scope="module")
 def html() -> str:
-    candidates = (Candidate("halfspace", "0.28 mm", coarse(0.28)), Candidate("section", "0.28 mm", coarse(0.28)))
+    candidates = (Candidate("halfspace", "0.5 mm", coarse(0.5)), Candidate("section", "0.5 mm", coarse(0.5)))
     reference = stored()
     scenes = [next(scene for scene in QUICK_SCENES if scene.family == family) for family in FAMILIES]
     return page(
@@ -36,8 +36,8 @@ def test_it_needs_nothing_else(html: str) -> None:
 
 
 def test_its_table_names_every_candidate(html: str) -> None:
-    assert re.search(r"<td>halfspace analytic</td><td>0.28 mm</td><td>220</td>", html)
-    assert re.search(r"<td>section bbar</td><td>0.28 mm</td>", html)
+    assert re.search(r"<td>halfspace analytic</td><td>0.5 mm</td><td>84</td>", html)
+    assert re.search(r"<td>section bbar</td><td>0.5 mm</td>", html)
 
 
 def test_its_table_has_the_unit_of_time(html: str) -> None:

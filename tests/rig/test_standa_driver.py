@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.virtual import stage_opener, virtual_stage
 from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
@@ -231,24 +230,6 @@ def bench_of(*, homed: bool = True, connected: bool = True, **tables: Any) -> Be
         stage.home()
     sent.clear()
     return Bench(clock, pair, stage, (line, *line.further), sent)
-
-
-RIGHT = {"standa": {"x": {"home": "right"}, "z": {"home": "right", "step_um": 2.5, "microsteps": 8}}}
-
-
-@pytest.mark.parametrize("own", [{}, RIGHT], ids=["left", "right"])
-def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
-    bench = bench_of(stage=own)
-    assert bench.stage.homed
-    assert (bench.stage.steps_per_mm("z") > 0) is bool(own)
-    bench.stage.move_to(z_mm=-11.0013, speed_mm_s=5.0)
-    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
-    now = bench.stage.status()
-    assert now.state == "Idle"
-    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0013), abs=2e-4)
-    x, _, z = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
-    assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=2e-4)
-    assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=2e-4)
 
 
 def test_a_move_has_its_speed_and_the_ramp_of_the_controller() -> None:
@@ -478,14 +459,6 @@ def test_what_ends_a_move(
         assert not bench.pair.z.busy, "it is stopped off its way"
 
 
-def test_switched_off_and_on_at_rest_it_is_no_longer_homed() -> None:
-    bench = bench_of()
-    bench.pair.power_cycle()
-    with raises(StageReset, "was_reset"):
-        bench.stage.status()
-    assert not bench.stage.homed
-
-
 # --- stop ---
 
 
@@ -532,61 +505,3 @@ def test_a_stop_after_a_command_that_was_cut_short() -> None:
     bench.stage.stop()
     assert bench.clock.monotonic_s() - asked_s < 0.5
     assert not bench.pair.z.busy
-
-
-def test_a_controller_that_cannot_be_stopped_says_so() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
-    bench.pair.z._end = lambda letters: None  # type: ignore[method-assign]
-    asked_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z"):
-        bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 1.3
-
-
-# --- jogs, configuration ---
-
-
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
-    bench = bench_of(homed=homed)
-    low = bench.stage.status().z_mm
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(0.1)
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(2.0)
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-4)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
-
-
-def test_a_calibration_replaces_the_length_of_a_step() -> None:
-    measured = {"value": 51200.0, "date": "2026-01-01", "expires": "2027-01-01"}
-    bench = bench_of(calibration={"z_steps_per_mm": measured})
-    assert bench.stage.steps_per_mm("z") == -51200.0
-    assert bench.stage.steps_per_mm("x") == -25600.0
-    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
-    assert bench.pair.z.position() == 102400
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("step_um", 0.0), ("step_um", 100.1), ("step_um", float("nan")), ("microsteps", 3), ("microsteps", 512),
-        ("home", "up"), ("steps", 1),
-    ],
-)  # fmt: skip
-def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Config.model_validate({"stage": {"kind": "standa", "standa": {"z": {key: value}}}})
-    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "standa", "z", key)]
-
-
-def test_two_controllers_need_two_ports() -> None:
-    config = Config.model_validate({"stage": {"kind": "standa", "port": "/dev/a", "standa": {"x_port": "/dev/a"}}})
-    clock = VirtualClock()
-    with raises(StageError, "one_port_for_two", port="/dev/a"):
-        stage_driver(lambda port: LoopbackTransport(SerialLine(clock, 9600), clock), clock, config)

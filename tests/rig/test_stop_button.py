@@ -115,6 +115,7 @@ def after(bench: Bench) -> Iterator[Callable[..., None]]:
     patch.undo()
 
 
+@pytest.mark.quick(rows=lambda name, phase: name == "door" or phase not in ("clearance", "approach", "press"))
 @pytest.mark.parametrize("phase", AFTER)
 @pytest.mark.parametrize("name", BENCHES)
 def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_the_run(
@@ -144,8 +145,8 @@ def test_a_press_of_the_boards_input_stops_the_stage_whatever_it_does_and_ends_t
 
 
 def test_a_run_whose_button_is_not_pressed_is_the_run_without_one(bench: Bench) -> None:
-    for text in BENCHES.values():
-        bench.config.write_text(text + NEAR_HOME, encoding="utf-8")
+    for name in ("door", "di1"):
+        bench.config.write_text(BENCHES[name] + NEAR_HOME, encoding="utf-8")
         ended = bench.dry_run()
         assert ended.code == 0, ended.err
         assert json.loads(ended.out)["complete"]

@@ -2,6 +2,7 @@
 
 import json
 import os
+import subprocess
 import threading
 import tomllib
 from collections.abc import Callable
@@ -14,9 +15,16 @@ from rig.control.client import ControlError
 from rig.control.stop import BESIDE_S, NoStageError, SentStop, send_stop, stage_alone
 from rig.transport import PortOwner, open_port
 from tests.error_codes import raises
+from tests.preloaded import Popen
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
+
+
+@pytest.fixture(autouse=True)
+def _forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for `rig stop` without disk space, or without any folder, which is begun anew."""
+    monkeypatch.setattr(subprocess, "Popen", Popen)
 
 
 @pytest.mark.parametrize("name", obstacles.OBSTACLES)

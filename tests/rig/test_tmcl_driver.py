@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.virtual import virtual_stage
-from rig.devices.base import Stage, StageAlarm, StageError, StageOverridden, StageRejected, StageReset, StageTimeout
+from rig.devices.base import Stage, StageAlarm, StageError, StageOverridden, StageRejected, StageTimeout
 from rig.devices.make_drivers import stage_driver
 from rig.devices.tmcl_link import (
     END_SEARCH,
@@ -258,28 +257,6 @@ def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
     return Bench(clock, board, stage_, sent)
 
 
-TWO_MODULES = {"tmcl": {"x": {"address": 1, "motor": 0}, "z": {"address": 2, "motor": 0}}}
-RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
-FINE = {"tmcl": {"x": {"motor": 0, "microstep_um": 0.1}, "z": {"motor": 1, "microstep_um": 0.05}}}
-OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
-
-
-@pytest.mark.parametrize(
-    "own", [{}, TWO_MODULES, RIGHT, FINE, OLD], ids=["one module", "two modules", "right", "fine", "old units"]
-)
-def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
-    bench = bench_of(stage=own)
-    assert bench.stage.homed
-    bench.stage.move_to(z_mm=-11.0, speed_mm_s=5.0)
-    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
-    now = bench.stage.status()
-    assert now.state == "Idle"
-    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0), abs=2e-3)
-    x, _, z = bench.board.carriage_steps_at(bench.clock.monotonic_s())
-    assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=2e-3)
-    assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0, abs=2e-3)
-
-
 def test_a_move_is_aimed_at_speed_0_and_started_by_its_speed() -> None:
     """10 mm at 2 mm/s and 50 mm/s²."""
     bench = bench_of()
@@ -357,21 +334,6 @@ def test_flags_that_do_not_trip_and_a_switch_that_is_not_wired_are_left_alone() 
     bench = bench_of(stage=own)
     bench.stage.status()
     assert not {207, 208} & {data[2] for _, data in bench.sent}
-
-
-def test_switched_off_and_on_it_is_no_longer_homed() -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    bench.board.power_cycle()
-    with raises(StageReset, "was_reset", axis="z", expected=800, found=4000):
-        list(looks)
-    assert not bench.stage.homed
-    bench = bench_of()
-    bench.board.power_cycle()
-    with raises(StageReset, "was_reset", expected=0):
-        bench.stage.status()
-    assert not bench.stage.homed
 
 
 @pytest.mark.parametrize("act", [lambda z: z.move_to(400), lambda z: z.move_by(50), lambda z: z.set_parameter(0, 1)])
@@ -458,6 +420,10 @@ def test_a_search_that_does_not_begin_is_no_homing() -> None:
     assert not bench.stage.homed
 
 
+RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
+OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
+
+
 @pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
 def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any]) -> None:
     """As by a search mode for the other switch: a millimeter, a look and the brakes."""
@@ -518,16 +484,6 @@ def test_a_stop_goes_to_z_at_once_then_to_x_and_is_confirmed() -> None:
     assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == before
 
 
-def test_a_stage_that_cannot_be_stopped_says_so_within_a_second_per_axis() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
-    bench.board.z.stop = lambda: None  # type: ignore[method-assign]
-    asked_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z"):
-        bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 1.3
-
-
 @pytest.mark.parametrize("pause_s", [0.02, float("inf")], ids=["drops parts", "waits for ever"])
 @pytest.mark.parametrize("what", ["a question", "a stop"])
 def test_a_byte_that_is_lost_on_its_way_to_a_module_does_not_lock_it_out(pause_s: float, what: str) -> None:
@@ -542,53 +498,3 @@ def test_a_byte_that_is_lost_on_its_way_to_a_module_does_not_lock_it_out(pause_s
         assert not bench.board.z.busy
     else:
         assert bench.stage.status().state == "Run"
-
-
-# --- jogs ---
-
-
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
-    bench = bench_of(homed=homed)
-    low = bench.stage.status().z_mm
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(0.1)
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(2.0)
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-6)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
-
-
-# --- configuration ---
-
-
-def test_a_calibration_replaces_the_length_of_a_microstep() -> None:
-    measured = {"value": 500.0, "date": "2026-01-01", "expires": "2027-01-01"}
-    bench = bench_of(calibration={"z_steps_per_mm": measured})
-    assert bench.stage.steps_per_mm("z") == -500.0
-    assert bench.stage.steps_per_mm("x") == -400.0
-    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
-    assert bench.board.z.position() == 1000
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("address", 0), ("address", 256), ("motor", -1), ("motor", 6), ("microstep_um", 0.0), ("microstep_um", 10.1),
-        ("microstep_um", float("nan")), ("resolution", 9), ("home_switch", "up"), ("far_switch", 1),
-        ("search_mode", 0), ("home_speed_mm_s", 0.0), ("home_speed_mm_s", 21.0), ("adress", 1),
-    ],
-)  # fmt: skip
-def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Config.model_validate({"stage": {"kind": "tmcl", "tmcl": {"z": {"motor": 1, key: value}}}})
-    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "tmcl", "z", key)]
-
-
-def test_two_axes_need_two_motors() -> None:
-    with pytest.raises(ValidationError, match="same address and motor"):
-        Config.model_validate({"stage": {"kind": "tmcl", "tmcl": {"x": {"motor": 1}}}})

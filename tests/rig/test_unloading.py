@@ -106,8 +106,10 @@ class Pressed:
 
 
 def _stays(*, stage: str, motion: str, force_gwt: float, zeroed: bool) -> bool:
-    """From the highest force, and on one stage from the others, each of them with or without a zero."""
-    return force_gwt == FORCES_GWT[2] or (stage == "grbl" and zeroed is (force_gwt == FORCES_GWT[0]))
+    """On one stage from the highest force, with and without a zero, and from a lower one; on the other with one."""
+    if stage != "grbl":
+        return force_gwt == FORCES_GWT[2] and zeroed
+    return force_gwt == FORCES_GWT[2] or (force_gwt == FORCES_GWT[1] and not zeroed)
 
 
 @pytest.mark.quick(rows=_stays)

@@ -61,18 +61,20 @@ def test_a_vibration_has_whole_cycles_and_is_no_faster_than_asked(
 
 @pytest.mark.parametrize("frequency_hz", [0.02, 0.5, 5.0])
 @pytest.mark.parametrize("amplitude_um", [5.0, 50.0, 200.0])
-@pytest.mark.parametrize("tables", [{}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}])
-@pytest.mark.parametrize(("force_gwt", "doi_mm"), [(8.0, 0.86), (8.0, 1.4), (1.0, 0.1)])
-def test_a_vibration_from_its_trip_ends_at_the_bound_of_a_press(
-    frequency_hz: float, amplitude_um: float, tables: dict[str, Any], force_gwt: float, doi_mm: float
-) -> None:
+def test_a_vibration_from_its_trip_ends_at_the_bound_of_a_press(frequency_hz: float, amplitude_um: float) -> None:
     """The way from end to end counts, or the distance of a ramp at the highest speed if it is shorter."""
-    settings, sine = RigSettings.model_validate(tables), SineMotion.of(frequency_hz, amplitude_um, 1.0)
+    sine = SineMotion.of(frequency_hz, amplitude_um, 1.0)
+    for tables in ({}, {"force": {"latency_s": 0.2}}, {"stage": {"acceleration_mm_s2": 5.0}}):
+        for force_gwt, doi_mm in ((8.0, 0.86), (8.0, 1.4), (1.0, 0.1)):
+            _ends_at_the_bound(RigSettings.model_validate(tables), sine, force_gwt, doi_mm)
+
+
+def _ends_at_the_bound(settings: RigSettings, sine: SineMotion, force_gwt: float, doi_mm: float) -> None:
     bound = VibrationBound.of(settings, sine, 16.0, force_gwt, doi_mm)
     press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
-    move = Stopping.in_one_move(settings, 2 * math.pi * amplitude_um / 1000 / sine.period_s)
+    move = Stopping.in_one_move(settings, 2 * math.pi * sine.amplitude_mm / sine.period_s)
     assert bound.bound_gwt == 16.0 + press.overshoot_gwt(16.0, force_gwt, doi_mm)
-    way_mm = 2 * amplitude_um / 1000 + settings.stage.resolution_mm + PRINTED_MM
+    way_mm = 2 * sine.amplitude_mm + settings.stage.resolution_mm + PRINTED_MM
     assert bound.stop_mm == pytest.approx(min(move.distance_mm, way_mm))
     assert 0.0 <= bound.trip_gwt <= 16.0
     if 0.0 < bound.trip_gwt < 16.0:
@@ -181,6 +183,7 @@ def test_events_of_a_vibration_in_order(faulty: FaultyBench) -> None:
     assert faulty.engine.trips.lowest == "soft trip"
 
 
+@pytest.mark.quick(rows=lambda sine, target: target is PRELOAD or sine is SINE)
 @pytest.mark.parametrize("target", [PRELOAD, Target("force_gwt", 5.0)])
 @pytest.mark.parametrize("sine", [SINE, SLOW, SineMotion.of(5.0, 25.0, 1.0)])
 def test_the_carriage_stays_within_the_amplitude_about_the_preload(
@@ -274,6 +277,7 @@ def test_a_stage_of_another_package_cannot_vibrate_unless_it_says_so() -> None:
 # --- what ends it ---
 
 
+@pytest.mark.quick(rows=lambda sine, nearer_mm, after_s: (sine is SLOW) == (nearer_mm == 0.47))
 @pytest.mark.parametrize("sine", [SINE, SLOW])
 @pytest.mark.parametrize("nearer_mm", [0.44, 0.47, 0.5])
 @pytest.mark.parametrize("after_s", [0.5, 0.56, 0.62, 0.69])
@@ -333,7 +337,7 @@ def test_a_reading_stays_only_past_a_cycle_and_a_swing(
     assert still.too_long(2.0 + change_gwt, 10.0 + later_s, swing_gwt) is too_long
 
 
-@pytest.mark.parametrize("period_s", [0.05, 0.1, 0.2])
+@pytest.mark.parametrize("period_s", [0.05, 0.2])
 def test_a_late_or_slow_sensor_is_no_frozen_one(tmp_path: Path, period_s: float) -> None:
     """A cell that is read once a cycle shows the same each time; that is no reason to trip."""
     bench = _bench(tmp_path, {"force": {"latency_s": 0.2, "sample_period_s": period_s}})
@@ -532,6 +536,7 @@ def test_spikes_of_a_run_get_the_sine_itself(finger: Fingertip, tmp_path: Path) 
     assert visit.path.depth_mm(t_s) == pytest.approx(0.5 + sine_mm, abs=0.004)
 
 
+@pytest.mark.quick(rows=lambda at: at == "vibrate")  # in the press: test_ramp.py, test_resume.py
 @pytest.mark.usefixtures("empty_figures")
 @pytest.mark.parametrize("at", ["press", "vibrate"])
 def test_a_run_that_was_killed_in_a_vibration_does_it_anew(at: str, finger: Fingertip, tmp_path: Path) -> None:

@@ -150,6 +150,7 @@ def x_errors_mm(run: Run) -> list[float]:
     return [hold["true_x_mm"] - hold["x_mm"] for hold in run.stream("hold_end")]
 
 
+@pytest.mark.quick(rows=lambda stage: stage["kind"] == "leadshine")
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
 def test_lost_motion_shows_where_nobody_has_measured_it(
     finger: Fingertip, tmp_path: Path, stage: dict[str, Any]
@@ -161,6 +162,7 @@ def test_lost_motion_shows_where_nobody_has_measured_it(
     assert x_errors_mm(run) == pytest.approx([0.0, -BACKLASH_MM, -BACKLASH_MM, 0.0], abs=1e-9)
 
 
+@pytest.mark.quick(rows=lambda stage: stage["kind"] == "grbl")
 @pytest.mark.parametrize("stage", STAGES, ids=lambda stage: stage["kind"])
 def test_arriving_in_one_direction_takes_lost_motion_up(
     finger: Fingertip, tmp_path: Path, stage: dict[str, Any]

@@ -94,13 +94,14 @@ def watched(request: pytest.FixtureRequest) -> Callable[..., Watched]:
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_a_force_on_the_way_ends_the_motion_and_trips(watched: Callable[..., Watched], motion: str) -> None:
-    """60 gwt with a soft trip of 51, from the middle of the motion on; it is felt before the motion would be over."""
-    whole = watched()
-    engine = whole.ready()
-    begun_s = whole.clock.monotonic_s()
-    MOTIONS[motion](engine)
-    lasts_s = whole.clock.monotonic_s() - begun_s
+def test_the_force_is_read_at_every_look_and_one_on_the_way_ends_the_motion_and_trips(
+    watched: Callable[..., Watched], motion: str
+) -> None:
+    """60 gwt with a soft trip of 51, from the middle of the motion on; it is felt before the motion would be over.
+
+    Its position is kept and it is lifted; homing that was ended is held, and not trusted.
+    """
+    lasts_s = _read_at_every_look(watched(), motion)
     cut = watched()
     engine = cut.ready()
     from_s = cut.clock.monotonic_s() + 0.4 * lasts_s
@@ -119,33 +120,34 @@ def test_a_force_on_the_way_ends_the_motion_and_trips(watched: Callable[..., Wat
         }  # fmt: skip
     felt = min(t_s for t_s in cut.hand.felt_s if t_s >= from_s)
     assert felt - from_s < LOOK_S + 0.15
+    assert cut.bench.stage.homed is (motion != "home")
+    if motion != "home":
+        assert engine.x_mm == pytest.approx(cut.pose.x_mm, abs=0.003)
+        assert engine.height_mm == pytest.approx(cut.pose.above_apex_mm, abs=0.003)
+        assert cut.pose.above_apex_mm > 1.99
 
 
-@pytest.mark.parametrize("motion", [name for name in MOTIONS if name != "home"])
-def test_a_motion_that_was_ended_keeps_its_position_and_is_lifted(
-    watched: Callable[..., Watched], motion: str
-) -> None:
-    bench = watched()
-    engine = bench.ready()
-    from_s = bench.clock.monotonic_s() + 0.3
-    bench.hand.force_gwt = lambda t_s: 60.0 if t_s >= from_s else 0.0
-    with pytest.raises(TripError):
-        MOTIONS[motion](engine)
-    assert bench.bench.stage.homed
-    assert engine.x_mm == pytest.approx(bench.pose.x_mm, abs=0.003)
-    assert engine.height_mm == pytest.approx(bench.pose.above_apex_mm, abs=0.003)
-    assert bench.pose.above_apex_mm > 1.99
+def _read_at_every_look(whole: Watched, motion: str) -> float:
+    """Return how long the motion lasts.
 
+    Between two readings lie at most a stretch without a look (1.5), being late (1), settling and the answers.
+    """
+    engine = whole.ready()
+    at_rest_gwt, at_rest_s = engine.sensing.at_rest_gwt, list[float]()
 
-def test_homing_that_was_ended_is_held_and_not_trusted(watched: Callable[..., Watched]) -> None:
-    bench = watched()
-    engine = bench.ready()
-    from_s = bench.clock.monotonic_s() + 0.3
-    bench.hand.force_gwt = lambda t_s: 60.0 if t_s >= from_s else 0.0
-    with pytest.raises(TripError, match="while moving"):
-        verbs.home(engine)
-    assert not bench.bench.stage.homed
-    assert engine.state is State.TRIPPED
+    def noted(meanwhile: Callable[[float], object]) -> float:
+        at_rest_s.append(whole.clock.monotonic_s())
+        return at_rest_gwt(meanwhile)
+
+    engine.sensing.at_rest_gwt = noted  # type: ignore[method-assign]
+    begun_s = whole.clock.monotonic_s()
+    MOTIONS[motion](engine)
+    now_s = whole.clock.monotonic_s()
+    until_s = at_rest_s[0] if motion == "home" else now_s
+    read_s = [c["t_s"] for c in map(json.loads, whole.wire.getvalue().splitlines()) if c["port"] == "force"]
+    inside = [begun_s, *(t_s for t_s in read_s if begun_s < t_s < until_s), until_s]
+    assert max(later - earlier for earlier, later in pairwise(inside)) < 2.5 * LOOK_S + 0.2
+    return now_s - begun_s
 
 
 @pytest.mark.parametrize("motion", [*MOTIONS, "ramp"])
@@ -254,26 +256,6 @@ def test_a_board_that_is_held_by_hand_is_named_at_the_next_look() -> None:
 
 
 # --- how often ---
-
-
-@pytest.mark.parametrize("motion", MOTIONS)
-def test_the_force_is_read_at_every_look(watched: Callable[..., Watched], motion: str) -> None:
-    """Between two lie at most a stretch without a look (1.5), being late (1), settling and the devices' answers."""
-    bench = watched()
-    engine = bench.ready()
-    at_rest_gwt, at_rest_s = engine.sensing.at_rest_gwt, list[float]()
-
-    def noted(meanwhile: Callable[[float], object]) -> float:
-        at_rest_s.append(bench.clock.monotonic_s())
-        return at_rest_gwt(meanwhile)
-
-    engine.sensing.at_rest_gwt = noted  # type: ignore[method-assign]
-    begun_s = bench.clock.monotonic_s()
-    MOTIONS[motion](engine)
-    until_s = at_rest_s[0] if motion == "home" else bench.clock.monotonic_s()
-    read_s = [c["t_s"] for c in map(json.loads, bench.wire.getvalue().splitlines()) if c["port"] == "force"]
-    inside = [begun_s, *(t_s for t_s in read_s if begun_s < t_s < until_s), until_s]
-    assert max(later - earlier for earlier, later in pairwise(inside)) < 2.5 * LOOK_S + 0.2
 
 
 @pytest.mark.parametrize(

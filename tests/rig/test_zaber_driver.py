@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.virtual import virtual_stage
 from rig.devices.base import (
@@ -19,7 +18,6 @@ from rig.devices.base import (
     StageHeld,
     StageNotHomed,
     StageOverridden,
-    StageReset,
     StageTimeout,
 )
 from rig.devices.make_drivers import stage_driver
@@ -243,22 +241,7 @@ def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
     return Bench(clock, chain, stage_, sent)
 
 
-ONE_CONTROLLER = {"zaber": {"x": {"address": 3, "axis": 2}, "z": {"address": 3, "axis": 1}}}
 FINE = {"zaber": {"x": {"address": 1, "microstep_um": 0.047625}, "z": {"address": 2, "microstep_um": 0.09525}}}
-
-
-@pytest.mark.parametrize("own", [{}, ONE_CONTROLLER, FINE], ids=["two devices", "one controller", "fine"])
-def test_it_homes_moves_and_knows_where_it_is(own: dict[str, Any]) -> None:
-    bench = bench_of(stage=own)
-    assert bench.stage.homed
-    bench.stage.move_to(z_mm=-11.0, speed_mm_s=5.0)
-    bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
-    now = bench.stage.status()
-    assert now.state == "Idle"
-    assert (now.x_mm, now.z_mm) == pytest.approx((-3.5, -11.0), abs=2e-3)
-    x, _, z = bench.chain.carriage_steps_at(bench.clock.monotonic_s())
-    assert x / -bench.stage.steps_per_mm("x") == pytest.approx(-3.5, abs=2e-3)
-    assert z / -bench.stage.steps_per_mm("z") == pytest.approx(-11.0, abs=2e-3)
 
 
 def test_a_move_has_its_speed_and_its_ramp() -> None:
@@ -545,21 +528,6 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
         list(looks)
 
 
-def test_switched_off_and_on_it_is_no_longer_homed() -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    bench.chain.power_cycle()
-    with raises(StageReset, "was_reset", axis="z"):
-        list(looks)
-    assert not bench.stage.homed
-    bench = bench_of()
-    bench.chain.power_cycle()
-    with raises(StageReset, "was_reset"):
-        bench.stage.status()
-    assert not bench.stage.homed
-
-
 @pytest.mark.parametrize(
     ("kind", "code", "act"),
     [
@@ -624,37 +592,6 @@ def test_a_stop_that_does_not_take_effect_becomes_an_emergency_stop() -> None:
     assert not bench.chain.z.busy
 
 
-def test_a_stage_that_cannot_be_stopped_says_so_within_a_second_per_axis() -> None:
-    bench = bench_of()
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
-    obey = bench.chain.z.obey
-    stops = (["stop"], ["estop"])
-    bench.chain.z.obey = lambda words: "0" if list(words) in stops else obey(words)  # type: ignore[method-assign]
-    asked_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z"):
-        bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 1.3
-
-
-# --- jogs ---
-
-
-@pytest.mark.parametrize("homed", [True, False])
-def test_a_jog_goes_so_far_and_stops_by_itself(homed: bool) -> None:
-    bench = bench_of(homed=homed)
-    low = bench.stage.status().z_mm
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(0.1)
-    bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(2.0)
-    assert bench.stage.status().z_mm - low == pytest.approx(-1.0, abs=1e-6)
-    bench.stage.jog("z", -5.0, 2.0)
-    bench.clock.wait_s(0.2)
-    bench.stage.end_jog()
-    assert bench.stage.status().state == "Idle"
-    assert bench.stage.homed is homed
-
-
 # --- encoder, configuration ---
 
 
@@ -665,30 +602,3 @@ def test_the_position_of_an_encoder_is_read_and_a_slip_is_no_arrival() -> None:
     bench.chain.z.encoder_slip = 4
     with raises(StageError, "not_there", at_mm=-3.01, target_mm=-3.0):
         bench.stage.move_to(z_mm=-3.0, speed_mm_s=5.0)
-
-
-def test_a_calibration_replaces_the_length_of_a_microstep() -> None:
-    measured = {"value": 500.0, "date": "2026-01-01", "expires": "2027-01-01"}
-    bench = bench_of(calibration={"z_steps_per_mm": measured})
-    assert bench.stage.steps_per_mm("z") == -500.0
-    assert bench.stage.steps_per_mm("x") == -400.0
-    bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
-    assert bench.chain.z.position() == 1000
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [
-        ("address", 0), ("address", 100), ("axis", 0), ("axis", 10), ("microstep_um", 0.0), ("microstep_um", 10.1),
-        ("microstep_um", float("nan")), ("resolution", 0), ("resolution", 257), ("encoder", 2), ("adress", 1),
-    ],
-)  # fmt: skip
-def test_a_value_out_of_its_bounds_is_refused(key: str, value: object) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Config.model_validate({"stage": {"kind": "zaber", "zaber": {"z": {"address": 2, key: value}}}})
-    assert [problem["loc"] for problem in caught.value.errors()] == [("stage", "zaber", "z", key)]
-
-
-def test_two_axes_need_two_places() -> None:
-    with pytest.raises(ValidationError, match="same address and axis"):
-        Config.model_validate({"stage": {"kind": "zaber", "zaber": {"x": {"address": 2}}}})

@@ -13,7 +13,7 @@ from scipy.stats import norm
 from sim.coding import bayes
 from sim.coding import decoders_by_search as univariate
 from sim.coding.bayes import ModelError, Profile, decode_profile
-from sim.coding.decoder_results import Decoded, DecodingError, checked_readings, decoding_errors, misfit
+from sim.coding.decoder_results import DecodingError, checked_readings, decoding_errors, misfit
 from sim.coding.decoders_by_search import (
     PressureRange,
     converged_search,
@@ -346,7 +346,3 @@ def test_a_fit_that_is_cut_off_says_so(two: ForwardOperator, monkeypatch: pytest
     monkeypatch.setattr(bayes, "_MOST_STEPS", 1)
     said = encode(two, TRUE, None, Noise(30.0, seed=0))
     assert not decode_profile(two, Readings.of_sed(said.rate, said.noise_sd)).converged
-
-
-def test_what_was_decoded_keeps_no_path_unless_told() -> None:
-    assert Decoded(TRUE, 0.0, converged=True).path.size == 0

@@ -60,6 +60,7 @@ reveal_type(__version__)
 """
 
 
+@pytest.mark.study  # `make check` types what is behind the door
 def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
     right.write_text(USER)

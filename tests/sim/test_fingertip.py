@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from sim.config import E_EPIDERMIS_MPA, Contact, FingertipConfig, MeshSpec
-from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
-from sim.models.fingertip import DEEPEST_DOI_MM, Fingertip
+from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from sim.units import GWT_N
 from tests.error_codes import raises
@@ -47,21 +46,6 @@ def test_force_to_depth_to_force(finger: Fingertip, shape: str, x: float, gwt: f
     again = finger.indent(shape, x, doi_mm=pressed.doi_mm, start=pressed.state)
     assert again.force_gwt == pytest.approx(gwt, rel=1e-8)
     assert again.force_n == pytest.approx(again.force_gwt * GWT_N, rel=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("shape", "x", "gwt"), [("step:1", 1.2, 2.33), ("step:5", -1.2, 2.33), ("cylinder:9", 0.3, 5.0)]
-)
-def test_force_to_depth_to_force_from_rest(finger: Fingertip, shape: str, x: float, gwt: float) -> None:
-    # Shapes and positions with one equilibrium: no start is needed to come back.
-    depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
-    assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
-
-
-def test_the_stiffness_scale(finger: Fingertip) -> None:
-    # Raju (1998): step 1 at x = −1.63 mm, DOI 0.73 mm stands for 8 gwt. Equilibria at a corner differ by ≤ 1.5 %; the
-    # stored number has six digits and was made on this mesh.
-    assert finger.indent("step:1", -1.63, doi_mm=0.73).force_gwt == pytest.approx(8.0, rel=1e-4)
 
 
 def test_identical_scenes_are_equal_to_the_bit(finger: Fingertip) -> None:
@@ -140,18 +124,6 @@ def test_contact_at_the_ends_of_the_patch_is_refused() -> None:
         finger.indent("bar:3.0", 0.0, doi_mm=1.0)
 
 
-def test_an_unknown_shape_is_refused_before_anything_is_computed(finger: Fingertip) -> None:
-    with raises(ShapeError, "no_such", shape="spoon"):
-        finger.indent("spoon", 0.0, doi_mm=0.5)
-
-
-def test_the_deepest_indentation_of_every_shape_is_solved(finger: Fingertip) -> None:
-    for shape in ("cylinder:3", "cylinder:9", "bar:1.5", "step:3"):
-        result = finger.indent(shape, 0.0, doi_mm=1.33)
-        assert result.state.converged, (shape, result.state.residual)
-    assert DEEPEST_DOI_MM >= 1.33
-
-
 def test_depth_from_the_apex(finger: Fingertip) -> None:
     # Raju (1998) measures depth from the topmost point: off centre that is deeper by what the skin has fallen.
     x = 1.5
@@ -186,17 +158,6 @@ def test_the_width_of_smooth_contact_does_not_go_by_nodes(finger: Fingertip, sha
         ((low, high),) = finger.indent(shape, float(x), doi_mm=doi).contact_regions_mm
         widths.append(high - low)
     assert np.ptp(widths) < 0.05, widths
-
-
-def test_the_json_answer(finger: Fingertip) -> None:
-    result = finger.indent("step:1", -1.63, force_gwt=2.33)
-    answer = result.as_json()
-    assert answer["force_gwt"] == result.force_gwt
-    assert answer["force_n"] == pytest.approx(2.33 * 9.80665e-3, rel=1e-9)
-    assert len(answer["receptors"]["x_mm"]) == len(answer["receptors"]["sed"]) == 10
-    assert len(answer["receptors"]) == 22  # x, z, depth, the 18 measures and their units
-    assert answer["solver"]["converged"] is True
-    assert answer["solver"]["kkt_residual"] <= 1e-8
 
 
 def test_the_stored_stiffness_is_what_the_calibration_gives(finger: Fingertip) -> None:

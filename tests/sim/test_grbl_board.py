@@ -1,5 +1,7 @@
-"""Bytes in, bytes out of the virtual GRBL board: one test for each fact of the interface."""
+"""Bytes in, bytes out of the virtual GRBL board: one conversation for each fact of the interface."""
 
+from collections.abc import Callable
+from types import EllipsisType
 from typing import Any
 
 import pytest
@@ -9,6 +11,8 @@ from sim.devices.clock import VirtualClock
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 UNLOCK = b"[MSG:'$H'|'$X' to unlock]\r\n"
+RUN = b"G53G1X-20F600\n"
+"""19 mm at 10 mm/s."""
 
 
 class Host:
@@ -34,54 +38,290 @@ class Host:
         return self.say(b"?").split(b"|")[0]
 
 
+def _homed(**options: Any) -> Host:
+    """At -1, -1, -1, nothing left to hear."""
+    host = Host(**options)
+    host.say(b"$H\n", 60.0)
+    host.say(b"??", 0.1)
+    return host
+
+
+def _locked() -> Host:
+    """As it is when it is switched on, which it has said."""
+    host = Host()
+    host.hear()
+    return host
+
+
+def _free(**options: Any) -> Host:
+    """Without homing and soft limits, at the place it woke up at."""
+    host = Host(settings={20: 0, 22: 0}, **options)
+    host.hear()
+    return host
+
+
+@pytest.fixture
+def host() -> Host:
+    return _homed()
+
+
 @pytest.fixture
 def locked() -> Host:
     return Host()
 
 
 @pytest.fixture
-def host() -> Host:
-    """Homed, at -1, -1, -1, nothing left to hear."""
-    host = Host()
-    host.say(b"$H\n", 60.0)
-    host.say(b"??", 0.1)
-    return host
-
-
-@pytest.fixture
 def free() -> Host:
-    """Without homing and soft limits, at the place it woke up at."""
-    host = Host(settings={20: 0, 22: 0})
-    host.hear()
-    return host
+    return _free()
 
 
-# --- banner, lock, identity ---
+# --- conversations ---
+
+Say = tuple[bytes | float | EllipsisType, ...]
+"""What is sent; seconds of waiting if not 0.01; the reply: as it stands, or with ... for what may be anything."""
+
+Fact = str | int | tuple[int, int, int] | Say
+"""A state, the carriage's steps along x or all axes, or something said."""
 
 
-def test_banner_and_lock_at_power_on(locked: Host) -> None:
-    assert locked.hear() == BANNER + UNLOCK
-    assert locked.state() == b"<Alarm"
+def _check(host: Host, fact: Any) -> None:
+    if isinstance(fact, str):
+        assert host.state() == b"<" + fact.encode()
+    elif isinstance(fact, int):
+        assert host.steps()[0] == fact
+    elif isinstance(fact[0], int):
+        assert host.steps() == fact
+    else:
+        data, *reply = fact
+        heard = host.say(data, reply.pop(0)) if reply and isinstance(reply[0], float) else host.say(data)
+        if reply and reply[0] is not ...:
+            assert heard.startswith(reply[0])
+        if reply and reply[-1] is not ...:
+            assert heard.endswith(reply[-1])
+        assert len(reply) != 1 or heard == reply[0]
+        assert all(one in heard for one in reply if one is not ...)
 
 
-def test_no_lock_without_homing() -> None:
-    host = Host(settings={20: 0, 22: 0})
-    assert host.hear() == BANNER
-    assert host.state() == b"<Idle"
+ASK = b"?"
+CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
+    # banner, lock, identity
+    "banner and lock at power on": (Host, (b"", BANNER + UNLOCK), "Alarm"),
+    "no lock without homing": (lambda: Host(settings={20: 0, 22: 0}), (b"", BANNER), "Idle"),
+    "a reset at rest prints the banner and keeps the lock": (_locked, (b"\x18", BANNER + UNLOCK)),
+    "a reset at rest keeps the position and sets no lock": (
+        _homed, (b"\x18", BANNER), (ASK, b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:", ...),
+    ),
+    "a host that came late can ask": (_homed, (b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n")),
+    # one answer a line
+    "one answer for each line": (_homed, (b"G90\nG91\nnonsense\nG90\n", b"ok\r\nok\r\nerror:2\r\nok\r\n")),
+    "carriage return and line feed are two ends": (_homed, (b"G90\r\n", b"ok\r\nok\r\n")),
+    "lower case, spaces and comments": (_homed, (b" g90 (absolute) g21 ; and millimetres\n", b"ok\r\n")),
+    "everything is locked in alarm": (
+        _locked,
+        (b"G91\nG0X1\n$J=G91X1F100\n", b"error:9\r\n" * 2 + b"error:8\r\n"),
+        (b"$X\n", b"[MSG:Caution: Unlocked]\r\nok\r\n"),
+        (b"G91\n", b"ok\r\n"),
+    ),
+    # settings
+    "a setting is stored": (_homed, (b"$120=25\n", b"ok\r\n"), (b"$$\n", ..., b"$120=25.000\r\n", ...)),
+    "soft limits need homing": (
+        _homed, (b"$22=0\n", b"ok\r\n"), (b"$$\n", ..., b"$20=0\r\n", ...), (b"$20=1\n", b"error:10\r\n"),
+    ),
+    "settings and identity only at rest": (
+        _homed,
+        (RUN, 0.5),
+        (b"$$\n$I\n$120=10\n$H\n$#\n$G\n", b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90", ...),
+    ),
+    "parameters": (
+        _homed,
+        (b"$#\n", b"[G54:0.000,0.000,0.000]\r\n[G55:", ..., b"[TLO:0.000]\r\n[PRB:0.000,0.000,0.000:0]\r\nok\r\n"),
+    ),
+    "homing switched off is error 5": (_free, (b"$H\n", b"error:5\r\n")),
+    # status
+    "a status leaves the buffer out unless asked": (
+        _homed,
+        (ASK, b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n"),
+        (b"$10=3\n",),
+        (ASK, b"<Idle|MPos:-1.000,-1.000,-1.000|Bf:15,128|FS:0,0>\r\n"),
+    ),
+    "a work position is the machine's less the offset": (
+        lambda: Host(settings={10: 0}, work_offset_mm=(-10.0, 0.0, 2.5)),
+        (b"$H\n", 60.0),
+        (ASK, b"<Idle|WPos:9.000,-1.000,-3.500|FS:0,0|WCO:-10.000,0.000,2.500>\r\n"),
+    ),
+    "a status in motion shows state, place and feed": (
+        _homed, (RUN, 1.0), (ASK, b"<Run|MPos:-10.", ..., b"|FS:600,0", ...),
+    ),
+    "a status in inches": (_homed, (b"$13=1\n",), (ASK, ..., b"|MPos:-0.0394,-0.0394,-0.0394|", ...)),
+    "pins show a pressed switch": (
+        lambda: Host(mechanics=Mechanics(start_mm=(0.0, -5.0, 0.0))), (b"",), (ASK, ..., b"|Pn:XZ|", ...),
+    ),
+    "real-time bytes are picked out of the middle of a line": (
+        _homed,
+        (b"G53G1?X-2F600\n", 0.001, b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n"),
+        (b"", 2.0),
+        -800,
+    ),
+    "unknown high bytes are dropped": (_homed, (b"G\xff9\x900\n", b"ok\r\n")),
+    # ok means queued
+    "ok means queued, not done": (_homed, (RUN, b"ok\r\n"), "Run"),
+    "bytes beyond the buffer are lost": (
+        _homed, (b"G4P1\n" + b"G90\n" * 40, 0.001), (b"", 2.0, b"ok\r\n" * (1 + 128 // 4)),
+    ),
+    # hold, door, resume
+    "a resume during the slowing down is lost": (_homed, (RUN, 1.0), (b"!", 0.1), (b"~", 1.0), "Hold:0"),
+    "lines wait while held": (_homed, (b"!",), "Hold:0", (b"G90\n", b""), (b"~", b"ok\r\n"), "Idle"),
+    "a hold delays the ok of a dwell": (
+        _homed,
+        (b"G53G1X-11F600\nG4P0.1\n", 0.6, b"ok\r\n"),
+        (b"!", 10.0, b""),
+        (b"~", 2.0, b"ok\r\n"),
+        -4400,
+    ),
+    "a hold with a full queue keeps every move": (
+        _homed,
+        (b"".join(b"G91G1X-0.%dF60\n" % (i % 2 + 1) for i in range(20)), 0.5),
+        (b"!", 3.0),
+        (b"~", 10.0),
+        -400 - 10 * 40 - 10 * 80,
+        "Idle",
+    ),
+    "a reset in a hold at rest sets no lock": (
+        _homed,
+        (b"!",),
+        (b"\x18", BANNER),
+        (ASK, b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"),
+    ),
+    "a reset in a hold that still slows down is alarm 3 and locks": (
+        _homed,
+        (RUN, 1.0),
+        (b"!", 0.1, b""),
+        (ASK, 0.05, b"<Hold:1|", ...),
+        (b"\x18", 0.1, b"ALARM:3\r\n"),
+        (b"", 1.0, BANNER + UNLOCK),
+        "Alarm",
+    ),
+    "door": (
+        _homed, (RUN, 1.0), (b"\x84", b"[MSG:Check Door]\r\n"), "Door:2", (b"", 1.0), "Door:0", (b"~", 5.0), -8000,
+    ),
+    "sleep ends by a reset only": (
+        _homed,
+        (b"$SLP\n", b"ok\r\n[MSG:Sleeping]\r\n"),
+        (b"G90\n$X\n~", b""),
+        "Sleep",
+        (b"\x18", BANNER + UNLOCK),
+    ),
+    # jog
+    "a hold cancels a jog": (_homed, (b"$J=G91X-10F600\n", 0.5), (b"!",), "Jog", (b"", 1.0), "Idle"),
+    "door in a jog": (_homed, (b"$J=G91X-10F600\n", 0.5), (b"\x84", 1.0), "Door:0", (b"~",), "Idle"),
+    "a jog beyond the travel is refused and does not move": (
+        _homed,
+        (b"$J=G91X2F100\n", b"error:15\r\n"),
+        (b"$J=G53X-60.1F100\n", b"error:15\r\n"),
+        "Idle",
+        (-400, -400, -400),
+    ),
+    "no jog while running": (_homed, (RUN, 0.5), (b"$J=G91X-1F100\n", b"error:8\r\n")),
+    "a jog leaves the modes alone": (
+        _homed, (b"$J=G91G20X-0.1F10\n", 20.0), -400 - 1016, (b"$G\n", b"[GC:G0 G54 G17 G21 G90 G94", ...),
+    ),
+    # alarms
+    "soft limit: alarm, then silence until a reset": (
+        _homed,
+        (b"G53G1X1F100\n", 0.1, b"ALARM:2\r\n"),
+        (b"", 1.0, b"[MSG:Reset to continue]\r\n"),
+        (b"?$X\nG90\n$I\n~!", 10.0, b""),
+        (b"\x18", b"ok\r\n" + BANNER + UNLOCK),
+        (b"G90\n", b"error:9\r\n"),
+        (b"$X\n", ..., b"ok\r\n"),
+        (ASK, b"<Idle|MPos:-1.000,-1.000,-1.000|", ...),
+    ),
+    "a reset while the soft limit's alarm is printed is lost": (
+        _homed,
+        (b"G53G1X1F100\n", 0.1),
+        (b"\x18", 5.0, b"[MSG:Reset to continue]\r\n"),
+        (b"\x18", ..., BANNER, ...),
+    ),
+    "a reset while slowing down is alarm 3": (
+        _homed, (RUN, 1.0), (b"!\x18", 1.0, b"ALARM:3\r\n" + BANNER + UNLOCK),
+    ),
+    "a reset gives the ok of the line under way": (
+        _homed, (RUN + b"G4P1\n", 1.0), (b"\x18", 1.0, b"ALARM:3\r\nok\r\n" + BANNER + UNLOCK),
+    ),
+    "after a reset in motion the board may be wrong about the carriage": (
+        lambda: Host(mechanics=Mechanics(slip_steps=7)),
+        (b"$H\n", 60.0),
+        (RUN, 1.0),
+        (b"\x18", 1.0),
+        (b"$X\nG53G1X-5F600\n", 10.0),
+        -5 * 400 - 7,
+        (ASK, b"<Idle|MPos:-5.000,", ...),
+    ),
+    "unlocked without homing the board takes its place for zero": (
+        Host, (b"$X\nG91G1X-2F600\n", 5.0), -32 * 400, (ASK, b"<Idle|MPos:-2.000,", ...),
+    ),
+    "a reset in homing is alarm 6": (
+        _locked, (b"$H\n", 1.0), (b"\x18", 1.0, b"ALARM:6\r\nok\r\n" + BANNER + UNLOCK),
+    ),
+    "the door in homing is alarm 7": (
+        _locked, (b"$H\n", 1.0), (b"\x84", 1.0, b"ALARM:7\r\nok\r\n" + BANNER + UNLOCK),
+    ),
+    # g-code
+    "inches and relative moves": (_homed, (b"G20G91G1X-0.1F20\n", 20.0), -400 - 1016),
+    "words of a CAM header are taken and reported": (
+        _homed,
+        (b"G17G21G54G90G94\n", b"ok\r\n"),
+        *((other + b"\n", b"ok\r\n") for other in (b"G18", b"G55", b"G93", b"G40", b"G49", b"G61", b"G91.1", b"G80")),
+        (b"G81\n", b"error:20\r\n"),
+        (b"$G\n", b"[GC:G80 G55 G18 G21 G90 G93 M5 M9 T0 F0 S0]\r\nok\r\n"),
+        (b"M30\n", b"[MSG:Pgm End]\r\nok\r\n"),
+        (b"$G\n", b"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"),
+    ),
+    "work coordinates move what follows": (  # G54 by G10 L20, G92 on top, a stored place by G28.1, and back to it
+        _homed,
+        (b"G10L20P1X0Y0Z0\nG92X1\nG1X-1F600\n", 2.0),
+        (-1200, -400, -400),
+        (b"G28.1\nG1X-3\n", 2.0),
+        -2000,
+        (ASK, ..., b"|WCO:-2.000,-1.000,-1.000>\r\n"),
+        (b"G28Z-1\n", 5.0),
+        (-2000, -400, -400),  # only the axis that was named, there and back
+        (b"G92.1\nG54X-3F600G1\n", 2.0),
+        -1600,
+    ),
+    "check mode reads everything and moves nothing": (
+        _homed,
+        (b"$C\n", b"[MSG:Enabled]\r\nok\r\n"),
+        (RUN + b"G1X\n", 3.0, b"ok\r\nerror:2\r\n"),
+        "Check",
+        (-400, -400, -400),
+        (b"$C\n", b"[MSG:Disabled]\r\nok\r\n" + BANNER),
+    ),
+    "a pause is answered once it is resumed": (_homed, (b"M0\n", 0.5, b""), "Hold:0", (b"~", b"ok\r\n"), "Idle"),
+    "G53 ignores offset and relative mode": (
+        lambda: Host(work_offset_mm=(-10.0, 0.0, 0.0)),
+        (b"$H\n", 60.0),
+        (b"G91G53G1X-5F600\n", 5.0),
+        -2000,
+        (b"G90G1X-5\n", 5.0),
+        -6000,
+    ),
+    "a move to where it is does nothing": (_homed, (b"G53G1X-1F600\n", b"ok\r\n"), "Idle"),
+    "no move is slower than one millimetre a minute": (
+        _free, (b"G91G1X1F0.01\n", 1.0), (ASK, ..., b"|FS:1,0", ...),
+    ),
+}  # fmt: skip
 
 
-def test_reset_at_rest_prints_the_banner_and_keeps_the_lock(locked: Host) -> None:
-    locked.hear()
-    assert locked.say(b"\x18") == BANNER + UNLOCK
+@pytest.mark.parametrize("name", CONVERSATIONS)
+def test_a_conversation(name: str) -> None:
+    begun, *facts = CONVERSATIONS[name]
+    host = begun()
+    for fact in facts:
+        _check(host, fact)
 
 
-def test_reset_at_rest_keeps_the_position_and_sets_no_lock(host: Host) -> None:
-    assert host.say(b"\x18") == BANNER
-    assert host.say(b"?").startswith(b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:")
-
-
-def test_a_host_that_came_late_can_ask(host: Host) -> None:
-    assert host.say(b"$I\n") == b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n"
+# --- what is not said in so few words ---
 
 
 def test_power_cycle_in_motion_locks_and_forgets_where_it_is(host: Host) -> None:
@@ -90,28 +330,6 @@ def test_power_cycle_in_motion_locks_and_forgets_where_it_is(host: Host) -> None
     assert host.hear() == BANNER + UNLOCK
     assert host.say(b"?").startswith(b"<Alarm|MPos:0.000,0.000,0.000|")
     assert -20 * 400 < host.steps()[0] < -400
-
-
-# --- one answer a line ---
-
-
-def test_one_answer_for_each_line(host: Host) -> None:
-    assert host.say(b"G90\nG91\nnonsense\nG90\n") == b"ok\r\nok\r\nerror:2\r\nok\r\n"
-
-
-def test_carriage_return_and_line_feed_are_two_ends(host: Host) -> None:
-    assert host.say(b"G90\r\n") == b"ok\r\nok\r\n"
-
-
-def test_lower_case_spaces_and_comments(host: Host) -> None:
-    assert host.say(b" g90 (absolute) g21 ; and millimetres\n") == b"ok\r\n"
-
-
-def test_everything_is_locked_in_alarm(locked: Host) -> None:
-    locked.hear()
-    assert locked.say(b"G91\nG0X1\n$J=G91X1F100\n") == b"error:9\r\n" * 2 + b"error:8\r\n"
-    assert locked.say(b"$X\n") == b"[MSG:Caution: Unlocked]\r\nok\r\n"
-    assert locked.say(b"G91\n") == b"ok\r\n"
 
 
 def test_79_characters_are_a_line_and_80_are_too_many(host: Host) -> None:
@@ -140,19 +358,6 @@ def test_errors(host: Host, line: bytes, code: int) -> None:
     assert host.steps() == (-400, -400, -400)
 
 
-# --- settings ---
-
-
-def test_settings_are_listed_and_stored(host: Host) -> None:
-    listing = host.say(b"$$\n")
-    assert listing.startswith(b"$0=10\r\n$1=255\r\n")
-    assert b"$11=0.010\r\n" in listing
-    assert b"$100=400.000\r\n" in listing
-    assert listing.endswith(b"$132=40.000\r\nok\r\n")
-    assert host.say(b"$120=25\n") == b"ok\r\n"
-    assert b"$120=25.000\r\n" in host.say(b"$$\n")
-
-
 def test_the_rig_s_settings(host: Host) -> None:
     """400 steps/mm, 10 mm/s (Z 5), 50 mm/s², 60 × 30 × 40 mm; homing and soft limits on."""
     assert host.say(b"$$\n").decode().split() == [
@@ -164,82 +369,11 @@ def test_the_rig_s_settings(host: Host) -> None:
     ]
 
 
-def test_soft_limits_need_homing(host: Host) -> None:
-    assert host.say(b"$22=0\n") == b"ok\r\n"
-    assert b"$20=0\r\n" in host.say(b"$$\n")
-    assert host.say(b"$20=1\n") == b"error:10\r\n"
-
-
-def test_settings_and_identity_only_at_rest(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 0.5)
-    assert host.say(b"$$\n$I\n$120=10\n$H\n$#\n$G\n").startswith(b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90")
-
-
-def test_parameters(host: Host) -> None:
-    assert host.say(b"$#\n").startswith(b"[G54:0.000,0.000,0.000]\r\n[G55:")
-    assert host.say(b"$#\n").endswith(b"[TLO:0.000]\r\n[PRB:0.000,0.000,0.000:0]\r\nok\r\n")
-
-
-def test_homing_switched_off_is_error_5(free: Host) -> None:
-    assert free.say(b"$H\n") == b"error:5\r\n"
-
-
-# --- status ---
-
-
-def test_status_leaves_the_buffer_out_unless_asked(host: Host) -> None:
-    assert host.say(b"?") == b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\n"
-    host.say(b"$10=3\n")
-    assert host.say(b"?") == b"<Idle|MPos:-1.000,-1.000,-1.000|Bf:15,128|FS:0,0>\r\n"
-
-
-def test_work_position_is_machine_position_less_the_offset() -> None:
-    host = Host(settings={10: 0}, work_offset_mm=(-10.0, 0.0, 2.5))
-    host.say(b"$H\n", 60.0)
-    assert host.say(b"?") == b"<Idle|WPos:9.000,-1.000,-3.500|FS:0,0|WCO:-10.000,0.000,2.500>\r\n"
-
-
 def test_wco_and_ov_come_now_and_then(host: Host) -> None:
     host.say(b"\x18")
     lines = [host.say(b"?") for _ in range(40)]
     assert [i for i, line in enumerate(lines) if b"|WCO:" in line] == [0, 10, 20, 30]
     assert [i for i, line in enumerate(lines) if b"|Ov:100,100,100" in line] == [1, 11, 21, 31]
-
-
-def test_status_in_motion_shows_state_place_and_feed(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    assert host.say(b"?").startswith(b"<Run|MPos:-10.")
-    assert b"|FS:600,0" in host.say(b"?")
-
-
-def test_status_in_inches(host: Host) -> None:
-    host.say(b"$13=1\n")
-    assert b"|MPos:-0.0394,-0.0394,-0.0394|" in host.say(b"?")
-
-
-def test_pins_show_a_pressed_switch() -> None:
-    host = Host(mechanics=Mechanics(start_mm=(0.0, -5.0, 0.0)))
-    host.hear()
-    assert b"|Pn:XZ|" in host.say(b"?")
-
-
-def test_real_time_bytes_are_picked_out_of_the_middle_of_a_line(host: Host) -> None:
-    heard = host.say(b"G53G1?X-2F600\n", 0.001)
-    assert heard == b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n"
-    host.hear(2.0)
-    assert host.steps()[0] == -800
-
-
-def test_unknown_high_bytes_are_dropped(host: Host) -> None:
-    assert host.say(b"G\xff9\x900\n") == b"ok\r\n"
-
-
-# --- ok means queued ---
-
-
-def test_ok_means_queued_not_done(host: Host) -> None:
-    assert host.say(b"G53G1X-20F600\n") == b"ok\r\n"
-    assert host.state() == b"<Run"
 
 
 def test_the_ok_of_a_dwell_comes_after_motion_and_dwell(host: Host) -> None:
@@ -260,14 +394,6 @@ def test_a_sixteenth_block_waits_for_a_place_and_the_buffer_holds_128_bytes(host
     assert b",0|FS:" in host.say(b"?", 0.001)
 
 
-def test_bytes_beyond_the_buffer_are_lost(host: Host) -> None:
-    host.say(b"G4P1\n" + b"G90\n" * 40, 0.001)
-    assert host.hear(2.0) == b"ok\r\n" * (1 + 128 // 4)
-
-
-# --- hold, door, resume ---
-
-
 def test_hold_slows_down_then_can_be_resumed(host: Host) -> None:
     host.say(b"G53G1X-20F600\n", 1.0)
     host.line.host_write(b"!")
@@ -281,37 +407,6 @@ def test_hold_slows_down_then_can_be_resumed(host: Host) -> None:
     assert host.state() == b"<Run"
     host.hear(5.0)
     assert host.steps()[0] == -8000
-
-
-def test_a_resume_during_the_slowing_down_is_lost(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    host.say(b"!", 0.1)
-    host.say(b"~", 1.0)
-    assert host.state() == b"<Hold:0"
-
-
-def test_lines_wait_while_held(host: Host) -> None:
-    host.say(b"!")
-    assert host.state() == b"<Hold:0"
-    assert host.say(b"G90\n") == b""
-    assert host.say(b"~") == b"ok\r\n"
-    assert host.state() == b"<Idle"
-
-
-def test_hold_delays_the_ok_of_a_dwell(host: Host) -> None:
-    assert host.say(b"G53G1X-11F600\nG4P0.1\n", 0.6) == b"ok\r\n"
-    assert host.say(b"!", 10.0) == b""
-    assert host.say(b"~", 2.0) == b"ok\r\n"
-    assert host.steps()[0] == -4400
-
-
-def test_hold_with_a_full_queue_keeps_every_move(host: Host) -> None:
-    moves = b"".join(b"G91G1X-0.%dF60\n" % (i % 2 + 1) for i in range(20))
-    host.say(moves, 0.5)
-    host.say(b"!", 3.0)
-    host.say(b"~", 10.0)
-    assert host.steps()[0] == -400 - 10 * 40 - 10 * 80
-    assert host.state() == b"<Idle"
 
 
 def test_reset_in_a_finished_hold_keeps_the_position(host: Host) -> None:
@@ -342,47 +437,12 @@ def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
     assert host.say(b"G4P0.01\n", 0.1) == b"ok\r\n"
 
 
-def test_reset_in_a_hold_at_rest_sets_no_lock(host: Host) -> None:
-    host.say(b"!")
-    assert host.say(b"\x18") == BANNER
-    assert host.say(b"?") == b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0|WCO:0.000,0.000,0.000>\r\n"
-
-
-def test_reset_in_a_hold_that_still_slows_down_is_alarm_3_and_locks(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    assert host.say(b"!", 0.1) == b""
-    assert host.say(b"?", 0.05).startswith(b"<Hold:1|")
-    assert host.say(b"\x18", 0.1) == b"ALARM:3\r\n"
-    assert host.hear(1.0) == BANNER + UNLOCK
-    assert host.state() == b"<Alarm"
-
-
 def test_reset_behind_an_open_door_keeps_the_position(host: Host) -> None:
     host.say(b"G53G1X-20F600\n", 1.0)
     host.say(b"\x84", 1.0)
     here = host.steps()
     assert host.say(b"\x18") == BANNER
     assert host.say(b"?").startswith(b"<Idle|MPos:%.3f,-1.000,-1.000|" % (here[0] / 400))
-
-
-def test_door(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    assert host.say(b"\x84") == b"[MSG:Check Door]\r\n"
-    assert host.state() == b"<Door:2"
-    host.hear(1.0)
-    assert host.state() == b"<Door:0"
-    host.say(b"~", 5.0)
-    assert host.steps()[0] == -8000
-
-
-def test_sleep_ends_by_a_reset_only(host: Host) -> None:
-    assert host.say(b"$SLP\n") == b"ok\r\n[MSG:Sleeping]\r\n"
-    assert host.say(b"G90\n$X\n~") == b""
-    assert host.state() == b"<Sleep"
-    assert host.say(b"\x18") == BANNER + UNLOCK
-
-
-# --- jog ---
 
 
 def test_jog_and_its_cancel(host: Host) -> None:
@@ -395,59 +455,6 @@ def test_jog_and_its_cancel(host: Host) -> None:
     assert -4400 < here[0] < -400
     host.say(b"$J=G91X-1F600\n", 2.0)
     assert host.steps()[0] == here[0] - 400
-
-
-def test_a_hold_cancels_a_jog(host: Host) -> None:
-    host.say(b"$J=G91X-10F600\n", 0.5)
-    host.say(b"!")
-    assert host.state() == b"<Jog"
-    host.hear(1.0)
-    assert host.state() == b"<Idle"
-
-
-def test_door_in_a_jog(host: Host) -> None:
-    host.say(b"$J=G91X-10F600\n", 0.5)
-    host.say(b"\x84", 1.0)
-    assert host.state() == b"<Door:0"
-    host.say(b"~")
-    assert host.state() == b"<Idle"
-
-
-def test_a_jog_beyond_the_travel_is_refused_and_does_not_move(host: Host) -> None:
-    assert host.say(b"$J=G91X2F100\n") == b"error:15\r\n"
-    assert host.say(b"$J=G53X-60.1F100\n") == b"error:15\r\n"
-    assert host.state() == b"<Idle"
-    assert host.steps() == (-400, -400, -400)
-
-
-def test_no_jog_while_running(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 0.5)
-    assert host.say(b"$J=G91X-1F100\n") == b"error:8\r\n"
-
-
-def test_a_jog_leaves_the_modes_alone(host: Host) -> None:
-    host.say(b"$J=G91G20X-0.1F10\n", 20.0)
-    assert host.steps()[0] == -400 - 1016
-    assert host.say(b"$G\n").startswith(b"[GC:G0 G54 G17 G21 G90 G94")
-
-
-# --- alarms ---
-
-
-def test_soft_limit_alarm_then_silence_until_reset(host: Host) -> None:
-    assert host.say(b"G53G1X1F100\n", 0.1) == b"ALARM:2\r\n"
-    assert host.hear(1.0) == b"[MSG:Reset to continue]\r\n"
-    assert host.say(b"?$X\nG90\n$I\n~!", 10.0) == b""
-    assert host.say(b"\x18") == b"ok\r\n" + BANNER + UNLOCK
-    assert host.say(b"G90\n") == b"error:9\r\n"
-    assert host.say(b"$X\n").endswith(b"ok\r\n")
-    assert host.say(b"?").startswith(b"<Idle|MPos:-1.000,-1.000,-1.000|")
-
-
-def test_a_reset_while_the_soft_limit_alarm_is_printed_is_lost(host: Host) -> None:
-    host.say(b"G53G1X1F100\n", 0.1)
-    assert host.say(b"\x18", 5.0) == b"[MSG:Reset to continue]\r\n"
-    assert BANNER in host.say(b"\x18")
 
 
 def test_a_soft_limit_in_motion_stops_slowly_first(host: Host) -> None:
@@ -471,35 +478,6 @@ def test_reset_in_motion_is_alarm_3_and_locks(host: Host) -> None:
     assert host.hear(1.0) == BANNER + UNLOCK
     assert host.say(b"G53G1X-2F100\n") == b"error:9\r\n"
     assert host.steps() == stopped
-
-
-def test_reset_while_slowing_down_is_alarm_3(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    assert host.say(b"!\x18", 1.0) == b"ALARM:3\r\n" + BANNER + UNLOCK
-
-
-def test_a_reset_gives_the_ok_of_the_line_under_way(host: Host) -> None:
-    host.say(b"G53G1X-20F600\nG4P1\n", 1.0)
-    assert host.say(b"\x18", 1.0) == b"ALARM:3\r\nok\r\n" + BANNER + UNLOCK
-
-
-def test_after_a_reset_in_motion_the_board_may_be_wrong_about_the_carriage() -> None:
-    host = Host(mechanics=Mechanics(slip_steps=7))
-    host.say(b"$H\n", 60.0)
-    host.say(b"G53G1X-20F600\n", 1.0)
-    host.say(b"\x18", 1.0)
-    host.say(b"$X\nG53G1X-5F600\n", 10.0)
-    assert host.steps()[0] == -5 * 400 - 7
-    assert host.say(b"?").startswith(b"<Idle|MPos:-5.000,")
-
-
-def test_unlocked_without_homing_the_board_takes_its_place_for_zero(locked: Host) -> None:
-    locked.say(b"$X\nG91G1X-2F600\n", 5.0)
-    assert locked.steps()[0] == -32 * 400
-    assert locked.say(b"?").startswith(b"<Idle|MPos:-2.000,")
-
-
-# --- homing ---
 
 
 def test_homing_takes_its_time_is_silent_and_ends_at_the_pull_off(locked: Host) -> None:
@@ -539,21 +517,6 @@ def test_homing_duration_in_closed_form() -> None:
     assert host.clock.monotonic_s() - start_s == pytest.approx(expected_s, abs=1e-4)
 
 
-def test_reset_in_homing_is_alarm_6(locked: Host) -> None:
-    locked.hear()
-    locked.say(b"$H\n", 1.0)
-    assert locked.say(b"\x18", 1.0) == b"ALARM:6\r\nok\r\n" + BANNER + UNLOCK
-
-
-def test_door_in_homing_is_alarm_7(locked: Host) -> None:
-    locked.hear()
-    locked.say(b"$H\n", 1.0)
-    assert locked.say(b"\x84", 1.0) == b"ALARM:7\r\nok\r\n" + BANNER + UNLOCK
-
-
-# --- outputs ---
-
-
 def test_coolant_and_spindle_are_switched_and_reported(host: Host) -> None:
     assert host.say(b"M8\n") == b"ok\r\n"
     assert b"|Ov:100,100,100|A:F>" in host.say(b"?")
@@ -583,57 +546,11 @@ def test_a_reset_switches_outputs_off(host: Host) -> None:
     assert b"M5 M9" in host.say(b"$G\n")
 
 
-# --- g-code ---
-
-
-def test_inches_and_relative_moves(host: Host) -> None:
-    host.say(b"G20G91G1X-0.1F20\n", 20.0)
-    assert host.steps()[0] == -400 - 1016
-
-
-def test_words_of_a_cam_header_are_taken_and_reported(host: Host) -> None:
-    assert host.say(b"G17G21G54G90G94\n") == b"ok\r\n"
-    for other in (b"G18", b"G55", b"G93", b"G40", b"G49", b"G61", b"G91.1", b"G80"):
-        assert host.say(other + b"\n") == b"ok\r\n"
-    assert host.say(b"G81\n") == b"error:20\r\n"
-    assert host.say(b"$G\n") == b"[GC:G80 G55 G18 G21 G90 G93 M5 M9 T0 F0 S0]\r\nok\r\n"
-    assert host.say(b"M30\n") == b"[MSG:Pgm End]\r\nok\r\n"
-    assert host.say(b"$G\n") == b"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"
-
-
-def test_work_coordinates_move_what_follows(host: Host) -> None:
-    """G54 by G10 L20, then G92 on top of it, a stored place by G28.1, and back to it by way of another."""
-    host.say(b"G10L20P1X0Y0Z0\nG92X1\nG1X-1F600\n", 2.0)
-    assert host.steps() == (-1200, -400, -400)
-    host.say(b"G28.1\nG1X-3\n", 2.0)
-    assert host.steps()[0] == -2000
-    assert host.say(b"?").split(b"|WCO:")[1] == b"-2.000,-1.000,-1.000>\r\n"
-    host.say(b"G28Z-1\n", 5.0)
-    assert host.steps() == (-2000, -400, -400), "only the axis that was named, there and back"
-    host.say(b"G92.1\nG54X-3F600G1\n", 2.0)
-    assert host.steps()[0] == -1600
-
-
 def test_inverse_time_is_a_share_of_a_minute(host: Host) -> None:
     start_s = host.clock.monotonic_s()
     host.say(b"G93G1G91X-2F30\nG4P0\n", 0.01)
     host.clock.wait_until(host.line.host_pending, start_s + 60)
     assert host.clock.monotonic_s() - start_s == pytest.approx(2.0, abs=0.05)
-
-
-def test_check_mode_reads_everything_and_moves_nothing(host: Host) -> None:
-    assert host.say(b"$C\n") == b"[MSG:Enabled]\r\nok\r\n"
-    assert host.say(b"G53G1X-20F600\nG1X\n", 3.0) == b"ok\r\nerror:2\r\n"
-    assert host.state() == b"<Check"
-    assert host.steps() == (-400, -400, -400)
-    assert host.say(b"$C\n") == b"[MSG:Disabled]\r\nok\r\n" + BANNER
-
-
-def test_a_pause_is_answered_once_it_is_resumed(host: Host) -> None:
-    assert host.say(b"M0\n", 0.5) == b""
-    assert host.state() == b"<Hold:0"
-    assert host.say(b"~") == b"ok\r\n"
-    assert host.state() == b"<Idle"
 
 
 def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:
@@ -649,30 +566,6 @@ def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:
     line.host_write(b"?")
     clock.wait_s(0.1)
     assert line.host_read().count(b"<Idle") == 1
-
-
-def test_g53_ignores_offset_and_relative_mode() -> None:
-    host = Host(work_offset_mm=(-10.0, 0.0, 0.0))
-    host.say(b"$H\n", 60.0)
-    host.say(b"G91G53G1X-5F600\n", 5.0)
-    assert host.steps()[0] == -2000
-    host.say(b"G90G1X-5\n", 5.0)
-    assert host.steps()[0] == -6000
-
-
-def test_a_move_to_where_it_is_does_nothing(host: Host) -> None:
-    assert host.say(b"G53G1X-1F600\n") == b"ok\r\n"
-    assert host.state() == b"<Idle"
-
-
-def test_no_move_is_slower_than_one_millimetre_a_minute(free: Host) -> None:
-    free.say(b"G91G1X1F0.01\n", 1.0)
-    assert b"|FS:1,0" in free.say(b"?")
-
-
-def test_a_rapid_runs_at_the_axis_rate(free: Host) -> None:
-    free.say(b"G91G0Z-10\n", 1.0)
-    assert b"|FS:300,0" in free.say(b"?")
 
 
 @pytest.mark.parametrize(("axis", "rate"), [(b"X", b"600"), (b"Y", b"480"), (b"Z", b"300")])

@@ -4,6 +4,7 @@ Others are tested where their subject is: an off-centre finger and flat elements
 incompressible and unlike layers against exact solutions in `oracles/test_hard_cases.py`.
 """
 
+from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -11,9 +12,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
+from sim.config import Contact, FingertipConfig, MeshSpec, Tissue
 from sim.contact.height_map import HeightMap
-from sim.contact.indentor import Indentor
+from sim.contact.indentor import ALONG, Indentor
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import Bar, Grating, IndentorProfile, SinusoidalStep, Wedge
 from sim.contact.shapes import parse_shape
@@ -50,6 +51,13 @@ FAMILIES: dict[str, tuple[Indentor, float]] = {
 every_family = pytest.mark.parametrize("family", FAMILIES)
 
 
+@pytest.fixture
+def pressed(family: str, finger: Fingertip, coarse_finger: Fingertip) -> tuple[Fingertip, Indentor, float]:
+    """What slopes across the finger is pressed into a coarse one: the default's models for it take half a minute."""
+    shape, x = FAMILIES[family]
+    return finger if shape.axes == ALONG else coarse_finger, shape, x
+
+
 def node_near(finger: Fingertip, x_mm: float) -> float:
     """Undeformed x of a node in the receptor plane."""
     columns, patch = finger.model.patch.shape[1], finger.model.patch
@@ -61,10 +69,10 @@ def node_near(finger: Fingertip, x_mm: float) -> float:
 
 
 @every_family
-def test_grazing_depths(finger: Fingertip, family: str) -> None:
+def test_grazing_depths(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # First touch is on the continuous skin, contact at nodes and points between them: a shape that touches between
     # two of them carries nothing yet, latest the cone's tip, at 0.04 mm.
-    shape, x = FAMILIES[family]
+    finger, shape, x = pressed
     results = [finger.indent(shape, x, doi_mm=doi) for doi in (1e-6, 1e-4, 1e-3, 0.01, 0.05)]
     force = np.array([r.force_gwt for r in results])
     assert max(r.state.residual for r in results) <= 1e-10
@@ -74,9 +82,9 @@ def test_grazing_depths(finger: Fingertip, family: str) -> None:
 
 
 @every_family
-def test_force_towards_zero(finger: Fingertip, family: str) -> None:
+def test_force_towards_zero(pressed: tuple[Fingertip, Indentor, float]) -> None:
     # 0.001 gwt is a tenth of what the balance resolves.
-    shape, x = FAMILIES[family]
+    finger, shape, x = pressed
     depths = []
     for gwt in (0.001, 0.01, 0.1):
         result = finger.indent(shape, x, force_gwt=gwt)
@@ -182,12 +190,20 @@ def test_regions_merge_and_split(
 # ----------------------------------------------------------------------------------------------------- the rim
 
 
+@pytest.fixture(scope="module")
+def coarse_unwidened(coarse_finger: Fingertip) -> Fingertip:
+    """The coarse finger, its models shared, that refuses what leaves the mesh's own patch."""
+    other = copy(coarse_finger)
+    other.config = coarse_finger.config.model_copy(update={"contact": Contact(patch_gb=0)})
+    return other
+
+
 def near(value: float, within: float = 0.0051) -> Any:
     return pytest.approx(value, abs=within)
 
 
 ROUND = {"at_z_mm": near(6.893), "size": "mesh.round_patch_mm"}
-LAST_ROW = {"z_mm": near(10.46)}
+LAST_ROW = {"z_mm": near(9.593)}
 ALONG_Z = {"axis": "z"}
 LAST_TOUCH = {"at_z_mm": 11.5, "touch_mm": near(11.0)} | ALONG_Z
 
@@ -196,10 +212,8 @@ LAST_TOUCH = {"at_z_mm": 11.5, "touch_mm": near(11.0)} | ALONG_Z
     ("shape", "place", "target", "code", "fields"),
     [
         ("sphere:5", (2.0, None), {"doi_mm": 1.8}, "at_rim", ROUND | {"at_x_mm": 2.0}),
-        ("cone:80", (1.9, None), {"doi_mm": 1.8}, "at_rim", ROUND | {"at_x_mm": 1.9}),
-        ("flat:3", (0.9, None), {"doi_mm": 1.9}, "at_rim", ROUND | {"at_x_mm": 0.9}),
         ("sphere:5", (0.0, 12.0), {"doi_mm": 0.2}, "touch_beside_patch", {"at_x_mm": 0.0, "at_z_mm": 12.0} | ALONG_Z),
-        ("line", (0.0, 10.0), {"doi_mm": 0.8}, "at_rim", {"at_z_mm": 10.0} | LAST_ROW),
+        ("line", (0.0, 9.4), {"doi_mm": 0.8}, "at_rim", {"at_z_mm": 9.4} | LAST_ROW),
         (
             "line",
             (0.0, 11.5),
@@ -208,7 +222,6 @@ LAST_TOUCH = {"at_z_mm": 11.5, "touch_mm": near(11.0)} | ALONG_Z
             LAST_TOUCH,
         ),
         # the search for the force meets the rim
-        ("sphere:5", (2.0, None), {"force_gwt": 20.0}, "at_rim", ROUND | {"at_x_mm": 2.0, "x_mm": near(2.65, 0.055)}),
         ("bar:3", (1.5, None), {"force_gwt": 500.0}, "at_rim", {"at_x_mm": 1.5}),
         # once 5 % of the force were missing, and nothing said why: unfinished states had touched the rim
         ("line", (0.0, 9.5), {"force_gwt": 15.0}, "at_rim", {"at_z_mm": 9.5} | LAST_ROW),
@@ -216,21 +229,25 @@ LAST_TOUCH = {"at_z_mm": 11.5, "touch_mm": near(11.0)} | ALONG_Z
 )
 def test_the_rim_is_refused_by_name(
     unwidened: Fingertip,
+    coarse_unwidened: Fingertip,
     shape: str,
     place: tuple[float, float | None],
     target: dict[str, Any],
     code: str,
     fields: dict[str, Any],
 ) -> None:
+    finger = unwidened if shape == "bar:3" else coarse_unwidened
     with raises(RimError, code, indentor=shape, **fields):
-        unwidened.indent(shape, place[0], z_mm=place[1], **target)
+        finger.indent(shape, place[0], z_mm=place[1], **target)
 
 
-@pytest.mark.parametrize(("shape", "z", "gwt"), [("line", 9.5, 10.0), ("sphere:5", None, 14.0)])
-def test_a_force_short_of_the_rim_is_found(finger: Fingertip, shape: str, z: float | None, gwt: float) -> None:
+@pytest.mark.parametrize(("shape", "z", "gwt"), [("line", 8.5, 5.0), ("sphere:5", None, 14.0)])
+def test_a_force_short_of_the_rim_is_found(
+    coarse_unwidened: Fingertip, shape: str, z: float | None, gwt: float
+) -> None:
     """The search looks beyond the rim, is refused there and comes back."""
     x = 0.0 if z else 1.9
-    result = finger.indent(shape, x, z_mm=z, force_gwt=gwt)
+    result = coarse_unwidened.indent(shape, x, z_mm=z, force_gwt=gwt)
     assert result.state.converged
     assert result.force_gwt == pytest.approx(gwt, rel=1e-9)
 
@@ -238,10 +255,10 @@ def test_a_force_short_of_the_rim_is_found(finger: Fingertip, shape: str, z: flo
 # ---------------------------------------------------------------------------------------- force to depth to force
 
 
-@pytest.mark.parametrize("family", FAMILIES)
+@every_family
 @pytest.mark.parametrize("gwt", [0.5, 2.33, 5.0])
-def test_force_to_depth_to_force_from_rest(finger: Fingertip, family: str, gwt: float) -> None:
-    shape, x = FAMILIES[family]
+def test_force_to_depth_to_force_from_rest(pressed: tuple[Fingertip, Indentor, float], gwt: float) -> None:
+    finger, shape, x = pressed
     depth = finger.indent(shape, x, force_gwt=gwt).doi_mm
     assert finger.indent(shape, x, doi_mm=depth).force_gwt == pytest.approx(gwt, rel=1e-8)
 

@@ -242,12 +242,6 @@ def test_columns_become_a_file(tmp_path: Path) -> None:
         write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
 
 
-def test_columns_become_a_data_frame(mixed: Indentations) -> None:
-    frame = to_pandas(mixed.table())
-    assert list(frame.columns) == list(mixed.table())
-    assert frame["force_gwt"].tolist() == mixed.table()["force_gwt"].tolist()
-
-
 def test_results_become_a_data_frame_or_a_file_as_their_table_does(mixed: Indentations, tmp_path: Path) -> None:
     assert to_pandas(mixed).equals(to_pandas(mixed.table()))
     for name, given in (("results", mixed), ("table", mixed.table())):

@@ -30,23 +30,79 @@ class Host:
         return self.line.host_read()
 
 
+def _bears(grams: Callable[[float], float], wait_s: float = 0.0) -> Callable[[], Host]:
+    """A balance under a weight that may move, so long after it was switched on."""
+
+    def begun() -> Host:
+        host = Host(lambda t_s: grams(t_s) * GRAM_N)
+        host.clock.wait_s(wait_s)
+        return host
+
+    return begun
+
+
+_rests = _bears(lambda t_s: 100.0)
+
+
 @pytest.fixture
 def host() -> Host:
     """100 g at rest."""
-    return Host(lambda t_s: 100 * GRAM_N)
+    return _rests()
 
 
-def test_stable_and_immediate_value(host: Host) -> None:
-    assert host.say(b"S\r\n") == b"S S     100.00 g\r\n"
-    assert host.say(b"SI\r\n") == b"S S     100.00 g\r\n"
+Said = tuple[bytes, bytes] | tuple[bytes, float, bytes]
+"""A command, seconds of waiting if not 0.04, and the reply; lines end in CR LF but where a piece is sent."""
+
+SERIAL = b'I4 A "0123456789"\r\n'
+CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Said, ...]]] = {
+    "stable and immediate value": (_rests, (b"S\r\n", b"S S     100.00 g\r\n"), (b"SI\r\n", b"S S     100.00 g\r\n")),
+    "a moving load is dynamic and of the last sample": (  # samples at 0.95 and 1.00 s; the next would be at 1.05
+        _bears(lambda t_s: 10 * t_s, 1.03), (b"SI\r\n", 0.01, b""), (b"", 0.03, b"S D      10.00 g\r\n"),
+    ),
+    "S waits until the load rests": (
+        _bears(lambda t_s: min(t_s, 1.0) * 50, 0.5), (b"S\r\n", 0.5, b""), (b"", 0.2, b"S S      50.00 g\r\n"),
+    ),
+    "S gives up after a bounded time": (
+        _bears(lambda t_s: 15 * t_s, 1.0), (b"S\r\n", 2.9, b""), (b"", 0.3, b"S I\r\n"),
+    ),
+    "a second command while it waits is refused, and @ cancels": (
+        _bears(lambda t_s: 20 * t_s, 1.0),
+        (b"S\r\n", b""), (b"SI\r\n", b"S I\r\n"), (b"@\r\n", SERIAL), (b"", 10.0, b""),
+    ),
+    **{
+        name: (
+            _bears(lambda t_s, grams=grams: grams),  # type: ignore[misc]
+            (b"SI\r\n", b"S " + sign), (b"S\r\n", b"S " + sign), (b"Z\r\n", b"Z " + sign), (b"TI\r\n", b"TI " + sign),
+        )
+        for name, grams, sign in (("overload", 200.5, b"+\r\n"), ("underload", -25.0, b"-\r\n"))
+    },
+    "a broken cell has no value": (
+        _bears(lambda t_s: math.nan), (b"SI\r\n", b"S I\r\n"), (b"S\r\n", 4.0, b"S I\r\n"),
+    ),
+    "zero": (_rests, (b"Z\r\n", b"Z A\r\n"), (b"SI\r\n", b"S S       0.00 g\r\n")),
+    "zero at once tells whether it was stable": (_bears(lambda t_s: 10 * t_s, 1.0), (b"ZI\r\n", b"ZI D\r\n")),
+    "tare": (
+        _rests,
+        (b"T\r\n", b"T S     100.00 g\r\n"), (b"TA\r\n", b"TA A     100.00 g\r\n"),
+        (b"SI\r\n", b"S S       0.00 g\r\n"), (b"TAC\r\n", b"TAC A\r\n"), (b"SI\r\n", b"S S     100.00 g\r\n"),
+        (b"TA 25.5 g\r\n", b"TA A      25.50 g\r\n"), (b"SI\r\n", b"S S      74.50 g\r\n"),
+        (b"TI\r\n", b"TI S     100.00 g\r\n"),
+    ),
+    "errors": (
+        _rests,
+        (b"si\r\n", b"ES\r\n"), (b"XYZ\r\n", b"ES\r\n"), (b"\r\n", b"ES\r\n"), (b"S\xb2\r\n", b"ET\r\n"),
+        (b"SI 3\r\n", b"EL\r\n"), (b"TA x g\r\n", b"EL\r\n"),
+    ),
+    "commands may come in pieces": (_rests, (b"I", b""), (b"4\r", b""), (b"\n", SERIAL)),
+}  # fmt: skip
 
 
-def test_a_moving_load_is_dynamic_and_of_the_last_sample() -> None:
-    host = Host(lambda t_s: 10 * t_s * GRAM_N)
-    host.clock.wait_s(1.03)
-    # Samples at 0.95 and 1.00 s; the next would be at 1.05.
-    assert host.say(b"SI\r\n", 0.01) == b""
-    assert host.say(b"", 0.03) == b"S D      10.00 g\r\n"
+@pytest.mark.parametrize("name", CONVERSATIONS)
+def test_a_conversation(name: str) -> None:
+    begun, *said = CONVERSATIONS[name]
+    host = begun()
+    for command, *wait_s, reply in said:
+        assert host.say(command, *wait_s) == reply, command  # type: ignore[arg-type]
 
 
 def test_samples_are_taken_on_the_grid_and_only_when_asked() -> None:
@@ -59,66 +115,6 @@ def test_samples_are_taken_on_the_grid_and_only_when_asked() -> None:
     assert len(host.asked) <= 4
 
 
-def test_s_waits_until_the_load_rests() -> None:
-    host = Host(lambda t_s: min(t_s, 1.0) * 50 * GRAM_N)
-    host.clock.wait_s(0.5)
-    assert host.say(b"S\r\n", 0.5) == b""
-    assert host.say(b"", 0.2) == b"S S      50.00 g\r\n"
-
-
-def test_s_gives_up_after_a_bounded_time() -> None:
-    host = Host(lambda t_s: 15 * t_s * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(b"S\r\n", 2.9) == b""
-    assert host.say(b"", 0.3) == b"S I\r\n"
-
-
-def test_a_second_command_while_it_waits_is_refused_and_at_cancels() -> None:
-    host = Host(lambda t_s: 20 * t_s * GRAM_N)
-    host.clock.wait_s(1.0)
-    host.say(b"S\r\n")
-    assert host.say(b"SI\r\n") == b"S I\r\n"
-    assert host.say(b"@\r\n") == b'I4 A "0123456789"\r\n'
-    assert host.say(b"", 10.0) == b""
-
-
-@pytest.mark.parametrize(("grams", "sign"), [(200.5, b"+"), (-25.0, b"-")])
-def test_overload_and_underload(grams: float, sign: bytes) -> None:
-    host = Host(lambda t_s: grams * GRAM_N)
-    assert host.say(b"SI\r\n") == b"S " + sign + b"\r\n"
-    assert host.say(b"S\r\n") == b"S " + sign + b"\r\n"
-    assert host.say(b"Z\r\n") == b"Z " + sign + b"\r\n"
-    assert host.say(b"TI\r\n") == b"TI " + sign + b"\r\n"
-
-
-def test_a_broken_cell_has_no_value() -> None:
-    host = Host(lambda t_s: math.nan)
-    assert host.say(b"SI\r\n") == b"S I\r\n"
-    assert host.say(b"S\r\n", 4.0) == b"S I\r\n"
-
-
-def test_zero(host: Host) -> None:
-    assert host.say(b"Z\r\n") == b"Z A\r\n"
-    assert host.say(b"SI\r\n") == b"S S       0.00 g\r\n"
-
-
-def test_zero_at_once_tells_whether_it_was_stable() -> None:
-    host = Host(lambda t_s: 10 * t_s * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(b"ZI\r\n") == b"ZI D\r\n"
-
-
-def test_tare(host: Host) -> None:
-    assert host.say(b"T\r\n") == b"T S     100.00 g\r\n"
-    assert host.say(b"TA\r\n") == b"TA A     100.00 g\r\n"
-    assert host.say(b"SI\r\n") == b"S S       0.00 g\r\n"
-    assert host.say(b"TAC\r\n") == b"TAC A\r\n"
-    assert host.say(b"SI\r\n") == b"S S     100.00 g\r\n"
-    assert host.say(b"TA 25.5 g\r\n") == b"TA A      25.50 g\r\n"
-    assert host.say(b"SI\r\n") == b"S S      74.50 g\r\n"
-    assert host.say(b"TI\r\n") == b"TI S     100.00 g\r\n"
-
-
 def test_sir_repeats_every_sample_until_at() -> None:
     host = Host(lambda t_s: 10 * t_s * GRAM_N)
     host.clock.wait_s(1.0)
@@ -128,21 +124,6 @@ def test_sir_repeats_every_sample_until_at() -> None:
     assert [b - a for a, b in pairwise(grams[1:])] == pytest.approx([0.5] * (len(grams) - 2))
     assert host.say(b"@\r\n", 0.2).endswith(b'I4 A "0123456789"\r\n')
     assert host.say(b"", 1.0) == b""
-
-
-def test_errors(host: Host) -> None:
-    assert host.say(b"si\r\n") == b"ES\r\n"
-    assert host.say(b"XYZ\r\n") == b"ES\r\n"
-    assert host.say(b"\r\n") == b"ES\r\n"
-    assert host.say(b"S\xb2\r\n") == b"ET\r\n"
-    assert host.say(b"SI 3\r\n") == b"EL\r\n"
-    assert host.say(b"TA x g\r\n") == b"EL\r\n"
-
-
-def test_commands_may_come_in_pieces(host: Host) -> None:
-    assert host.say(b"I") == b""
-    assert host.say(b"4\r") == b""
-    assert host.say(b"\n") == b'I4 A "0123456789"\r\n'
 
 
 def test_a_mute_balance(host: Host) -> None:

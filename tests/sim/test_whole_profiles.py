@@ -237,10 +237,3 @@ def test_what_is_cut_off_says_so(
     assert whole.converged
     monkeypatch.setattr(bayes, "_MOST_ROUNDS", 1)
     assert not decode_profile(operator, readings).converged
-
-
-def test_the_same_readings_give_the_same_answer(operator: Frictionless, bar: tuple[Array, Readings, Profile]) -> None:
-    _, readings, found = bar
-    again = decode_profile(operator, readings)
-    assert (again.pressure == found.pressure).all()
-    assert (again.sd == found.sd).all()

@@ -415,7 +415,7 @@ def test_every_kind_is_on_a_bench() -> None:
     assert {one.force.kind for one in configs} == set(BUILT_IN["force"])
 
 
-# Drivers and faults of the other kinds: tests/rig/test_zaber_press.py and its like, tests/contracts.
+# Drivers and faults of the other kinds: tests/rig/test_faults_in_a_press.py, tests/contracts.
 @pytest.mark.quick(rows=lambda bench: bench in ("grbl", "rtu"))
 @pytest.mark.parametrize("bench", PLAYED)
 def test_a_sample_of_the_campaign(bench: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -32,7 +32,9 @@ def test_a_ramp_with_friction_is_the_path_of_one_press() -> None:
     pressed = press_profile(finger, SHAPE, X_MM.tolist(), doi_mm=DOI_MM, friction=0.3)
     sed = [one.receptor_measures["sed"] for one in pressed]
     assert note == ""
-    assert lifted.stimulus.measures[MEASURES.index("sed")] == pytest.approx(np.array(sed), rel=1e-4)
+    # Corners of the bar have more than one equilibrium, and rounding, which differs between processors, chooses: SED
+    # moved by 1.4e-4 on one of them, at a residual of 1e-13. Friction moves it by 1e-2.
+    assert lifted.stimulus.measures[MEASURES.index("sed")] == pytest.approx(np.array(sed), rel=1e-3)
 
 
 def test_presses_without_convergence_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:

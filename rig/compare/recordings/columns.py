@@ -165,8 +165,13 @@ def _known(unit: str, units: Mapping[str, float]) -> float | None:
 
 
 _SEPARATORS = (",", ";", "\t")
+_SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?")
+
+
+_MOST_LISTED = 20
+_NO_DATA = ("", "nan", "na", "n/a", "-")
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,11 +185,12 @@ class Row:
 
     def number(self, column: str, least: float = -math.inf) -> float:
         """A finite number that is not below `least`. Raises RecordingError."""
-        text = self.cells[column]
+        text = self.cells[column].replace("−", "-")
         value = float(text.replace(",", ".")) if self._is_number(text) else math.nan
         if not (is_number(value) and value >= least):
             bounded, mixed = least > -math.inf, self.commas and "." in text
             expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
+            expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
             fields = {"least": least} if bounded else {}
             raise self.wrong(column, "no_number", expected, decimal_comma=mixed, **fields)
         return value
@@ -207,20 +213,24 @@ class Row:
         return _NUMBER.fullmatch(text.replace(",", ".")) is not None
 
 
+COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN, or time=COLUMN:ms for spike times"
+"""What to do about a wrong header of a recording."""
+
+
 def read_table(
-    path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False
+    path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False, hint: str = ""
 ) -> list[Row]:
     """The rows below a header (row 1) that has the required columns.
 
-    Empty rows are skipped, and so are lines above the header that begin with #.
+    Empty rows are skipped, and so are empty lines above the header and those that begin with #.
 
-    Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake. Raises
-    RecordingError.
+    Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake, `hint` what to
+    do about a wrong header. Raises RecordingError.
     """
     lines = table_lines(path)
     first, header = next(lines)
     wanted = {name: header.index(name) for name in (*required, *optional) if name in header}
-    check_header(path, first, header, required, optional, others=others)
+    check_header(path, first, header, required, optional, others=others, hint=hint)
     rows = []
     for number, cells in lines:
         if not any(cells):
@@ -247,21 +257,27 @@ def check_header(
     optional: Sequence[str] = (),
     *,
     others: bool = False,
+    hint: str = "",
 ) -> None:
     """Refuse a header without a required column, or with one that is unknown (unless `others`) or repeated."""
     wanted = (*required, *optional)
+    read = ", ".join(header[:_MOST_LISTED]) or "none"
     for name in required:
         if name not in header:
-            problem = "{path}, row {row}: the column {column} is missing; the columns are {columns}"
-            raise _wrong_header(problem, "no_column", path, row, name, column_list(required, optional))
+            problem = "{path}, row {row}: the column {column} is missing; expected {columns}, read {read}" + hint
+            raise _wrong_header(problem, "no_column", path, row, name, column_list(required, optional), read)
     for name in header:
         if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
-            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}"
-            raise _wrong_header(problem, "extra_column", path, row, name, column_list(required, optional))
+            problem = (
+                "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + hint
+            )
+            raise _wrong_header(problem, "extra_column", path, row, name, column_list(required, optional), read)
 
 
-def _wrong_header(sentence: str, code: str, path: Path, row: int, column: str, columns: str) -> RecordingError:
-    return RecordingError(sentence, code=code, path=str(path), row=row, column=column, columns=columns)
+def _wrong_header(
+    sentence: str, code: str, path: Path, row: int, column: str, columns: str, read: str
+) -> RecordingError:
+    return RecordingError(sentence, code=code, path=str(path), row=row, column=column, columns=columns, read=read)
 
 
 def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:
@@ -283,22 +299,34 @@ def header_of(path: Path) -> list[str]:
 def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Yield the number and the stripped cells of the header, none of an empty file, then of each row.
 
-    The separator is the one that makes the most columns of the header; comments above it are skipped. Raises
-    RecordingError.
+    The separator is the one that makes the most columns of the header; comments and empty lines above it are skipped,
+    and so are empty columns at the right. Raises RecordingError.
     """
     try:
         lines = lines_of(path, most=MOST_TABLE_BYTES)
         above = 1
         header = next(lines, "")
-        while header.startswith("#"):
+        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line(header)):
             above, header = above + 1, next(lines, "")
         sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
-        for number, cells in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
-            yield number, [cell.strip() for cell in cells]
+        columns = 0
+        for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
+            cells = [cell.strip() for cell in line]
+            while len(cells) > columns and not cells[-1]:
+                cells.pop()
+            columns = columns or len(cells)
+            yield number, cells
     except OSError as error:
         reason = error.strerror or str(error)
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     except (UnicodeDecodeError, csv.Error) as error:
         raise RecordingError(
-            "{path}: not a CSV file in UTF-8: {reason}", code="no_csv", path=str(path), reason=str(error)
+            "{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8",
+            code="no_csv",
+            path=str(path),
+            reason=str(error),
         ) from None
+
+
+def _is_separator_line(line: str) -> bool:
+    return _SEPARATOR_LINE.fullmatch(line.strip()) is not None

@@ -7,7 +7,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import ColumnMap, RecordingColumn, Row, header_of, no_rows, read_table
+from rig.compare.recordings.columns import (
+    COLUMNS_HINT,
+    ColumnMap,
+    RecordingColumn,
+    Row,
+    header_of,
+    no_rows,
+    read_table,
+)
 from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
@@ -42,7 +50,8 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     counted = holds_counts(path, columns)
     required, optional = COUNTS if counted else RATES
     in_table = [role for role in required if role != "window" or columns.window_s is None]
-    rows = read_table(path, *columns.split(in_table, optional), others=bool(columns.given))
+    names = columns.split(in_table, optional)
+    rows = read_table(path, *names, others=bool(columns.given), hint=COLUMNS_HINT)
     placed = list(_placed(rows, columns))
     found = _counts(path, placed, columns) if counted else _rates(path, placed, columns)
     return replace(with_enough_positions(path, found), changes=columns.changes(*required, *optional))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import ColumnMap, read_table
+from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, read_table
 from rig.compare.recordings.hdf5 import numbers_in, values_of
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
@@ -176,12 +176,16 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
         )
     if len(pulses):
         return _on_the_runs_clock(path, spikes, pulses, run)
-    if spikes[0] > run.end_s or spikes[-1] < 0:
+    inside = int(np.count_nonzero((spikes >= 0) & (spikes <= run.end_s)))
+    if inside < _LEAST_INSIDE * len(spikes):
         raise RecordingError(
-            "{path}: all spikes, from {first_s:g} to {last_s:g} s, lie outside the run of {end_s:g} s; times must "
-            "count from the start of the run (t_s), or the file must contain its sync pulses",
+            "{path}: only {inside} of {spikes} spikes, {first_s:g} to {last_s:g} s, lie in the run of {end_s:g} s; "
+            "times must be in s, or have their unit in --columns time=COLUMN:ms, and count from the start of the run "
+            "(t_s), or the file must contain its sync pulses",
             code="outside_run",
             path=str(path),
+            inside=inside,
+            spikes=len(spikes),
             first_s=float(spikes[0]),
             last_s=float(spikes[-1]),
             end_s=run.end_s,
@@ -195,7 +199,7 @@ NWB = ".nwb"
 def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
     times: dict[str, list[float]] = {"spike": [], "sync": []}
     time, kind = columns["time"], columns["kind"].name
-    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.given)):
+    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.given), hint=COLUMNS_HINT):
         said = row.cells.get(kind) or "spike"
         if said not in times:
             raise row.wrong(kind, "unknown_kind", "spike or sync")
@@ -208,7 +212,8 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
     if len(rise_s) != len(pulse_s):
         raise RecordingError(
-            "{path}: {pulses} sync pulses, but the run's journal has {journalled}",
+            "{path}: {pulses} sync pulses, but the run's journal has {journalled}"
+            + "; if times are its t_s, remove the pulses from the file" * (not len(rise_s)),
             code="number_of_pulses",
             path=str(path),
             pulses=len(pulse_s),
@@ -246,6 +251,7 @@ def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
 
 
 _PULSE_TOLERANCE_S = 0.005
+_LEAST_INSIDE = 0.05  # share of spikes in the run; of times in ms, read as s, a thousandth is
 
 
 def rates_in_run(

@@ -1,6 +1,7 @@
 """Stimuli made by hand, and one real run of a bar."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 Array = NDArray[np.float64]
 
@@ -30,14 +32,10 @@ def run(rig: Rig) -> None:
 """
 
 
-COARSE_FINGERS = """\
+COARSE_FINGERS = f"""\
 receptor_x_mm = [-1.0, 0.0]
 
-[finger.mesh]
-spacing_mm = 0.5
-patch_x_mm = 2.5
-patch_z_mm = 2.5
-
+{as_toml(coarse_mesh(0.5, 0.5, patch_x_mm=2.5, patch_z_mm=2.5))}
 [finger.tissue]
 epidermis_mm = [0.3, 0.5]
 
@@ -46,19 +44,22 @@ epidermis_mm = [0.3, 0.5]
 
 @pytest.fixture
 def coarse_fingers() -> str:
-    """The tables of a parameter study of two fingers of some thousand nodes; presses are still to follow."""
+    """The tables of a parameter study of two fingers of few nodes; presses are still to follow."""
     return COARSE_FINGERS
 
 
 @pytest.fixture(scope="session")
 def bar_run(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """Bar 3.0 in two increments to DOI 0.4 at five places, x = 0.1 twice."""
-    folder = tmp_path_factory.mktemp("bar")
-    path = folder / "bar.py"
-    path.write_text(BAR, encoding="utf-8")
-    script, config = load_script(str(path)), Config()
-    plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, NewRun(folder))).run
+    return dry_run_of(BAR, finger, tmp_path_factory.mktemp("bar"))
+
+
+def dry_run_of(text: str, finger: Fingertip, folder: Path) -> Run:
+    """A script carried out on the virtual bench with a finger."""
+    path = folder / "presses.py"
+    path.write_text(text, encoding="utf-8")
+    script, config = load_script(str(path)), Config(finger=finger.config)
+    return dry_run(Session(script, config, finger, make_plan(script, config, finger), NewRun(folder))).run
 
 
 @pytest.fixture(scope="session")

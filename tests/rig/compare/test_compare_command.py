@@ -15,18 +15,14 @@ from matplotlib.figure import Figure
 from rig.cli import main
 from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
-from rig.compare.stimuli import CONTROLS, stimuli
+from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
 from rig.data import Run
-from rig.plan.config import Config
-from rig.plan.plan import make_plan
-from rig.protocol.script import load_script
 from rig.report.style import Plot
-from rig.session.session import NewRun, Session, dry_run
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import as_in_its_schema
-from tests.rig.compare.conftest import BAR
+from tests.rig.compare.conftest import BAR, dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
 
 KEYS = {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"}
@@ -53,20 +49,35 @@ def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     return run
 
 
-@pytest.fixture
-def csv(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
+@pytest.fixture(scope="module")
+def coarse() -> Fingertip:
+    """A finger of few nodes, which is soon built and solved."""
+    return Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5)))
+
+
+@pytest.fixture(scope="module")
+def run(coarse: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
+    """Bar 3.0 on it, at five places."""
+    return dry_run_of(BAR, coarse, tmp_path_factory.mktemp("run"))
+
+
+@pytest.fixture(scope="module")
+def stimulus(run: Run, coarse: Fingertip) -> StimulusRow:
+    (found,) = stimuli(run, coarse)
+    return found
+
+
+@pytest.fixture(scope="module")
+def csv(stimulus: StimulusRow, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A synthetic recording of the run's bar."""
-    (stimulus,) = stimuli(bar_run, finger)
     afferent = afferent_for([stimulus], "ep1", 5, peak=60.0, silent=0.2)
     found = record(afferent, stimulus, np.linspace(-0.6, 0.8, 9), np.random.default_rng(1))
-    return write_synthetic(tmp_path, found)
+    return write_synthetic(tmp_path_factory.mktemp("recorded"), found)
 
 
 @no_figures
-def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
-    code, out, err = command(
-        "compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", "a.html", "--json"
-    )
+def test_json_and_report(command: Command, run: Run, csv: Path) -> None:
+    code, out, err = command("compare", run.folder.path, "--recorded", f"bar:3.0={csv}", "--out", "a.html", "--json")
     assert (code, err) == (0, "")
     assert out.count("\n") == 1
     answer: dict[str, Any] = json.loads(out)
@@ -82,7 +93,7 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
     (chance,) = answer["chance"]
     assert (chance["positions"], chance["positions_recorded"], chance["looked_at"]) == (9, 9, 180)
     assert truth["shape"] == "bar:3.0"
-    assert truth["run"] == bar_run.folder.path.name
+    assert truth["run"] == run.folder.path.name
     page = Path("a.html").read_text(encoding="utf-8")
     for section in ("Verdicts", "Fits to the recording", "Recorded over predicted", "Rate against measure",
                     "Correlation and shape test", "SSRPs and shape test", "Population responses",
@@ -95,10 +106,10 @@ def test_json_and_report(command: Command, bar_run: Run, csv: Path) -> None:
 
 @no_figures
 def test_the_terminal_says_what_the_recording_says_under_what_was_asked(
-    command: Command, bar_run: Run, csv: Path
+    command: Command, run: Run, csv: Path
 ) -> None:
     asked = ("--recorded", f"bar:3.0={csv}", "--saturating", "--silent-at-rest", "--out", "b.html")
-    code, out, _ = command("compare", bar_run.folder.path, *asked)
+    code, out, _ = command("compare", run.folder.path, *asked)
     assert code == 0
     (said,) = (line for line in out.splitlines() if line.startswith("answer      "))
     assert "explain" in said
@@ -109,15 +120,18 @@ def test_the_terminal_says_what_the_recording_says_under_what_was_asked(
 
 @pytest.mark.parametrize("drawn", ["empty", "drawn"])
 def test_the_same_input_gives_the_same_bytes(
-    drawn: str, command: Command, csv: Path, work: Counter[str], monkeypatch: pytest.MonkeyPatch
+    drawn: str,
+    command: Command,
+    coarse: Fingertip,
+    csv: Path,
+    work: Counter[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    """As a page and as PDF, on a finger whose mesh is soon solved; the second time everything is in the cache."""
+    """As a page and as PDF; the second time everything is in the cache."""
     if drawn == "empty":
         monkeypatch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))
-    Path("bar.py").write_text(BAR, encoding="utf-8")
-    script, config = load_script("bar.py"), Config(finger=FingertipConfig(mesh=coarse_mesh(0.5, 0.5)))
-    coarse = Fingertip.load(config.finger)
-    run = dry_run(Session(script, config, coarse, make_plan(script, config, coarse), NewRun(Path("runs")))).run
+    run = dry_run_of(BAR, coarse, tmp_path)
     for name in ("a", "b"):
         work.clear()
         options = ("--recorded", f"bar:3.0={csv}", "--out", f"{name}.html", "--pdf", f"{name}.pdf")
@@ -132,14 +146,14 @@ def test_the_same_input_gives_the_same_bytes(
 
 
 @no_figures
-def test_without_a_recording(command: Command, bar_run: Run) -> None:
-    code, out, _ = command("compare", bar_run.folder.path, "--json")
+def test_without_a_recording(command: Command, run: Run) -> None:
+    code, out, _ = command("compare", run.folder.path, "--json")
     assert code == 0
     answer = json.loads(out)
     assert {row["r"] for row in answer["rows"]} == {None}
     assert all(isinstance(row["shape_test"], bool) for row in answer["rows"])
     report = Path(answer["report"])
-    assert report == bar_run.folder.path / "comparison.html"
+    assert report == run.folder.path / "comparison.html"
     report.unlink()
     report.with_name("comparison.html.made.json").unlink()
 
@@ -171,13 +185,11 @@ RECORDED = ("--recorded", "bar:3.0=good.csv")
         (("--receptor-x-mm", "0,left"), "not_numbers"),
     ],
 )
-def test_bad_input_is_refused_in_one_line(
-    command: Command, bar_run: Run, options: tuple[str, ...], refusal: str
-) -> None:
+def test_bad_input_is_refused_in_one_line(command: Command, run: Run, options: tuple[str, ...], refusal: str) -> None:
     Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
     Path("depths.csv").write_text("z_mm,deflection_mm\n7,0.5\n", encoding="utf-8")
     Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
-    code, out, err = command("compare", bar_run.folder.path, *options, "--out", "a.html", "--json")
+    code, out, err = command("compare", run.folder.path, *options, "--out", "a.html", "--json")
     told = json.loads(out)
     assert (code, told["code"], told["exit_code"]) == (2, refusal, 2)
     assert err.replace(f"{THE_FINGER}\n", "") == f"rig: {told['error_text']}\n"  # what it begins with aside
@@ -185,9 +197,9 @@ def test_bad_input_is_refused_in_one_line(
 
 
 @no_figures
-def test_where_the_receptor_is(command: Command, bar_run: Run, csv: Path) -> None:
+def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
     """Sought within 0.1 mm of x = 0, on six nodes."""
-    asked = ("compare", bar_run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
+    asked = ("compare", run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
     asked = (*asked, "--depth-range-mm", "0.7,0.85", "--out", "a.html")
     code, out, _ = command(*asked, "--json")
     assert code == 0
@@ -214,11 +226,11 @@ def test_where_the_receptor_is(command: Command, bar_run: Run, csv: Path) -> Non
 
 
 @no_figures
-def test_columns_units_and_what_is_left_out(command: Command, bar_run: Run) -> None:
+def test_columns_units_and_what_is_left_out(command: Command, run: Run) -> None:
     """Positions in µm from −0.6 to 1.8 mm; the run went from 0.8 to −0.6."""
     rows = [f"{x};{n},5" for n, x in enumerate((-600, 0, 600, 1200, 1800))]
     Path("mine.csv").write_text("\n".join(["x (um);FR", *rows]), encoding="utf-8")
-    asked = ("compare", bar_run.folder.path, "--recorded", "bar:3.0=mine.csv", "--receptor-x-mm", "0")
+    asked = ("compare", run.folder.path, "--recorded", "bar:3.0=mine.csv", "--receptor-x-mm", "0")
     asked = (*asked, "--columns", "position=x (um),rate=FR", "--out", "a.html")
     code, out, _ = command(*asked, "--json")
     assert code == 0
@@ -250,75 +262,75 @@ def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:
     assert err == f"rig: {told['error_text']}\n"
 
 
-def test_export_writes_the_tables_again(command: Command, bar_run: Run) -> None:
-    hold = bar_run.folder.path / "hold_end.csv"
+def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
+    hold = run.folder.path / "hold_end.csv"
     before = hold.read_bytes()
     hold.unlink()
-    code, out, _ = command("export", bar_run.folder.path, "--csv", "--json")
+    code, out, _ = command("export", run.folder.path, "--csv", "--json")
     assert code == 0
     assert str(hold) in json.loads(out)["files"]
     assert hold.read_bytes() == before
-    assert "  hold_end.csv\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
-    code, _, err = command("export", bar_run.folder.path)
+    assert "  hold_end.csv\n" in (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    code, _, err = command("export", run.folder.path)
     assert code == 2
     assert err.startswith("rig: export: ")
 
 
-def test_export_as_nwb(command: Command, bar_run: Run) -> None:
+def test_export_as_nwb(command: Command, run: Run) -> None:
     pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
-    code, out, _ = command("export", bar_run.folder.path, "--nwb", "--json")
-    path = bar_run.folder.path / "run.nwb"
+    code, out, _ = command("export", run.folder.path, "--nwb", "--json")
+    path = run.folder.path / "run.nwb"
     assert (code, json.loads(out)["files"]) == (0, [str(path)])
-    assert "  run.nwb\n" in (bar_run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
+    assert "  run.nwb\n" in (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     path.unlink()
-    bar_run.folder.write_checksums()
+    run.folder.write_checksums()
 
 
 @no_figures
-def test_spike_times_from_nwb(command: Command, bar_run: Run) -> None:
+def test_spike_times_from_nwb(command: Command, run: Run) -> None:
     """Ten spikes in the window of the hold at x = 0.8 and none elsewhere: the only rate is there."""
-    start = next(e["t_s"] for e in bar_run.stream("hold_start") if (e["index"], e["hold"]) == (0, 2))
+    start = next(e["t_s"] for e in run.stream("hold_start") if (e["index"], e["hold"]) == (0, 2))
     with h5py.File("u.nwb", "w") as file:  # the columns of an NWB 2 table of units
         file["units/id"] = [4, 9]
         file["units/spike_times"] = [1.0, *(start + 0.01 * np.arange(1, 11))]
         file["units/spike_times_index"] = [1, 11]
-    run = ("compare", bar_run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--json")
-    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#9")
+    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--json")
+    code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#9")
     assert code == 0
     rows = json.loads(out)["rows"]
     # receptors see x = 0.8 as position 0.8 less their own place; five places were pressed
     assert next(row for row in rows if row["receptor_mm"] == 0.0)["positions"] == 5
     assert "u.nwb" in Path("a.html").read_text(encoding="utf-8")
-    code, _, err = command(*run, "--recorded", "bar:3.0=u.nwb")
+    code, _, err = command(*line, "--recorded", "bar:3.0=u.nwb")
     assert (code, err) == (2, "rig: u.nwb: 2 units; use SHAPE=u.nwb#UNIT with UNIT one of 4, 9\n")
 
 
-def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, bar_run: Run) -> None:
+@no_figures
+def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, run: Run) -> None:
     """One spike, outside all windows: one line on the terminal, "silent" in JSON, one section on the page."""
     with h5py.File("u.nwb", "w") as file:
         file["units/id"] = [4, 9]
         file["units/spike_times"] = [1.0]
         file["units/spike_times_index"] = [1, 1]
-    run = ("compare", bar_run.folder.path, "--window-s", "0,0.4", "--out", "a.html")
-    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#4", "--json")
+    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html")
+    code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4", "--json")
     (verdict,) = json.loads(out)["answers"]
     assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
-    code, out, _ = command(*run, "--recorded", "bar:3.0=u.nwb#4")
+    code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()[1:]] == ["answer", "shape", "report"]
     assert verdict["answer_text"] in out
     page = Path("a.html").read_text(encoding="utf-8")
     assert verdict["answer_text"] in page
     assert "Recorded over predicted" not in page
-    code, out, err = command(*run, "--recorded", "bar:3.0=u.nwb#9", "--json")
+    code, out, err = command(*line, "--recorded", "bar:3.0=u.nwb#9", "--json")
     assert (code, json.loads(out)["code"]) == (2, "no_spikes")
     assert "u.nwb#9" in err
 
 
 @pytest.fixture
-def afferents(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
+def afferents(stimulus: StimulusRow, tmp_path: Path) -> Path:
     """A table of three synthetic afferents, one of them silent."""
-    (stimulus,) = stimuli(bar_run, finger)
     rng, rows = np.random.default_rng(2), ["afferent,shape,depth_mm,file"]
     truth = afferent_for([stimulus], "ep1", 5, 60.0, 0.2)
     for name in ("a0", "a1"):
@@ -331,8 +343,8 @@ def afferents(bar_run: Run, finger: Fingertip, tmp_path: Path) -> Path:
 
 
 @no_figures
-def test_several_afferents_on_one_page(command: Command, bar_run: Run, afferents: Path) -> None:
-    line = ("compare", bar_run.folder.path, "--recorded", afferents, "--out", "g.html")
+def test_several_afferents_on_one_page(command: Command, run: Run, afferents: Path) -> None:
+    line = ("compare", run.folder.path, "--recorded", afferents, "--out", "g.html")
     code, out, err = command(*line, "--json")
     assert (code, err) == (0, "")
     answer = json.loads(out)

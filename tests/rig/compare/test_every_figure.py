@@ -22,13 +22,14 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import CONTROLS, StimulusMap, StimulusRow
-from rig.compare.verdict import AfferentVerdict
+from rig.compare.verdict import AfferentVerdict, FittedPositions, LeftOut
 from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.data.tables import spans
@@ -52,7 +53,7 @@ from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
 from rig.report.run_tables import conditions, loading, samples_of
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, label
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
 from sim.coding.point_spread import Judged, PointSpread, Sheet
@@ -78,6 +79,7 @@ UNITS = frozenset({
 COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
            "yellow": YELLOW, "white": "white"}  # fmt: skip
 DAY_S = 86400.0
+LEAST_POINTS = 6.5
 LEAST_GAP_PT = 1.2
 """Gaps of a dotted line that is seen as one."""
 
@@ -988,6 +990,90 @@ def test_nothing_lies_beyond_the_axes(name: str, drawn: Drawn) -> None:
         for x, y in (point.T for point in points):
             assert ((x >= left - 1e-6) & (x <= right + 1e-6)).all(), (axes.get_title(), left, right, x)
             assert ((y >= low - 1e-6) & (y <= high + 1e-6)).all(), (axes.get_title(), low, high, y)
+
+
+PROFILES = ("verdict_figures.the_answer", "verdict_figures.profiles", "verdict_figures.residuals",
+            "recording_sections.overlays")  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_a_line_stops_where_positions_are_left_out(name: str, world: World, drawn: Drawn) -> None:
+    """And no point of a profile is at zero there: a cross is at the recorded rate."""
+    gaps = np.array(sorted({x for one in world.answer.left_out for x in one.position_mm}))
+    if name.startswith("recording"):  # one receptor, at −0.5 mm, which sees more than all of them together
+        gaps = POSITIONS[np.abs(POSITIONS - 0.5) > 4]
+    assert len(gaps)
+    for axes in _panels(drawn(name)[1]):
+        for line in axes.lines:
+            points = np.array(np.broadcast_arrays(*line.get_data()), dtype=float).T
+            if line.get_linestyle() == "None":
+                for x, y in points[np.isin(points[:, 0], gaps)]:
+                    assert y == pytest.approx(40 + 20 * np.cos(x)), (name, x)
+            elif points[0, 0] != 0:
+                for (x, y), (after, y_after) in pairwise(points):
+                    crossed = np.isfinite([y, y_after]).all() and ((gaps >= x) & (gaps <= after)).any()
+                    assert not crossed, (name, x, after)
+
+
+def _drawn_alone(plot: Plot) -> list[Axes]:
+    figure = Figure(figsize=plot.size, layout=plot.layout)
+    plot.draw(figure)
+    figure.draw_without_rendering()
+    return [axes for axes in figure.axes if axes.lines]
+
+
+def test_the_gaps_are_inside_the_recording_too(world: World) -> None:
+    """As where one stimulus leaves out a position between others."""
+    places, title = world.answer.places, world.answer.stimuli[0]
+    gap = int(np.flatnonzero(places.stimulus == 0)[3])
+    kept = np.arange(len(places.rate)) != gap
+    rows = tuple(
+        replace(row, eps=row.eps[kept], predicted=row.predicted[kept], residual=row.residual[kept])
+        for row in world.answer.rows
+    )
+    x, rate = float(places.position_mm[gap]), float(places.rate[gap])
+    used = FittedPositions(places.stimulus[kept], places.position_mm[kept], places.rate[kept], places.error[kept])
+    found = replace(world.answer, rows=rows, places=used, left_out=(LeftOut(title, (x,), (rate,)),))
+    for plot in (verdict_figures.the_answer(found, [0, 1], ""), verdict_figures.profiles(found, [0, 1], "")):
+        axes = _drawn_alone(plot)[0]
+        assert [cross.tolist() for cross in _lines(axes, marker="x")] == [[[x], [rate]]]
+        lines = [line for line in axes.lines if line.get_linestyle() != "None"]
+        assert lines
+        for line in lines:
+            at_x, y = (np.asarray(values, dtype=float) for values in line.get_data())
+            assert np.isnan(y[at_x == x]).all()
+            assert (at_x == x).any()
+
+
+@pytest.mark.parametrize("saturation", [0.0, 0.02])
+def test_the_line_of_a_fit_is_the_fit_also_between_the_points(world: World, saturation: float) -> None:
+    """It has its corner where k(ε − ε₀) is zero, wherever the recorded positions lie."""
+    rows = tuple(
+        replace(row, k=10.0, eps0=float(np.mean(row.eps[:2])), saturation=saturation)
+        for row in world.answer.rows
+        if np.isfinite(row.eps).all() and np.ptp(row.eps) > 0
+    )
+    found = replace(world.answer, rows=rows)
+    pairs = verdict_figures.drawn_pairs(found)
+    for axes, row in zip(_drawn_alone(verdict_figures.scatter(found, "")), pairs, strict=True):
+        ((eps, rate),) = _lines(axes, ls="-")
+        drive = np.maximum(row.k * (eps - row.eps0), 0.0)
+        np.testing.assert_allclose(rate, drive / (1 + saturation * drive))
+        assert row.eps0 in eps
+        assert len(eps) > 3 * len(np.unique(row.eps.round(9)))
+
+
+def test_it_is_printed_at_its_own_size_and_can_be_read(drawn: Drawn) -> None:
+    """Of a comparison: an A4 page would shrink a larger one, with its letters."""
+    for name in (one for one in FIGURES if one.startswith(("profile_figures.", "verdict_figures."))):
+        page, figure = drawn(name)
+        width, height = page.plot.size
+        assert (width <= PAGE_IN[0]) & (height <= PAGE_IN[1]), name
+        shown_ = [one for one in figure.findobj(Text) if one.get_text().strip() and one.get_visible()]  # type: ignore[attr-defined]
+        assert min(one.get_fontsize() for one in shown_) >= LEAST_POINTS, name  # type: ignore[attr-defined]
+        ink = figure.get_tightbbox()  # in inches
+        assert min(ink.x0, ink.y0) >= 0, f"{name} is cut off"
+        assert (ink.x1 <= width) & (ink.y1 <= height), f"{name} is cut off"
 
 
 CLAIM = re.compile(

@@ -1,8 +1,6 @@
 """How measures and numbers are written."""
 
-import numpy as np
-
-from rig.report.style import as_limits, as_number, as_positions, shade_of, unit
+from rig.report.style import as_limits, as_number, as_positions, unit
 from sim.measures.measures import MEASURES
 
 
@@ -22,9 +20,3 @@ def test_numbers_of_a_table() -> None:
     assert [as_number(v) for v in (None, 99999.0, 123456.0)] == ["–", "100000", "1.23e+05"]
     assert as_positions([-1.25, -0.0001]) == "−1.25 0"
     assert as_positions([]) == "–"
-
-
-def test_each_position_has_a_colour_of_its_own_whatever_the_distances() -> None:
-    places = [-2.0, 0.0, 0.01]
-    colours = np.array([shade_of(x, places) for x in places])
-    assert np.abs(np.diff(colours, axis=0)).max(axis=1).min() > 0.2

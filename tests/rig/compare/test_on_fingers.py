@@ -17,16 +17,14 @@ from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run
-from rig.plan.config import Config
-from rig.plan.plan import make_plan
-from rig.protocol.script import load_script
-from rig.session.session import NewRun, Session, dry_run
-from sim.config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node
 from tests.error_codes import raises
+from tests.rig.compare.conftest import dry_run_of
+from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 
@@ -53,18 +51,13 @@ RANGES = "[finger.tissue]\nepidermis_mm = [0.3, 0.5]\n"
 @pytest.fixture(scope="module")
 def coarse() -> Fingertip:
     """A finger of some thousand nodes."""
-    return Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.5, patch_x_mm=2.5, patch_z_mm=2.5)))
+    return Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5, patch_x_mm=2.5, patch_z_mm=2.5)))
 
 
 @pytest.fixture(scope="module")
 def run(coarse: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Run:
     """A cylinder to a force at seven places and another to a depth at two, on the coarse finger."""
-    folder = tmp_path_factory.mktemp("presses")
-    path = folder / "presses.py"
-    path.write_text(PRESSES, encoding="utf-8")
-    script, config = load_script(str(path)), Config(finger=coarse.config)
-    plan = make_plan(script, config, coarse)
-    return dry_run(Session(script, config, coarse, plan, NewRun(folder))).run
+    return dry_run_of(PRESSES, coarse, tmp_path_factory.mktemp("presses"))
 
 
 def test_force_or_depth_stays_as_it_was_controlled(run: Run, coarse: Fingertip) -> None:

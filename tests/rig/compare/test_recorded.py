@@ -70,12 +70,7 @@ def no_number(row: int, column: str, cell: str, **least: float) -> dict[str, Any
     [
         ("", "no_column", {"column": "position_mm", "columns": RATES}),
         ("position,rate\n0,1\n", "no_column", {"column": "position_mm", "columns": RATES}),
-        ("position_mm,rate,colour\n0,1,red\n", "extra_column", {"column": "colour", "columns": RATES}),
-        ("position_mm,rate,rate\n0,1,2\n", "extra_column", {"column": "rate", "columns": RATES}),
-        (GOOD + "3\n", "cells_of_row", {"row": 5, "cells": 1, "columns": 2}),
-        (GOOD + "3,fast\n", "no_number", no_number(5, "rate", "fast", least=0.0)),
         (GOOD + "3,-1\n", "no_number", no_number(5, "rate", "-1", least=0.0)),
-        (GOOD + "3,nan\n", "no_number", no_number(5, "rate", "nan", least=0.0)),
         (GOOD + "inf,3\n", "no_number", no_number(5, "position_mm", "inf")),
         (GOOD + ",3\n", "no_number", no_number(5, "position_mm", "")),
         ("position_mm,rate,sd\n0,1,-2\n", "no_number", no_number(2, "sd", "-2", least=0.0)),
@@ -85,7 +80,6 @@ def no_number(row: int, column: str, cell: str, **least: float) -> dict[str, Any
             {"row": 5, "column": "position_mm", "position": 1.0, "first_row": 3, "repeat": "repeat"},
         ),
         ("position_mm,rate,repeat\n1,9,a\n1,8,a\n", "place_twice", {"row": 3, "position": 1.0, "first_row": 2}),
-        ("position_mm,rate\n0,1\n1,2\n", "few_positions", {"positions": 2, "fewest": 3}),
         ("position_mm,count\n0,1\n", "no_column", {"column": "window_s", "columns": COUNTS}),
         ("position_mm,count,rate,window_s\n0,1,1,1\n", "extra_column", {"column": "rate", "columns": COUNTS}),
         (COUNTED + "1,2.5,0.5\n", "not_whole", {"row": 3, "column": "count", "cell": "2.5"}),
@@ -107,12 +101,40 @@ def test_what_is_wrong_and_where(tmp_path: Path, text: str, code: str, fields: d
     assert ("least" in caught.value.fields) is ("least" in fields)
 
 
-def test_files_that_are_not_there_or_not_text(tmp_path: Path) -> None:
-    with raises(RecordingError, "unreadable", path=str(tmp_path / "none.csv"), reason="No such file or directory"):
-        read_srp(tmp_path / "none.csv")
-    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00")
-    with raises(RecordingError, "no_csv", path=str(tmp_path / "bytes.csv")):
-        read_srp(tmp_path / "bytes.csv")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "sep=;\nposition_mm;rate\n-1,5;4\n0;8,5\n1;3\n",
+        "position_mm;rate;;\n-1,5;4;;\n0;8,5;;\n1;3;;\n;;;\n",
+        "\ufeffposition_mm;rate\r\n-1,5;4;\r\n0;8,5;\r\n1;3;\r\n",
+        ";;\n# from the amplifier\nposition_mm;rate\n-1,5;4\n0;8,5\n1;3\n",
+        "position_mm\trate\n−1.5\t4\n0\t8.5\n1\t3\n",
+    ],
+    ids=["separator line", "empty columns", "rows end with a separator", "empty line above", "sign of minus"],
+)
+def test_what_spreadsheets_write_is_read(tmp_path: Path, text: str) -> None:
+    found = read_srp(written(tmp_path, text))
+    np.testing.assert_array_equal(found.position_mm, [-1.5, 0.0, 1.0])
+    np.testing.assert_array_equal(found.rate, [4.0, 8.5, 3.0])
+
+
+def test_cells_right_of_the_header_are_not_left_out(tmp_path: Path) -> None:
+    with raises(RecordingError, "cells_of_row", row=2, cells=3, columns=2):
+        read_srp(written(tmp_path, "position_mm;rate;\n0;1;2\n1;2;\n2;3;\n"))
+
+
+@pytest.mark.parametrize("cell", ["", "NaN", "n/a"])
+def test_a_row_without_a_count_says_what_to_do(tmp_path: Path, cell: str) -> None:
+    text = f"position_mm,count,window_s\n0,3,1\n1,{cell},1\n2,4,1\n"
+    with raises(RecordingError, "no_number", row=3, column="count", cell=cell) as caught:
+        read_srp(written(tmp_path, text))
+    assert "delete rows without data" in str(caught.value)
+
+
+def test_a_wrong_header_says_what_was_read_and_how_to_name_it(tmp_path: Path) -> None:
+    with raises(RecordingError, "no_column", column="position_mm", read="Position (mm), Rate") as caught:
+        read_srp(written(tmp_path, "Position (mm);Rate\n0;1\n"))
+    assert "--columns" in str(caught.value)
 
 
 def test_a_window_makes_counts_of_rates_also_of_normalised_ones() -> None:

@@ -75,6 +75,18 @@ def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
         read_spike_times(path, bar_run)
 
 
+def test_milliseconds_that_are_called_seconds_are_refused(tmp_path: Path, bar_run: Run) -> None:
+    """The first spikes lie in the run even so; the rates would be zeros."""
+    run = replace(bar_run, end_s=700.0)
+    path = tmp_path / "ms.csv"
+    times_ms = np.r_[350.0, np.linspace(5e3, 695e3, 60)]
+    path.write_text("time_s\n" + "".join(f"{t}\n" for t in times_ms), encoding="utf-8")
+    with raises(RecordingError, "outside_run", inside=1, spikes=61, end_s=700.0):
+        read_spike_times(path, run)
+    found = read_spike_times(path, run, columns=column_map(["time=time_s:ms"]))
+    np.testing.assert_allclose(found, times_ms / 1e3)
+
+
 @pytest.mark.parametrize("times_s", [[743.2, 760.5], [-5.0, -1.0]])
 def test_spikes_outside_the_run_are_on_another_clock(tmp_path: Path, bar_run: Run, times_s: list[float]) -> None:
     """As those that were aligned to a journal whose times count from the boot of the computer."""

@@ -17,7 +17,7 @@ from rig.study.exceptions import WorkersError
 from rig.study.parallel import spread
 from tests.error_codes import raises
 from tests.preloaded import Popen
-from tests.program import beside_progress
+from tests.program import Program, beside_progress
 from tests.waiting import DEADLINE_S, until
 
 # distributed is imported by the tests alone, since every worker collects this file; a client's sockets are closed by
@@ -144,21 +144,23 @@ def study(tmp_path: Path, coarse_fingers: str, monkeypatch: pytest.MonkeyPatch) 
     return tmp_path
 
 
-def test_a_worker_killed_at_a_case_changes_no_byte(study: Path, cluster: Cluster) -> None:
+def test_a_worker_killed_at_a_case_changes_no_byte(
+    study: Path, cluster: Cluster, program: Program, monkeypatch: pytest.MonkeyPatch
+) -> None:
     cluster.add_worker(WORKER_HELD_AT_A_CASE)
     cluster.add_worker(WORKER_HELD_AT_A_CASE)
-    out, err = start_study(study, "--processes", "2", "--out", "processes.csv").communicate(timeout=2 * DEADLINE_S)
-    expected = json.loads(out)
+    monkeypatch.setattr("rig.cli.study.spread", lambda function, items, *_: map(function, items))
+    expected = program("study", study / "study.toml", "--json", "--out", study / "here.csv").json
     with cluster.client() as client:
-        program = start_study(study, "--scheduler", cluster.address, "--out", "cluster.csv")
+        running = start_study(study, "--scheduler", cluster.address, "--out", "cluster.csv")
         killed = cluster.worker_at_a_case()
         killed.send_signal(signal.SIGKILL)
         assert killed.wait(DEADLINE_S) == -signal.SIGKILL
         cluster.let_go()
-        out, err = program.communicate(timeout=2 * DEADLINE_S)
+        out, err = running.communicate(timeout=2 * DEADLINE_S)
         assert len(client.nthreads()) == 1
-    assert (program.returncode, beside_progress(err)) == (0, "")
-    assert (study / "cluster.csv").read_bytes() == (study / "processes.csv").read_bytes()
+    assert (running.returncode, beside_progress(err)) == (0, "")
+    assert (study / "cluster.csv").read_bytes() == (study / "here.csv").read_bytes()
     answer = json.loads(out)
     assert (answer["cases"], answer["problems"]) == (CASES, 0)
     same = ("cases", "rows", "problems")
@@ -197,7 +199,7 @@ def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, c
 
 
 def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.study.dask_cluster._PATIENCE_S", 2)
+    monkeypatch.setattr("rig.study.dask_cluster._PATIENCE_S", 0.5)
     cluster.add_worker()
     cluster.client().close()
     with raises(WorkersError, "no_workers", scheduler=cluster.address):
@@ -206,6 +208,6 @@ def test_workers_that_have_all_gone_are_not_waited_for(cluster: Cluster, monkeyp
 
 @pytest.mark.parametrize("address", ["nowhere://", "tcp://127.0.0.1:9"])
 def test_a_cluster_that_is_not_there(address: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rig.study.dask_cluster._PATIENCE_S", 0.5)
+    monkeypatch.setattr("rig.study.dask_cluster._CONNECT_S", 0.5)
     with raises(WorkersError, "no_answer", scheduler=address):
         list(spread(abs, [1], scheduler=address))

@@ -123,8 +123,10 @@ def _cuts(lines: list[dict[str, Any]]) -> list[int]:
     return [n + 1 for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] in ends]
 
 
+@pytest.mark.quick(rows=lambda killed: killed == "around the first and the last press")
+@pytest.mark.parametrize("killed", ["around the first and the last press", "around those between"])
 def test_a_run_killed_anywhere_resumes_with_the_same_choices(
-    here: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+    killed: str, here: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Bit for bit: counts, probabilities, presses; no press is lost or made twice."""
     config = load_config(here / "rig.toml")
@@ -142,7 +144,8 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
     lines = (whole / "events.jsonl").read_bytes().splitlines(keepends=True)
     cuts = _cuts([json.loads(line) for line in lines])
     assert len(cuts) == 4 * presses + 1
-    for number, end in enumerate(cuts):
+    ends = {*cuts[:4], *cuts[-5:]}
+    for number, end in enumerate(sorted(ends if "first" in killed else {*cuts} - ends)):
         folder = here / f"cut{number}"
         shutil.copytree(whole, folder)
         (folder / "events.jsonl").write_bytes(b"".join(lines[:end]) + b'{"doc": "eve')
@@ -154,43 +157,37 @@ def test_a_run_killed_anywhere_resumes_with_the_same_choices(
         shutil.rmtree(folder)
 
 
-def _same(some: ResponseTable) -> ResponseTable:
-    return some
+OTHER_PRESSES = {
+    "other presses": (lambda some: some.only(range(2, len(some.presses))), {}),
+    "one press": (lambda some: some.only(range(1)), {}),
+    "a number beyond the set": (None, {"possible": 10_000}),
+    "a negative number": (None, {"possible": -1}),
+    "another x": (None, {"x_mm": 0.123}),
+    "another indentor": (None, {"indentor": "bar:9.0"}),
+}
+"""What became of the table of presses, or of the journal."""
 
 
-@pytest.mark.parametrize(
-    ("table_now", "journal"),
-    [
-        (lambda some: some.only(range(2, len(some.presses))), {}),
-        (lambda some: some.only(range(1)), {}),
-        (_same, {"possible": 10_000}),
-        (_same, {"possible": -1}),
-        (_same, {"x_mm": 0.123}),
-        (_same, {"indentor": "bar:9.0"}),
-    ],
-    ids=["other presses", "one press", "a number beyond the set", "a negative number", "x", "another indentor"],
-)
 def test_a_recorded_number_that_names_another_press_is_refused(
-    here: Path,
-    program: Program,
-    monkeypatch: pytest.MonkeyPatch,
-    some: ResponseTable,
-    table_now: Callable[[ResponseTable], ResponseTable],
-    journal: dict[str, Any],
+    here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, some: ResponseTable
 ) -> None:
     """By another version of the finger's model, or by an edited journal: nothing moves."""
-    run = read_run(Path(program(*DRY, "--choose", TRUTH, "--json").json["run"]))
-    lines = [json.loads(line) for line in run.folder.events.read_bytes().splitlines()]
+    whole = Path(program(*DRY, "--choose", TRUTH, "--json").json["run"])
+    lines = [json.loads(line) for line in (whole / "events.jsonl").read_bytes().splitlines()]
     numbers = [n for n, one in enumerate(lines) if one["doc"] == "event" and one["stream"] == "choice"]
-    lines[numbers[1]]["data"].update(journal)
-    left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
-    run.folder.events.write_text(left, encoding="utf-8")
-    now = table_now(some)
-    monkeypatch.setattr(designs, "response_table", lambda *_: now)
-    monkeypatch.setattr(designs, "press_times", lambda *_: PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0))
-    ended = program("resume", run.folder.path, "--json")
-    assert (ended.code, ended.json["code"]) == (2, "choice_changed"), ended.err
-    assert run.folder.events.read_text(encoding="utf-8") == left, "nothing was made"
+    recorded = dict(lines[numbers[1]]["data"])
+    for name, (other_table, journal) in OTHER_PRESSES.items():
+        folder = shutil.copytree(whole, here / name)
+        lines[numbers[1]]["data"] = {**recorded, **journal}
+        left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
+        (folder / "events.jsonl").write_text(left, encoding="utf-8")
+        now = some if other_table is None else other_table(some)
+        times = PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0)
+        monkeypatch.setattr(designs, "response_table", lambda *_, now=now: now)
+        monkeypatch.setattr(designs, "press_times", lambda *_, times=times: times)
+        ended = program("resume", folder, "--json")
+        assert (ended.code, ended.json["code"]) == (2, "choice_changed"), (name, ended.err)
+        assert (folder / "events.jsonl").read_text(encoding="utf-8") == left, "nothing was made"
 
 
 def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be_chosen(

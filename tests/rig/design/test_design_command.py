@@ -10,16 +10,18 @@ from rig.design import design as designs
 from rig.design.response_table import ResponseTable
 from sim.models.fingertip import Fingertip
 from tests.program import Program
-from tests.rig.identify.finger_file import SERIES, identified_file
+from tests.rig.identify.finger_file import MESH, SERIES, identified_file
+from tests.sim.coarse_mesh import as_toml
 
 REQUEST = ("--candidates", "ep1,sed,e22", "--shapes", "bar:1.5,bar:3.0", "--depths-mm", "0.25,0.5,1", "--quick")
+ON_COARSE = ("--config", "coarse.toml")
 
 
 @pytest.fixture
-def here(table: ResponseTable, finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return a folder; the table of responses is that of bumps."""
-    assert finger is not None  # in the cache from here on
+def here(table: ResponseTable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None) -> Path:
+    """Return a folder with a finger of few nodes; the table of responses is that of bumps."""
     monkeypatch.chdir(tmp_path)
+    Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
     some = table.only(range(0, len(table.presses), 3))
     monkeypatch.setattr(designs, "response_table", lambda *_: some)
     monkeypatch.setattr(ResponseTable, "predictions", {})  # the finger's own, which the bumps know nothing of
@@ -28,23 +30,23 @@ def here(table: ResponseTable, finger: Fingertip, tmp_path: Path, monkeypatch: p
 
 def test_a_script_that_checks_and_rehearses(here: Path, program: Program) -> None:
     """Its presses are those of the design, in order, within the minutes; the page is one file."""
-    made = program("design", *REQUEST, "--minutes", "2", "--power", "--json")
+    made = program("design", *REQUEST, *ON_COARSE, "--minutes", "2", "--power", "--json")
     assert made.code == 0, made.err
     found = made.json
     assert found["duration_s"] <= 120
     assert Path(found["report"]).read_text(encoding="utf-8").count("<html") == 1
     assert {row["fibers"] for row in found["power"]} >= {1, 12}
     assert found["outcomes"][-1]["design"] == "all presses"
-    checked = program("check", "designed.py", "--json").json
+    checked = program("check", "designed.py", *ON_COARSE, "--json").json
     assert [(s["indentor"], s["x_mm"], s["value"]) for s in checked["steps"]] == [
         (p["shape"], p["x_mm"], p["value"]) for p in found["presses"]
     ]
     assert checked["duration_s"] + 60 * (len(found["shapes"]) - 1) == pytest.approx(found["duration_s"], rel=0.1)
-    ended = program("dry-run", "designed.py", "--json")
+    ended = program("dry-run", "designed.py", *ON_COARSE, "--json")
     assert ended.code == 0, ended.err
     rows = [f"{p['shape']},{p['x_mm']},{p['value']},{n}" for n, p in enumerate(found["presses"])]
     Path("counts.csv").write_text("\n".join(["shape,x_mm,doi_mm,count", *rows]), encoding="utf-8")
-    judged = program("design", *REQUEST, "--counts", "counts.csv", "--json").json
+    judged = program("design", *REQUEST, *ON_COARSE, "--counts", "counts.csv", "--json").json
     assert {row["name"] for row in judged["candidates"]} == set(found["candidates"])
     assert judged["presses"] == len(found["presses"])
     run = read_run(Path(ended.json["run"]))
@@ -102,14 +104,14 @@ def test_what_is_refused_before_anything_is_computed(
 
 
 def test_too_few_minutes_for_one_press(here: Path, program: Program) -> None:
-    ended = program("design", *REQUEST, "--minutes", "1", "--rest-s", "600", "--json")
+    ended = program("design", *REQUEST, *ON_COARSE, "--minutes", "1", "--rest-s", "600", "--json")
     assert ended.code == 2
     assert ended.json["code"] == "too_few_minutes"
     assert not Path("designed.py").exists()
 
 
 def test_limits_that_allow_no_press(here: Path, program: Program) -> None:
-    Path("gentle.toml").write_text("[limits]\nmax_doi_mm = 0.1\n", encoding="utf-8")
+    Path("gentle.toml").write_text(f"{as_toml(MESH)}\n[limits]\nmax_doi_mm = 0.1\n", encoding="utf-8")
     ended = program("design", *REQUEST, "--config", "gentle.toml", "--json")
     assert ended.code == 2
     assert ended.json["code"] == "all_refused"

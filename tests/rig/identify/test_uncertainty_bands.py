@@ -1,5 +1,6 @@
 """What relaxation leaves of a press, the band over likely fingers, and what references say of them."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,10 @@ import pytest
 from scipy.stats import norm
 
 import rig.plan.finger_model as finger_model
+from rig.data import Run
+from rig.plan.config import Config
 from rig.plan.finger_model import Answers, band_of, left_of
-from rig.plan.finger_update import ReferenceForce, updated_by
+from rig.plan.finger_update import ReferenceForce, references, updated_by
 from rig.plan.plan import Plan
 from rig.protocol.check import NoPredictionError
 from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, Target
@@ -152,3 +155,18 @@ def test_moduli_stay_where_fingers_are_interpolated() -> None:
     z = np.log([draw.stiffness for draw in identified.draw])
     far = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
     assert {draw.e_fat for draw in far.draw} == {0.02}
+
+
+def test_references_at_two_places_are_averaged_each_whatever_came_between() -> None:
+    """Each place is one observation: the error of the model is counted once for it."""
+    places = (-1.0, 1.0, -1.0, 1.0)
+    starts = [
+        {"index": k, "indentor": "bar:3.0", "x_mm": x, "target": "doi_mm", "value": 0.5, "increments": 1}
+        for k, x in enumerate(places)
+    ]
+    hold = {"hold": 1, "force_gwt": 4.0, "force_sd_gwt": 0.1, "readings": 10, "asked_s": 1.0}
+    ends = [{"index": k, **hold} for k in range(len(places))]
+    events = {"reference_indentation_start": starts, "reference_hold_end": ends}
+    run = Run(Path(), {"t_s": 0.0}, None, {}, events, {}, 9.0, 9.0)  # type: ignore[arg-type]
+    found = references(run, Config())
+    assert [one.x_mm for one in found] == [-1.0, 1.0]

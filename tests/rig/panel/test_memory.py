@@ -253,6 +253,8 @@ LOOKING_ON = [
 ]
 
 
+# What reads a run for the panel and for a terminal is in the others, too.
+@pytest.mark.quick(rows=lambda looking_on: looking_on not in (a_run_that_is_read, a_run_whose_course_nobody_knows))
 @pytest.mark.parametrize("looking_on", LOOKING_ON, ids=lambda one: one.__name__.replace("_", " "))
 def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
     looking_on: Callable[[Path, Make, ExitStack], Step],

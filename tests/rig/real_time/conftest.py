@@ -98,11 +98,11 @@ def serving() -> Iterator[Callable[..., Serving]]:
 def elsewhere(tmp_path: Path) -> Iterator[Callable[..., Elsewhere]]:
     begun: list[Elsewhere] = []
 
-    def begin(script: str, *words: object, drawn: bool = False) -> Elsewhere:
+    def begin(script: str, *words: object) -> Elsewhere:
         path = tmp_path / "decides.py"
         path.write_text(script, encoding="utf-8")
         command, *options = words
-        begun.append(Elsewhere(tmp_path / "runs", command, path, *options, drawn=drawn))
+        begun.append(Elsewhere(tmp_path / "runs", command, path, *options))
         return begun[-1]
 
     yield begin

@@ -18,8 +18,8 @@ STOP = "2118"  # feed hold and reset
 class Elsewhere:
     """`rig COMMAND` in a process of its own, and what it announces."""
 
-    def __init__(self, out: Path, *words: object, drawn: bool = False) -> None:
-        command = [sys.executable, *(("-m", "rig") if drawn else (WHOLE,)), *map(str, words)]
+    def __init__(self, out: Path, *words: object) -> None:
+        command = [sys.executable, WHOLE, *map(str, words)]
         self.out = out
         self._read, self._documents = 0, list[Any]()
         self.process = Popen(

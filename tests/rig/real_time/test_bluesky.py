@@ -291,11 +291,13 @@ def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
     raise ControlError("process {pid} has ended", code="ended", pid=one.pid)
 
 
-GIVES_ORDERS = """\
-import os, signal, sys
-from rig.bench.served import ServedBench
+GIVES_ORDERS = f"""\
+import signal, subprocess, sys
+import rig.bluesky
 from rig.bluesky import BlueskyBench
+from tests.preloaded import Popen
 
+subprocess.Popen, rig.bluesky.PROGRAM = Popen, [{WHOLE!r}]
 with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[1]) as bench:
     print(bench._process.pid, flush=True)
     signal.pause()

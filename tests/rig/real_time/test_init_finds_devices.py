@@ -1,28 +1,25 @@
-"""`rig init` on the ports of `rig serve`: every stage beside every force sensor, on pseudo-terminals and on TCP."""
+"""`rig init` on the ports of `rig serve`: every stage and every force sensor, on pseudo-terminals and on TCP."""
 
 import threading
 from collections.abc import Callable, Iterator
-from itertools import product
+from itertools import cycle
 from pathlib import Path
 
 import pytest
 
 from rig.bench.checks import bench_problems, look
+from rig.bench.find_devices import find_devices
 from rig.bench.served import ServedBench
+from rig.cli import init
+from rig.clock import WallClock
 from rig.devices.registry import BUILT_IN, ForceKind, find, stage_ports
 from rig.plan.config import Config, load_config
 from tests.program import INIT_ANSWERS, Program
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 
-FOUND = [name for name in BUILT_IN["force"] if find(ForceKind, name).probe]
-PAIRS = list(product(BUILT_IN["stage"], FOUND))
-
-
-def _way(stage: str, force: str) -> str:
-    """Return how a pair is served, such that every device is found on both."""
-    return ("pty", "tcp")[(BUILT_IN["stage"].index(stage) + BUILT_IN["force"].index(force)) % 2]
-
+STAGES = BUILT_IN["stage"]
+SENSORS = [name for name in BUILT_IN["force"] if find(ForceKind, name).probe]
 
 Serve = Callable[..., list[str]]
 
@@ -47,28 +44,32 @@ def serve() -> Iterator[Serve]:
         bench.close()
 
 
-# Ports are asked one by one: each stage and each sensor on both ways, each stage beside two of the three.
-@pytest.mark.quick(
-    rows=lambda stage, force: force == "mtsics" or (force == "net_ft") == (stage in ("zaber", "standa"))
-)
-@pytest.mark.parametrize(("stage", "force"), PAIRS)
-def test_the_devices_are_found_and_the_file_is_right(
-    stage: str, force: str, serve: Serve, program: Program, tmp_path: Path
+@pytest.mark.parametrize("way", ["pty", "tcp"])
+def test_every_device_is_found_and_its_file_is_right(
+    way: str, serve: Serve, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    way, to = _way(stage, force), tmp_path / "rig.toml"
-    of_stage, (of_force,) = serve("stage", stage, way), serve("force", force, way)
-    words = [word for port in (of_force, *of_stage) for word in ("--port", port)]
-    words += ["--stage-port", of_stage[0]] if len(of_stage) > 1 else []
-    ended = program("init", "--yes", "--json", "--to", to, *words, *INIT_ANSWERS)
-    assert ended.code == 0, ended.err
-    found = {one["port"]: (one["role"], one["kind"], one["code"]) for one in ended.json["ports"]}
-    assert found == dict.fromkeys(of_stage, ("stage", stage, None)) | {of_force: ("force", force, None)}
-    config = load_config(to)
-    assert (stage_ports(config.stage), config.force.port) == (tuple(of_stage), of_force)
-    assert bench_problems(config) == []
-    seen = look(config, closely=True)
-    assert seen["stage"]["identity"], "the driver connects with that file"
-    assert seen["force"]["force_n"] == 0.0
+    """All ports are asked at the same time; then the command runs for every stage on what its ports have answered."""
+    of_stage = {kind: serve("stage", kind, way) for kind in STAGES}
+    of_force = {kind: serve("force", kind, way)[0] for kind in SENSORS}
+    expected = {port: ("stage", kind, None) for kind, ports in of_stage.items() for port in ports}
+    expected |= {port: ("force", kind, None) for kind, port in of_force.items()}
+    answers = {one.port: one for one in find_devices(expected, WallClock())}
+    found = {port: one.as_json() for port, one in answers.items()}
+    assert {port: (one["role"], one["kind"], one["code"]) for port, one in found.items()} == expected
+    monkeypatch.setattr(init, "find_devices", lambda ports, clock: [answers[port] for port in ports])
+    for stage, force in zip(STAGES, cycle(SENSORS), strict=False):
+        ports, to = of_stage[stage], tmp_path / f"{stage}.toml"
+        words = [word for port in (of_force[force], *ports) for word in ("--port", port)]
+        words += ["--stage-port", ports[0]] if len(ports) > 1 else []
+        ended = program("init", "--yes", "--json", "--to", to, *words, *INIT_ANSWERS)
+        assert ended.code == 0, ended.err
+        assert {one["port"]: one for one in ended.json["ports"]} == {p: found[p] for p in (of_force[force], *ports)}
+        config = load_config(to)
+        assert (stage_ports(config.stage), config.force.port) == (tuple(ports), of_force[force])
+        assert bench_problems(config) == []
+        seen = look(config, closely=True)
+        assert seen["stage"]["identity"], "the driver connects with that file"
+        assert seen["force"]["force_n"] == 0.0
 
 
 def test_swapped_ports_are_noticed(serve: Serve, program: Program, tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ import pytest
 from rig.data.lsl import CHANNELS, marker_of, sample_of
 from rig.data.run import Following, RunFolder
 from rig.engine import Target, indentation
+from tests.preloaded import Popen
 from tests.waiting import until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals and signals")
@@ -42,7 +43,7 @@ def begun(tmp_path: Path) -> Iterator[Callable[..., "subprocess.Popen[str]"]]:
     processes: list[subprocess.Popen[str]] = []
 
     def begin(*words: object) -> "subprocess.Popen[str]":
-        process = subprocess.Popen(
+        process = Popen(
             [sys.executable, *map(str, words)], env={**os.environ, "LSLAPICFG": str(config)}, text=True,
             stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL,
         )  # fmt: skip

@@ -1,5 +1,6 @@
 """STOP and the operator's page beside every attack of other programs on the panel, with 1 024 descriptors."""
 
+import subprocess
 from collections.abc import Callable
 from http.client import HTTPException
 from pathlib import Path
@@ -8,6 +9,7 @@ import pytest
 
 from studies.faults.panel_attacks import ATTACKS, BIG, under
 from studies.faults.panel_under_attack import panel_under_attack
+from tests.preloaded import Popen
 from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until
 
@@ -33,7 +35,8 @@ def answered(ask: Callable[[], int]) -> int:
 
 
 @pytest.mark.parametrize("name", ATTACKS)
-def test_stop_is_answered_beside_every_attack(name: str, tmp_path: Path) -> None:
+def test_stop_is_answered_beside_every_attack(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(subprocess, "Popen", Popen)
     attack = ATTACKS[name]
     (tmp_path / "runs" / "a").mkdir(parents=True)
     with open(tmp_path / "runs" / "a" / BIG, "wb") as big:

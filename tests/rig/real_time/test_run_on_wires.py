@@ -1,8 +1,6 @@
-"""`rig run` on real ports, with the finger answering in real time; how it is refused, stopped and told."""
+"""`rig run` on real ports, with the finger answering in real time; and how it is refused."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,11 +11,7 @@ from rig.bench.served import ServedBench
 from rig.clock import WallClock
 from rig.data import read_run
 from rig.session.early_ending import FinalPosition
-from rig.session.script_run import AT_ONCE
 from sim.models.fingertip import Fingertip
-from tests.preloaded import Popen
-from tests.program import WHOLE
-from tests.waiting import DEADLINE_S, journal_says, until
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -93,32 +87,3 @@ def test_nobody_mounts(rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
     ended = rig("run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs", "--json")
     assert (ended.code, ended.json["code"]) == (130, "nobody_answered")
     assert "bar:3.0" in ended.json["ending"]["reason_text"]
-
-
-def test_stop_from_another_process_ends_a_run_at_once(
-    rig: Rig, apart: Apart, finger: Fingertip, tmp_path: Path
-) -> None:
-    stage, _, config = apart
-    run = Popen(
-        [sys.executable, WHOLE, "run", "first_press", "--yes", "--config", config, "--out", tmp_path / "runs"],
-        stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
-    try:
-        assert run.stdin is not None
-        run.stdin.write("\n")
-        run.stdin.flush()
-        until(journal_says(tmp_path / "runs", '"approach"'))
-        stopped = rig("stop", "--config", config, "--json")
-        assert stopped.code == 0, stopped.err
-        told = stopped.json
-        assert told.pop("state") in ("Alarm", "Idle")  # between two motions a reset leaves a board idle
-        assert told == {"stopped": [stage], "owner": run.pid, "sent": True}
-        _, err = run.communicate(timeout=DEADLINE_S)
-    finally:
-        run.kill()
-        run.communicate()
-    assert run.returncode == 130
-    assert f"\nrig: {AT_ONCE}\n" in f"\n{err}"
-    (journal,) = (tmp_path / "runs").glob("*/events.jsonl")
-    assert json.loads(journal.read_text().splitlines()[-1])["status"] == "aborted"
-    assert {"data.h5", "report.html", "SHA256SUMS"} <= {path.name for path in journal.parent.iterdir()}

@@ -1,4 +1,4 @@
-"""Runs stopped over their own sockets, in every phase of moving and as soon as they are announced."""
+"""Runs stopped over their own sockets, as they move, as they solve, and as soon as they are announced."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -27,8 +27,7 @@ def _solves(run: Elsewhere) -> bool:
 
 PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
     "approach": (decides(), at_phase("approach")),
-    "solve": (decides(times=12), _solves),
-    "hold": (decides(hold_s=20.0), at_phase("hold")),
+    "solve": (decides(times=3), _solves),
 }
 
 

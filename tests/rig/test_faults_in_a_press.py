@@ -1,0 +1,208 @@
+"""Presses under faults of the stages and the sensor that are not in studies/faults/catalogue.py."""
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.devices.registry import ForceKind, find
+from studies.faults.catalogue import Fault
+from studies.faults.faulty_bench import TARGET, Change, FaultyBench, delayed
+from studies.faults.outcomes import bound_gwt, suffer
+
+TMCL: dict[str, Any] = {"stage": {"kind": "tmcl"}}
+ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}}
+STANDA: dict[str, Any] = {"stage": {"kind": "standa"}}
+NET_FT: dict[str, Any] = {"force": {"kind": "net_ft"}}
+HELD_TO_GWT = 0.1
+APART = 12
+"""Messages between two faults."""
+
+
+def _in_press(act: Callable[[FaultyBench], object]) -> Callable[[FaultyBench], object]:
+    return lambda bench: bench.after("press", lambda: act(bench))
+
+
+def _line(bench: FaultyBench) -> Any:
+    return bench.force_line if bench.config.force.kind == "net_ft" else bench.stage_line
+
+
+def _changed(change: Change) -> Callable[[FaultyBench], object]:
+    return _in_press(lambda bench: bench.change(_line(bench), change))
+
+
+def _bad_bit(data: bytes) -> list[bytes]:
+    return [data[:6] + bytes([data[6] ^ 4]) + data[7:]]
+
+
+def _bad_status(data: bytes) -> list[bytes]:
+    return [data[:20] + bytes([data[20] ^ 4]) + data[21:]] if data[:4] == b"gets" else [data]
+
+
+def _if(kind: Callable[[bytes], bool], change: Change) -> Change:
+    return lambda data: change(data) if kind(data) else [data]
+
+
+def _answers_a_read(data: bytes) -> bool:
+    """Of a TMCL module: the answer to GAP."""
+    return data[3] == 6
+
+
+def _tells_a_place(data: bytes) -> bool:
+    """Of a Zaber device: the answer to a question, which is repeated."""
+    return re.search(rb"(IDLE|BUSY) .. [1-9]", data) is not None
+
+
+def _events(folder: Path) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in (folder / "events.jsonl").read_text(encoding="utf-8").splitlines()]
+
+
+def _is(document: dict[str, Any], kind: str, stream: str) -> bool:
+    return (document["doc"], document.get("stream")) == (kind, stream)
+
+
+# --- what ends nothing ---
+
+HARMLESS: dict[str, tuple[dict[str, Any], tuple[Change, ...]]] = {
+    "tmcl": (
+        TMCL,
+        (
+            _if(_answers_a_read, lambda data: []),
+            _if(_answers_a_read, _bad_bit),
+            _if(_answers_a_read, lambda data: [data, data]),
+            lambda data: [b"\x02" + data],
+        ),
+    ),
+    "zaber": (
+        ZABER,
+        (_if(_tells_a_place, lambda data: []), _if(_tells_a_place, lambda data: [data.replace(b"OK", b"OJ")])),
+    ),
+    "standa": (STANDA, (_if(lambda data: data[:4] == b"gets", lambda data: []), _bad_status)),
+    "net_ft": (NET_FT, (lambda data: [], lambda data: [data[:18]], lambda data: [data, data])),
+}
+"""Messages that are lost, wrong, doubled or cut, one at a time."""
+
+
+def _pressed_to_the_same_force(strike: Callable[[FaultyBench], object], tables: dict[str, Any], folder: Path) -> None:
+    found = suffer(Fault("harmless", "done", "", strike, tables), folder)
+    assert (found.outcome, found.ended_by) == ("done", None)
+    forces = [one["data"]["force_gwt"] for one in _events(folder) if _is(one, "event", "hold_end")]
+    assert forces == pytest.approx([TARGET.value] * 2, abs=HELD_TO_GWT)
+    assert found.worst_gwt <= TARGET.value + HELD_TO_GWT
+
+
+@pytest.mark.parametrize("kind", HARMLESS)
+def test_one_wrong_message_now_and_then_ends_nothing(kind: str, tmp_path: Path) -> None:
+    tables, changes = HARMLESS[kind]
+    left, since = list(changes), [0]
+
+    def in_turn(data: bytes) -> list[bytes]:
+        since[0] += 1
+        if not left or since[0] < APART or (found := left[0](data)) == [data]:
+            return [data]
+        left.pop(0)
+        since[0] = 0
+        return found
+
+    _pressed_to_the_same_force(_changed(in_turn), tables, tmp_path)
+    assert not left
+
+
+def _late_in_pieces(bench: FaultyBench) -> None:
+    if bench.config.force.kind != "net_ft":  # a datagram comes whole
+        bench.change(_line(bench), lambda data: [data[:4], data[4:]])
+    delayed(bench, _line(bench), 0.1)
+
+
+@pytest.mark.parametrize("kind", HARMLESS)
+def test_replies_that_come_late_and_in_pieces_end_nothing(kind: str, tmp_path: Path) -> None:
+    found = suffer(Fault("late", "done", "", _in_press(_late_in_pieces), HARMLESS[kind][0]), tmp_path)
+    assert (found.outcome, found.ended_by) == ("done", None)
+    assert found.worst_gwt <= bound_gwt()
+
+
+def test_half_a_command_of_a_stranger_ends_nothing(tmp_path: Path) -> None:
+    """A Standa controller takes the next one for its end."""
+    _pressed_to_the_same_force(_in_press(lambda b: b.stage_line.host_write(b"move\x01\x00")), STANDA, tmp_path)
+
+
+# --- what ends a press ---
+
+
+def _status(word: int) -> Callable[[FaultyBench], object]:
+    return _in_press(lambda bench: setattr(bench.sensor, "status", word))
+
+
+def _silence(data: bytes) -> list[bytes]:
+    return []
+
+
+# Every alarm of a stage: tests/rig/test_tmcl_driver.py and its like.
+FAULTS = {
+    "tmcl: steps lost": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), TMCL, {"number": 207}),
+    "tmcl: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.press("right")), TMCL, {"axis": "x"}),
+    "zaber: stalled": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), ZABER, {"number": "FS"}),
+    "zaber: pushed": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.warn("WM")), ZABER, {"number": "WM"}),
+    "standa: an alarm": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.fail(0x800)), STANDA, {"axis": "z"}),
+    "standa: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.fail(0x200)), STANDA, {"axis": "x"}),
+    **{
+        f"{tables['stage']['kind']}: {name}": Fault("", "held", code, strike, tables, fields)
+        for tables, garble in (
+            (TMCL, _bad_bit),
+            (ZABER, lambda d: [d.replace(b" OK", b" OJ")]),
+            (STANDA, _bad_status),
+        )
+        for name, code, strike, fields in (
+            ("power lost", "was_reset", _in_press(lambda b: b.board.power_cycle()), {"axis": "z"}),
+            ("every checksum wrong", "garbled", _changed(garble), {}),
+            ("silence", "no_reply", _changed(_silence), {"port": "stage"}),
+            ("unplugged", "closed", _in_press(lambda b: b.stage_wire.close()), {"port": "stage"}),
+        )
+    },
+    **{
+        f"net_ft: {code}": Fault("", "lifted", "no_reading", strike, NET_FT, {"error_code": code})
+        for code, strike in (
+            ("saturated", _status(0x80020000)),
+            ("monitor_condition", _status(0x80010000)),
+            ("sensor_error", _status(0x80004000)),
+            ("no_reply", _changed(_silence)),
+            ("garbled", _changed(lambda d: [d[:18]])),
+            ("closed", _in_press(lambda b: b.force_wire.close())),
+        )
+    },
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_in_a_press_ends_it(name: str, tmp_path: Path) -> None:
+    fault = FAULTS[name]
+    found = suffer(fault, tmp_path)
+    assert found.ended_by is not None
+    assert (found.outcome, found.ended_by.code) == (fault.outcome, fault.code), str(found.ended_by)
+    assert dict(fault.fields).items() <= found.ended_by.fields.items()
+    assert found.worst_gwt <= bound_gwt()
+
+
+# --- what a Net F/T journals ---
+
+
+def test_the_journal_has_all_axes_and_the_counts_of_packets(tmp_path: Path) -> None:
+    _pressed_to_the_same_force(lambda bench: None, NET_FT, tmp_path)
+    events = _events(tmp_path)
+    keys = set(find(ForceKind, "net_ft").also)
+    units = next(one["units"] for one in events if _is(one, "descriptor", "sample"))
+    assert keys < set(units)
+    samples = [one["data"] for one in events if _is(one, "event", "sample")]
+    assert all(keys < set(sample) for sample in samples)
+    for sample in samples:
+        assert sample["fz_n"] == pytest.approx(-sample["force_gwt"] * 9.80665e-3, abs=2e-4)
+    assert {sample["packets_lost"] + sample["packets_late"] for sample in samples} == {0}
+
+
+def test_other_sensors_journal_what_they_did(tmp_path: Path) -> None:
+    suffer(Fault("none", "done", "", lambda bench: None, {}), tmp_path)
+    units = next(one["units"] for one in _events(tmp_path) if _is(one, "descriptor", "sample"))
+    assert not set(find(ForceKind, "net_ft").also) & set(units)
