@@ -439,7 +439,8 @@ def _print(
     names = comparison.candidates()
     out.print(", ".join(f"{with_size(one.indentor)} at {one.condition}" for one in comparison.stimuli))
     for answer in verdicts:
-        out.print(f"answer      {sentence(answer)}")
+        under = f"{answer.title}: " if len(verdicts) > 1 else ""
+        out.print(f"answer      {under}{sentence(answer)}")
         if answer.outcome != "silent":
             out.print(f"positions   {positions(answer)}")
     for line in place_lines(at):

@@ -271,7 +271,7 @@ def _force_time(figure: Figure, run: Run) -> None:
     for stream in SAMPLES:
         read = run.stream(stream)
         if read:
-            t, force = _broken(read)
+            t, force = broken(read)
             above.plot(t / per, force, lw=0.9, color=BLUE if stream == "sample" else GREY)
     _trip(above, run)
     above.set(ylabel="force (gwt)", xlim=(run.start["t_s"] / per, run.end_s / per))
@@ -349,7 +349,7 @@ def _strip(axes: Axes, found: Sequence[Span], per: float) -> None:
         axes.broken_barh(bars, (0, 1), color=color, lw=0)
 
 
-def _broken(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
+def broken(samples: Sequence[dict[str, Any]]) -> tuple[Array, Array]:
     """Return times and forces with a gap between indentations."""
     index = np.array([sample["index"] for sample in samples])
     at = np.flatnonzero(np.diff(index)) + 1

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.cli.compare import _print
 from rig.compare.comparison import compare
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.exceptions import ComparisonError
@@ -290,6 +292,18 @@ def test_a_recording_laid_over_two_forces_is_not_two_recordings(
     assert [one.title for one in found] == [
         "step:1 at 2.33 gwt, step:3 at 2.33 gwt, step:5 at 2.33 gwt", "step:1 at 8 gwt",
     ]  # fmt: skip
+
+
+def test_the_terminal_says_which_stimuli_each_of_several_answers_is_of(
+    steps: list[StimulusRow], make_stimulus: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    harder = make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0)
+    for stimuli, named in (([steps[0]], [False]), ([steps[0], harder], [True, True])):
+        comparison = compare(stimuli, of_truth(steps[:1]))
+        found = answers(comparison)
+        _print(comparison, found, [], Path("a.html"))
+        said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("answer ")]
+        assert [f" {one.title}: " in line for one, line in zip(found, said, strict=True)] == named
 
 
 def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stimulus: Make) -> None:
