@@ -201,7 +201,7 @@ def _rates(
 
 def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
     read = [s for s in run.stream("sample") if begin_s <= s["t_s"] <= end_s]
-    axes.plot(*broken(read), color="black", lw=0.8)
+    axes.plot(*broken(read, run), color="black", lw=0.8)
     axes.tick_params(labelsize=8)
 
 

@@ -322,11 +322,15 @@ def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stim
         compare([steps[0], harder], {"step:1@9 gwt": counted(rates(steps[0]), 1)})
 
 
-def test_too_few_positions_say_nothing(steps: list[StimulusRow]) -> None:
+def test_too_few_positions_say_that_there_is_no_verdict(
+    steps: list[StimulusRow], capsys: pytest.CaptureFixture[str]
+) -> None:
     rows = [(float(x), 5.0, np.nan) for x in (-1, 0, 1, 2)]
     comparison = compare(steps[:1], {"step:1": recording("few", rows)})
     assert answers(comparison) == ()
     assert laid(comparison.overlays, Form()) is None
+    _print(comparison, (), [], Path("a.html"))
+    assert "answer      There is no verdict" in capsys.readouterr().out
 
 
 # --- the rows ---
