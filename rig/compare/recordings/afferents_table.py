@@ -38,6 +38,7 @@ Recordings = dict[str, dict[str, Recording]]
 """Recordings by afferent and by what they are of."""
 
 _MOST_LISTED = 100
+_ONE_AFFERENT = "; a recording of one afferent is --recorded SHAPE=FILE, e.g. step:1=FILE"
 
 
 def read_afferents(
@@ -138,7 +139,7 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines = table_lines(path)
     first, header = next(lines)
-    check_header(path, first, header, REQUIRED, OPTIONAL)
+    check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
     named, wrong = [], []
     for number, cells in lines:
         where = f"{path}, row {number}"
