@@ -324,9 +324,7 @@ def test_several_afferents_are_told_apart_by_name() -> None:
     assert (made[0], made[8]) == ("Verdicts: steps", "Verdicts: bars")
 
 
-@pytest.mark.parametrize(
-    ("recorded", "said"), [(True, "There is no verdict: at"), (False, "No recording was given")]
-)
+@pytest.mark.parametrize(("recorded", "said"), [(True, "There is no verdict: at"), (False, "No recording was given")])
 def test_without_an_answer(recorded: bool, said: str) -> None:
     (section,) = answer_sections([], "", recorded=recorded)
     assert section.title == "Verdicts"
