@@ -18,7 +18,9 @@ FROM = {
     "neighbours": "estimated from differences between neighboring positions, since there are no repeats",
 }
 
-TOO_FEW = f"There is no verdict: at the same receptors the runs cover fewer than {FEWEST_POSITIONS} recorded positions."
+TOO_FEW = (
+    f"There is no verdict: the runs cover fewer than {FEWEST_POSITIONS} recorded positions at the same receptors."
+)
 
 
 def sentence(answer: AfferentVerdict) -> str:

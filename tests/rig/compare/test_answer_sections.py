@@ -325,7 +325,7 @@ def test_several_afferents_are_told_apart_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("recorded", "said"), [(True, "There is no verdict: at"), (False, "No recording was given")]
+    ("recorded", "said"), [(True, "There is no verdict: the runs cover"), (False, "No recording was given")]
 )
 def test_without_an_answer(recorded: bool, said: str) -> None:
     (section,) = answer_sections([], "", recorded=recorded)
