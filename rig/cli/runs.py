@@ -307,7 +307,7 @@ def _pressed(one: dict[str, Any]) -> str:
 
 
 def _pairs(values: dict[str, Any]) -> str:
-    found = {name: f"{value:.6g}" if isinstance(value, float) else value for name, value in values.items()}
+    found = {name: round(value, 6) if isinstance(value, float) else value for name, value in values.items()}
     return ", ".join(f"{name} {value}" for name, value in found.items()) or "none"
 
 
