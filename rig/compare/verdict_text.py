@@ -19,7 +19,7 @@ FROM = {
 }
 
 TOO_FEW = (
-    f"There is no verdict: at the same receptors the runs cover fewer than {FEWEST_POSITIONS} recorded positions."
+    f"There is no verdict: the runs cover fewer than {FEWEST_POSITIONS} recorded positions at the same receptors."
 )
 
 

@@ -87,7 +87,8 @@ def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
 
 
 def _own(reading: Reading, one: _Named) -> Reading:
-    return replace(reading, columns=column_map(one.columns.split(";"))) if one.columns else reading
+    columns = column_map(one.columns.split(";")) if one.columns else reading.columns
+    return replace(reading, columns=columns, may_be_silent=True)  # it is left out of the group, and listed
 
 
 def _refuse(
