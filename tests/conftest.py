@@ -238,8 +238,6 @@ STUDIES = (
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
     "rig/compare/test_comparison_figures.py::test_letters_do_not_lie_over_each_other",  # its other tests
-    # rig/compare/test_every_figure.py: the same of fewer stimuli
-    "rig/compare/test_comparison_figures.py::test_every_figure_is_printed_at_its_own_size_and_can_be_read",
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
@@ -274,6 +272,7 @@ STUDIES = (
 LONG = (
     "portable/test_without_posix.py",
     "rig/real_time/test_bluesky.py",
+    "rig/real_time/test_choose_on_wires.py",
     "test_third_party_device.py",
     "test_wheel.py",
     "test_preloaded.py",

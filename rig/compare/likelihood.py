@@ -191,6 +191,7 @@ _ROUNDS = 6
 _COARSE = 0.15  # step of the saturation, relative to 1 / largest smoothed rate
 _HALVED = 4  # number of halvings of the step around the best value
 _MOST = 0.96
+_BELOW_SATURATION = 1 - 1e-6  # rounding may carry a rate to its largest, where the drive is infinite
 
 
 class Form(NamedTuple):
@@ -269,6 +270,7 @@ def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array)
 
 def _round(eps: Array, sign: Array, mean: Array, observed: Observed, form: Form, bent: Array) -> Fit:
     """Return one weighted fit to the rates, with saturation inverted."""
+    mean = np.where(bent > 0, np.minimum(mean, _BELOW_SATURATION / np.maximum(bent, 1e-300)), mean)
     drive = mean / (1 - bent * mean)
     steep = (1 + bent * drive) ** 2
     rate = np.maximum(drive + (observed.rate - mean) * steep, 0.0)

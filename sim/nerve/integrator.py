@@ -3,7 +3,7 @@
 V is stepped by the exact exponential, at most `MOST_STEP_S` at a time; the current is linear between its samples and
 constant within a step. The noise is white: its increments grow with the root of the step, so that rates do not depend
 on it. It is shot noise of the current: its variance grows with the current up to the rheobase, so that an afferent
-without a current is silent.
+without a current is silent. A class may have an outward current after a spike; each spike begins it anew.
 """
 
 import math
@@ -20,6 +20,19 @@ Array = NDArray[np.float64]
 MOST_STEP_S = 1e-4
 """Longest step of V (s): with longer ones a spike's time and the share of missed crossings depend on the step."""
 
+AFTER_PEAK_S, AFTER_ENDS_S, _AFTER_OFFSET_S = 0.008, 0.0379, 0.001
+"""Peak and end of the outward current after a spike, and what is added to times before their logarithm (s).
+
+A raised cosine in the logarithm of time, the slow post-spike current of Saal et al. (2017, PNAS 114:E5693).
+"""
+
+
+def after_current(since_s: Array) -> Array:
+    """Return the outward current at times after a spike (s), relative to its peak."""
+    most = math.log((AFTER_ENDS_S + _AFTER_OFFSET_S) / (AFTER_PEAK_S + _AFTER_OFFSET_S))
+    logarithm = np.log((np.maximum(since_s, 0.0) + _AFTER_OFFSET_S) / (AFTER_PEAK_S + _AFTER_OFFSET_S))
+    return np.asarray(0.5 + 0.5 * np.cos(np.pi * np.clip(logarithm / most, -1.0, 1.0)))
+
 
 @dataclass(frozen=True)
 class Membrane:
@@ -35,12 +48,15 @@ class Membrane:
         Standard deviation of V without a threshold, in units of the threshold, from a current of 1 on.
     reset : float
         V after a spike; below 0 it makes the class refractory for some time constants. Default: 0.
+    after : float, optional
+        Peak of the outward current after a spike (`after_current`), in units of the rheobase. Default: 0.
     """
 
     tau_s: float
     refractory_s: float
     noise: float
     reset: float = 0.0
+    after: float = 0.0
 
 
 def parts_of(step_s: float) -> int:
@@ -97,6 +113,8 @@ class Membranes:
         self._kick = membrane.noise * float(np.sqrt(1 - self._decay**2))
         self._v = np.zeros((afferents, sites))
         self._silent_until_s = np.full(afferents, -1.0)
+        since_s = self._short_s * np.arange(math.ceil(AFTER_ENDS_S / self._short_s) + 1, dtype=float)
+        self._after = membrane.after * after_current(since_s) if membrane.after else np.empty(0)
         self.step = 0
         """Number of steps so far."""
 
@@ -129,6 +147,7 @@ class Membranes:
             self._short_s,
             self._membrane.refractory_s,
             self._membrane.reset,
+            self._after,
             self._v,
             self._silent_until_s,
             who,
@@ -171,6 +190,7 @@ def _fired(
     short_s: float,
     refractory_s: float,
     reset: float,
+    after: Array,
     v: Array,
     silent_until_s: Array,
     who: NDArray[np.intp],
@@ -190,6 +210,10 @@ def _fired(
             share = (k - sample * parts + 0.5) / parts
             flow = current[row, sample] + share * (current[row, sample + 1] - current[row, sample])
             jolt = kick * math.sqrt(part * min(max(flow, 0.0), 1.0))
+            since = (now_s + (1.0 - 0.5 * part) * short_s - silent_until_s[row] + refractory_s) / short_s
+            if since < len(after) - 1:
+                begun = int(since)
+                flow -= after[begun] + (since - begun) * (after[begun + 1] - after[begun])
             left = decay if part == 1.0 else decay**part
             first = 2.0
             for site in range(sites):

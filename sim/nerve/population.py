@@ -13,7 +13,7 @@ from functools import cached_property
 from typing import overload
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorError
@@ -58,8 +58,17 @@ HUMAN_PATH_M = 0.65
 AT_THE_RECEPTOR_S = (0.001, 0.002)
 """Range of the delay between the membrane of the receptor and its fiber (s)."""
 
-SENSITIVITY_SD = math.log(3.0)
-"""Standard deviation of the logarithm of the sensitivity: a factor of 3, as when the gains were fitted."""
+SENSITIVITY_SPREAD: Mapping[str, float] = {"SA1": 3.0, "RA": 2.0, "PC": 3.0}
+"""Factor by which the sensitivity of a class differs within one standard deviation; those with which the gains were
+fitted."""
+_OTHER_SPREAD = 3.0
+
+
+def sensitivity_of(model: str, normal: ArrayLike, spread: float | None = None) -> Array:
+    """Return sensitivities with median 1 at standard normal numbers, with the spread of a class or another."""
+    spread = SENSITIVITY_SPREAD.get(model, _OTHER_SPREAD) if spread is None else spread
+    return np.asarray(np.exp(math.log(spread) * np.asarray(normal)))
+
 
 PAD_SHARE = 0.7
 """Radius of the pad, as a share of the half-width of the finger at the receptor plane."""
@@ -608,7 +617,7 @@ def _afferent(model: str, number: int, place_mm: tuple[float, float], seed: int)
         model,
         number,
         *place_mm,
-        sensitivity=float(np.exp(SENSITIVITY_SD * generator.standard_normal())),
+        sensitivity=float(sensitivity_of(model, generator.standard_normal())),
         velocity_m_s=velocity,
         receptor_delay_s=float(generator.uniform(*AT_THE_RECEPTOR_S)),
         seed=int(generator.integers(2**63)),

@@ -3,9 +3,10 @@
 x = low-pass(dm/dt), I = s (a₊ [x]₊ + a₋ [−x]₊) less a slow threshold, then c·I / (c + I), m = √SED / √SED₀
 
 The square root of SED is linear in the strain, so that its rate has no term in position: the class is silent in a
-hold. Corner of the low-pass, a Butterworth filter of third order, and time constant of the membrane: within those of
-Saal et al. (2017, PNAS 114:E5693); slow threshold: Leung et al. (2005, J Neurophysiol). SED₀ is fitted;
-`docs/validation/nerve.md` names the published response that it was fitted to.
+hold. The low-pass is a Butterworth filter of third order. Its corner, c and the whole membrane are medians of the
+nine RA afferents of Saal et al. (2017, PNAS 114:E5693), in units of this integrator: V is −7.3 when their fast
+current after a spike ends, and their slow one peaks at 1.74. Slow threshold: Leung et al. (2005, J Neurophysiol).
+SED₀ and a₋ are fitted; `docs/validation/nerve.md` names the published responses that they were fitted to.
 """
 
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from sim.nerve.skin import Signal
 
 Array = NDArray[np.float64]
 
-MEMBRANE = Membrane(tau_s=0.004, refractory_s=0.003, noise=0.1, reset=-3.0)
+MEMBRANE = Membrane(tau_s=0.0046, refractory_s=0.0034, noise=0.15, reset=-7.3, after=1.74)
 
 
 @dataclass(frozen=True)
@@ -41,17 +42,17 @@ class RA:
     sites : int
         Number of spike sites.
     membrane : Membrane
-        Time constant, refractory time and noise.
+        Time constant, refractory time, noise, V after a spike and outward current then.
     name : str
         Name in tables and options.
     depth_mm : float
         Depth of Meissner corpuscles below the skin (mm).
     """
 
-    reference_sed: float = 19000.0
-    corner_hz: float = 75.0
+    reference_sed: float = 10600.0
+    corner_hz: float = 117.0
     falling: float = 0.3
-    most: float = 6.0
+    most: float = 3400.0
     slow_share: float = 0.3
     slow_tau_s: float = 15.0
     sites: int = 1

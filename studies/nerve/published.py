@@ -22,7 +22,7 @@ FIELDS_MM2 = {"SA1": (5.1, 6.0, 7.1, 8.0, 8.8), "RA": (5.5, 8.1, 13.0, 18.0, 22.
 """Areas of receptive fields at `PIN_UM`; Vega-Bermudez and Johnson (1999)."""
 
 PIN_UM = (50, 100, 200, 350, 500)
-"""Depths of the pin beyond the surrounding plate (µm)."""
+"""Depths of one pin beyond the array (µm)."""
 
 RA_THRESHOLDS = {"amplitude_mm": (0.05, 1.65), "speed_mm_s": (0.4, 39.3)}
 """Extreme thresholds of 39 RA units; Knibestöl (1973)."""

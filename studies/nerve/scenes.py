@@ -13,6 +13,7 @@ from sim.models.result import IndentationResult
 from sim.models.strain_at_points import mesh_key
 from sim.nerve.integrator import spikes
 from sim.nerve.models import BUILT_IN, AfferentModel
+from sim.nerve.population import sensitivity_of
 from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.stimulus import Stimulus
 from studies.nerve.published import PIN_UM
@@ -26,22 +27,24 @@ BAR, BAR_DEEPEST_MM = "bar:3.0", 1.0
 STEP, STEP_DEEPEST_MM = "step:3", 1.0
 STEP_X_MM = tuple(np.round(np.arange(-2.5, 2.51, 0.25), 2))
 """Places of the step (mm); the raised flat is at smaller x."""
-PLATE_MM = 1.6
+ARRAY_MM = 1.6
 PIN_RADIUS_MM = 0.25
+PIN_PITCH_MM = 0.83
+"""Spacing of the pins of the array: 73 sites on 50 mm² of skin (Vega-Bermudez and Johnson 1999)."""
+PINNED_MESH_MM = 0.17
+"""Size of elements under the array, in both directions, as under any round shape."""
 SITES_MM = np.round(np.arange(-2.4, 2.41, 0.4), 2)
 """Places of receptors relative to the pin, in both directions (mm)."""
 
 STEP_S = 5e-4
 """Step of signals (s), where a vibration needs none shorter."""
-SPREAD = 3.0
-"""Sensitivities are log-normal: this factor is one standard deviation."""
 AFFERENTS = 30
 SEEDS = (1, 2, 3, 4, 5)
 
 
-def sensitivities(seed: int, n: int = AFFERENTS) -> Array:
-    """Return sensitivities of a drawn population with median 1."""
-    return np.exp(np.log(SPREAD) * np.random.default_rng((seed, 7)).standard_normal(n))
+def sensitivities(name: str, seed: int, n: int = AFFERENTS, spread: float | None = None) -> Array:
+    """Return sensitivities of a drawn population of a class with median 1, with its own spread or another."""
+    return sensitivity_of(name, np.random.default_rng((seed, 7)).standard_normal(n), spread)
 
 
 @dataclass
@@ -84,35 +87,45 @@ class Scenes:
         """Return the scenes of other parameters, with the same presses."""
         other = replace(self, classes=classes)
         other._presses = self._presses
-        if "pinned" in self.__dict__:
-            other.__dict__["pinned"] = self.pinned
+        for name in ("pin_finger", "pinned"):
+            if name in self.__dict__:
+                other.__dict__[name] = self.__dict__[name]
         return other
 
-    # --- a pin beyond a plate ---
+    # --- an array of pins, one of them deeper ---
+
+    @cached_property
+    def pin_finger(self) -> Fingertip:
+        """The finger on a mesh that is fine enough for a pin."""
+        spacing = {"spacing_mm": PINNED_MESH_MM, "axial_spacing_mm": PINNED_MESH_MM}
+        mesh = self.finger.config.mesh.model_copy(update=spacing)
+        return load("finger", self.finger.config.model_copy(update={"mesh": mesh}))
 
     @cached_property
     def pinned(self) -> list[IndentationResult]:
-        """Presses of the plate alone, then with the pin at each of `PIN_UM`; the pin is at x = 0, z of the plane."""
-        plate = self.finger.indent("flat", doi_mm=PLATE_MM)
-        patch = self.finger.model_for(*mesh_key(plate)).patch
+        """Presses of the array alone, then with one pin deeper by each of `PIN_UM`, at x = 0 and z of the plane."""
+        plate = self.pin_finger.indent("flat", doi_mm=ARRAY_MM)
+        patch = self.pin_finger.model_for(*mesh_key(plate)).patch
         n = len(patch)
-        here = np.array([0.0, self.finger.config.receptor_plane_mm])
-        away = np.linalg.norm(patch.position_mm[:, [0, 2]] - here, axis=1)
-        overlap = patch.y - (plate.touch_height_mm - PLATE_MM)
+        at = patch.position_mm[:, [0, 2]] - (0.0, self.pin_finger.config.receptor_plane_mm)
+        from_pin = np.linalg.norm(at - PIN_PITCH_MM * np.round(at / PIN_PITCH_MM), axis=1)
+        below = patch.y - (plate.touch_height_mm - ARRAY_MM)
+        overlap = np.where(from_pin <= PIN_RADIUS_MM, below, -np.inf)
+        deeper = np.linalg.norm(at, axis=1) <= PIN_RADIUS_MM
         found = []
         for pin_um in (0.0, *PIN_UM):
-            p = held(patch.compliance[-n:, -n:], overlap + np.where(away <= PIN_RADIUS_MM, 1e-3 * pin_um, 0.0))
+            p = held(patch.compliance[-n:, -n:], overlap + np.where(deeper, 1e-3 * pin_um, 0.0))
             force = np.concatenate([np.zeros((len(patch.axes) - 1, n)), -p[None]])
             found.append(replace(plate, state=replace(plate.state, force=force)))
         return found
 
     def pin(self, name: str) -> SkinUnderIndentor:
-        """Return the skin of a class at all of `SITES_MM`, against the depth of plate and pin."""
-        model, plane = self.classes[name], self.finger.config.receptor_plane_mm
+        """Return the skin of a class at all of `SITES_MM`, against the depth of the array and its deeper pin."""
+        model, plane = self.classes[name], self.pin_finger.config.receptor_plane_mm
         x, z = (grid.ravel() for grid in np.meshgrid(SITES_MM, SITES_MM))
-        points = self.finger.points_below(x, model.depth_mm, plane + z)
-        values = np.stack([model.measure(one.measures) for one in self.finger.fields(self.pinned, points)])
-        return SkinUnderIndentor.of_values(PLATE_MM + 1e-3 * np.array([0.0, *PIN_UM]), values)
+        points = self.pin_finger.points_below(x, model.depth_mm, plane + z)
+        values = np.stack([model.measure(one.measures) for one in self.pin_finger.fields(self.pinned, points)])
+        return SkinUnderIndentor.of_values(ARRAY_MM + 1e-3 * np.array([0.0, *PIN_UM]), values)
 
 
 def held(compliance: Array, overlap_mm: Array) -> Array:
@@ -125,7 +138,7 @@ def held(compliance: Array, overlap_mm: Array) -> Array:
         if not wrong.any():
             return p
         active ^= wrong
-    raise RuntimeError("no equilibrium under plate and pin")
+    raise RuntimeError("no equilibrium under the array")
 
 
 # --- spikes ---

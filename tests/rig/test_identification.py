@@ -490,25 +490,3 @@ def test_its_touch_is_above_the_noise_and_no_less_than_configured() -> None:
             update={"habits": Config().habits.model_copy(update={"touch_force_gwt": set_gwt})}
         )
         assert with_reliable_touch(config).habits.touch_force_gwt == used_gwt
-
-
-# --- bad input ---
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--width", "0.5"], "--width 0.5: must be 1 to 50 %"),
-        (["--most-gwt", "500"], "--most-gwt 500: must be 1 to 100 gwt"),
-        (["--to", "nowhere/finger.toml"], "must be a file in an existing folder"),
-        (["--shapes", "blob:3", "--dry-run"], "blob:3"),
-    ],
-)
-def test_bad_input_is_one_line(
-    program: Program, arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ended = program("identify", *arguments)
-    assert ended.code == 2
-    assert words in ended.err
-    assert not (tmp_path / "runs").exists()

@@ -13,7 +13,7 @@ from scipy.signal import butter, lsim
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
 from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, fading
-from sim.nerve.integrator import MOST_STEP_S, Membrane, spikes
+from sim.nerve.integrator import AFTER_ENDS_S, AFTER_PEAK_S, MOST_STEP_S, Membrane, after_current, spikes
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
 from sim.nerve.pc import PC
 from sim.nerve.ra import RA
@@ -99,6 +99,26 @@ def test_without_noise_intervals_are_those_of_the_closed_form(membrane: Membrane
     known = 0.002 + 0.02 * np.log((1.5 - membrane.reset) / 0.5)
     np.testing.assert_allclose(np.diff(found), known, atol=MOST_STEP_S)
     np.testing.assert_allclose(np.diff(found).mean(), known, rtol=5e-3)
+
+
+def test_the_current_after_a_spike_rises_to_its_peak_and_ends() -> None:
+    at_s = np.array([0.0, AFTER_PEAK_S, AFTER_ENDS_S, 1.0])
+    np.testing.assert_allclose(after_current(at_s), [0.0, 1.0, 0.0, 0.0], atol=1e-12)
+    assert (np.diff(after_current(np.linspace(0.002, AFTER_PEAK_S, 20))) > 0).all()
+    assert (np.diff(after_current(np.linspace(AFTER_PEAK_S, AFTER_ENDS_S, 20))) < 0).all()
+
+
+def test_a_current_after_a_spike_delays_the_next_one_as_the_integral_says() -> None:
+    membrane = Membrane(0.02, 0.002, 0.0, reset=-1.0, after=0.8)
+    found = spikes(np.full(2001, 1.6), 1e-3, membrane, 1, np.random.default_rng(1))
+    gap_s = float(np.diff(found).mean())
+    since_s = np.linspace(membrane.refractory_s, gap_s, 4001)
+    flow = 1.6 - membrane.after * after_current(since_s)
+    arrives = np.trapezoid(flow * np.exp((since_s - gap_s) / membrane.tau_s), since_s) / membrane.tau_s
+    left = membrane.reset * np.exp((membrane.refractory_s - gap_s) / membrane.tau_s)
+    assert arrives + left == pytest.approx(1.0, abs=5e-3)
+    plain = spikes(np.full(2001, 1.6), 1e-3, replace(membrane, after=0.0), 1, np.random.default_rng(1))
+    assert gap_s > 1.1 * float(np.diff(plain).mean())
 
 
 def test_noise_grows_with_the_root_of_the_step() -> None:

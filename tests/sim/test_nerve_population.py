@@ -10,6 +10,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.nerve.population import (
     DENSITY_PER_CM2,
+    SENSITIVITY_SPREAD,
     SPACING_SHARE,
     VELOCITY_M_S,
     AfferentPopulation,
@@ -99,7 +100,10 @@ def test_velocities_and_sensitivities_are_as_published(flat: Fingertip) -> None:
         assert velocity.mean() == pytest.approx(mean, abs=within)
         assert lowest <= velocity.min() < velocity.max() <= highest
         log = np.log([one.sensitivity for one in mine])
-        assert (log.mean(), log.std()) == (pytest.approx(0, abs=0.1), pytest.approx(math.log(3), abs=0.1))
+        assert (log.mean(), log.std()) == (
+            pytest.approx(0, abs=0.1),
+            pytest.approx(math.log(SENSITIVITY_SPREAD[name]), abs=0.1),
+        )
         # from a monkey's fingertip to the forearm, 3 to 6 ms; a human's to the upper arm, 9 to 18 ms
         assert 0.003 <= np.median([one.delay_s() for one in mine]) <= 0.006
         assert 0.009 <= np.median([one.delay_s(0.65) for one in mine]) <= 0.018

@@ -12,18 +12,12 @@ from scipy.optimize import check_grad
 from sim.config import FingertipConfig, Tissue
 from sim.models import catalogue
 from studies.source.allowed import design, emulator, kept
-from studies.source.allowed.emulator import HELD_BACK, Emulator, held_back, learn
+from studies.source.allowed.emulator import Emulator, learn
 from studies.source.allowed.implausible import (
     CUT_OFF,
-    FEWEST,
     FactTarget,
     Judge,
     MeshDeviation,
-    allowed,
-    inflation_needed,
-    judges,
-    measured,
-    mesh_error,
     worst,
 )
 from studies.source.allowed.waves import Match, RemainingPlaces, WavePlan
@@ -57,48 +51,6 @@ def test_an_emulator_knows_a_known_function_where_it_was_not_told(learnt: Emulat
     assert 0.3 < np.sqrt(np.mean((off / deviation) ** 2)) < 1.7
 
 
-def test_what_does_nothing_gets_a_long_length(learnt: Emulator) -> None:
-    assert learnt.lengths[4:].min() > 10 > learnt.lengths[:2].max()
-
-
-def test_its_held_back_error_is_that_of_places_it_has_not_seen(places: Array, learnt: Emulator) -> None:
-    y = 10 + 5 * known(places)
-    error = held_back(places, y, learnt)
-    assert error.rms == pytest.approx(error.relative * y.std())
-    assert 0 < error.relative < 0.06
-    assert 0.3 < error.expected < 1.7
-
-
-def test_what_is_held_back_is_not_learnt(places: Array, learnt: Emulator) -> None:
-    """One finger that lies: its own error is the lie, whatever the emulator was told."""
-    y = 10 + 5 * known(places)
-    lied = y.copy()
-    lied[7] += 100.0
-    assert held_back(places, lied, learnt).rms >= 100 / math.sqrt(len(y))
-    assert HELD_BACK == 5
-
-
-def test_at_the_places_of_the_design_it_says_what_it_was_told(places: Array, learnt: Emulator) -> None:
-    mean, deviation = learnt.predict(places)
-    np.testing.assert_allclose(mean, 10 + 5 * known(places), atol=0.02)
-    assert deviation.max() < 0.03
-
-
-def test_scatter_is_counted_as_its_own_error() -> None:
-    rng = np.random.default_rng(3)
-    x = design.filling(128, 2)
-    noisy = x[:, 0] + 0.2 * rng.standard_normal(128)
-    _, deviation = learn(x, noisy).predict(rng.random((50, 2)))
-    assert deviation.mean() == pytest.approx(0.2, rel=0.25)
-
-
-def test_a_constant_is_constant() -> None:
-    x = design.filling(32, 3)
-    mean, deviation = learn(x, np.full(32, 4.0)).predict(x + 0.1)
-    np.testing.assert_allclose(mean, 4.0, atol=1e-9)
-    assert deviation.max() < 0.01
-
-
 def test_the_slope_of_the_likelihood_is_its_slope(places: Array) -> None:
     logs, y = np.log([*np.linspace(0.5, 3, 6), 0.7, 0.2]), known(places)
     wrong = check_grad(lambda v: emulator._cost(v, places, y)[0], lambda v: emulator._cost(v, places, y)[1], logs)
@@ -106,13 +58,6 @@ def test_the_slope_of_the_likelihood_is_its_slope(places: Array) -> None:
 
 
 # --- implausibility ---
-
-
-@pytest.mark.parametrize(
-    ("value", "off"), [(0.5, 0.5), (1.0, 0.0), (1.7, 0.0), (2.0, 0.0), (2.25, 0.25), (-1.0, 2.0)]
-)
-def test_the_distance_from_a_target(value: float, off: float) -> None:
-    assert FactTarget("a", 1.0, 2.0, 0.1, 0.1).off(np.array([value]))[0] == pytest.approx(off)
 
 
 def judge(learnt: Emulator, **given: float) -> Judge:
@@ -131,50 +76,6 @@ def test_implausibility_is_distance_over_all_errors(learnt: Emulator) -> None:
     inflated = (mean + 0.7 - 8.0) / math.sqrt((2 * sd) ** 2 + 1.2**2 + 9 * (0.3**2 + 0.4**2))
     assert one.implausibility(x, 3.0)[0] == pytest.approx(inflated)
     assert one.expected(x) == (pytest.approx([mean + 0.7]), pytest.approx([math.hypot(2 * sd, 1.2)]))
-
-
-def test_a_place_is_allowed_when_no_fact_rules_it_out(learnt: Emulator) -> None:
-    x = np.random.default_rng(5).random((500, 6))
-    both = [judge(learnt, high=10.0), judge(learnt, low=11.0, high=100.0)]
-    largest = np.maximum(*(one.implausibility(x) for one in both))
-    np.testing.assert_array_equal(worst(both, x), largest)
-    flags = allowed(both, x)
-    np.testing.assert_array_equal(flags, largest <= CUT_OFF)
-    assert 0 < flags.sum() < len(x)
-    assert CUT_OFF == 3.0
-
-
-def test_inflation_is_the_least_that_leaves_a_share(learnt: Emulator) -> None:
-    x = np.random.default_rng(5).random((500, 6))
-    both = [judge(learnt, high=7.0), judge(learnt, low=12.0, high=100.0)]
-    needed = inflation_needed(both, x, 0.05)
-    assert needed > 1
-    assert np.mean(allowed(both, x, needed)) >= 0.05 > np.mean(allowed(both, x, needed - 0.1))
-    assert inflation_needed([judge(learnt, high=13.0)], x, 0.05) == 1.0
-
-
-def test_the_error_of_a_mesh_is_its_mean_and_its_spread() -> None:
-    coarse, full = np.array([1.0, 2.0, np.nan, 4.0]), np.array([1.5, 2.7, 3.0, 4.3])
-    found = mesh_error(coarse, full)
-    assert found.shift == pytest.approx(0.5)
-    assert found.deviation == pytest.approx(0.2 * math.sqrt(4 / 3))
-    assert mesh_error(coarse[:1], full[:1]) == MeshDeviation(0.5, math.inf)
-
-
-def test_what_is_measured_is_held_against_reading_and_model() -> None:
-    targets = [FactTarget("a", 0.0, 1.0, 0.3, 0.4), FactTarget("b", -math.inf, 2.0, 1.0, 0.0)]
-    np.testing.assert_allclose(measured(targets, np.array([[2.0, 1.0], [-1.0, 4.0]])), [[2.0, 0.0], [2.0, 2.0]])
-
-
-def test_facts_that_few_fingers_show_judge_nobody(places: Array) -> None:
-    facts = np.stack([known(places), known(places), known(places)], axis=1)
-    assert FEWEST == 2  # for six parameters and a constant 14: of 11, a fifth held back, 7 coefficients can be told
-    facts[13:, 0] = np.nan
-    facts[14:, 1] = np.nan
-    targets = [FactTarget(key, 0.0, 1.0, 0.1, 0.1) for key in "abc"]
-    found = judges(places, facts, targets, [MeshDeviation(), MeshDeviation(), MeshDeviation(0.0, math.inf)])
-    assert [one.target.key for one in found] == ["b"]
-    assert found[0].widened >= 1.0
 
 
 # --- designs and tables ---

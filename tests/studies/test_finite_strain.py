@@ -15,7 +15,7 @@ from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from studies.finite_strain import confirmed, states
 from studies.finite_strain.judged import among
-from studies.finite_strain.ratios import COLUMNS, Ratio, correlation, envelope, ratios
+from studies.finite_strain.ratios import envelope
 from studies.finite_strain.reading import extent
 from studies.finite_strain.solver.bricks import Dilatation, Moduli, bricks
 from studies.finite_strain.solver.clearance import along, clearance
@@ -27,7 +27,6 @@ from studies.finite_strain.solver.rigid import clearance as skin_clearance
 from studies.finite_strain.solver.rubbing import Rubbing
 from studies.finite_strain.solver.scene import Specimen
 from studies.finite_strain.tables import kept_ratios
-from studies.finite_strain.worlds import presses_wanted
 
 COARSE = FingertipConfig(
     contact=Contact(between_nodes=False), mesh=MeshSpec(spacing_mm=0.4, epidermis_elements=1, dermis_spacing_mm=0.4)
@@ -275,12 +274,6 @@ def test_ep1_and_sed_survive_in_every_world_that_is_kept() -> None:
     assert max(one["rank"] for row in kept for one in row["ranks"]) <= 2
 
 
-def test_a_world_may_have_every_second_place() -> None:
-    whole, half = list(presses_wanted()), list(presses_wanted(2))
-    assert (len(whole), len(half)) == (99, 52)
-    assert set(half) < set(whole)
-
-
 def test_friction_on_a_bar_and_round_its_edge() -> None:
     """Without friction the model's force; with it every force within the cone about the normal at its place."""
     finger, bar = load("section", COARSE, cached=False), parse_shape("bar:1.5")
@@ -304,25 +297,6 @@ def test_where_a_gap_opens() -> None:
     assert extent(x, gap, opens=True) == pytest.approx(1.6)
     assert extent(x, gap, opens=False) == pytest.approx(1.5)
     assert extent(x, gap + 1, opens=True) == 0.0
-
-
-def state(law: str, force: float, shape: str = "flat") -> dict[str, object]:
-    measures = {name[2:]: [force, 2 * force, 0.5] for name in COLUMNS if name.startswith("r_")}
-    about = {"mesh": "finger", "shape": shape, "x_mm": 0.0, "poisson": 0.48, "doi_mm": 0.5, "law": law}
-    return {**about, "force": force, "width_mm": 2.0, "peak": force, "measures": measures}
-
-
-def test_ratios_are_linear_over_finite_and_kept_as_they_were() -> None:
-    (one,) = ratios([state("linear", 1.1), state("neo-Hookean", 1.0), state("neo-Hookean", 1.0, "sphere:3")])
-    assert (one.force, one.width, one.sed) == pytest.approx((1.1, 1.0, 1.1))
-    again = Ratio.of(dict(zip(COLUMNS, one.row, strict=True)))
-    assert again.row == one.row
-    assert envelope([one, one._replace(force=0.98)], "finger", 2) == [
-        {"doi_mm": 0.5, "force": [-0.02, 0.1], "sed": [0.1, 0.1]}
-    ]
-    assert envelope([one], "finger", 2) == []
-    assert np.isnan(correlation(np.ones(3), np.arange(3.0)))
-    assert correlation(np.arange(3.0), -np.arange(3.0)) == pytest.approx(-1)
 
 
 def test_the_note_is_of_the_ratios_that_are_kept() -> None:

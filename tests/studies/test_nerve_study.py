@@ -13,7 +13,7 @@ from sim.nerve.stimulus import Stimulus
 from studies.nerve import beside_touchsim
 from studies.nerve.loop import Judged, first_repeats, interval, share
 from studies.nerve.loop import cells as cells_of_loop
-from studies.nerve.rows import Row, _line, _log, _power, aic, over_seeds, rate_errors, variation
+from studies.nerve.rows import Row, _line, _log, _log_tanh, _power, aic, over_seeds, rate_errors, variation
 from studies.nerve.scenes import held
 from studies.nerve.table import CAUSES, FITTED, cells, parameters
 from studies.registry import read_table
@@ -21,7 +21,7 @@ from studies.registry import read_table
 Array = NDArray[np.float64]
 
 
-def test_a_plate_holds_what_it_overlaps_and_pulls_nowhere() -> None:
+def test_pins_hold_what_they_overlap_and_pull_nowhere() -> None:
     rng = np.random.default_rng(1)
     half = rng.normal(size=(40, 40))
     compliance = half @ half.T / 40 + 0.5 * np.eye(40)
@@ -48,6 +48,12 @@ def test_the_right_form_has_the_least_criterion(form: Callable[..., Array], star
     rate = form(v, 12.0, 0.6) + 0.01 * np.sin(9 * v)
     found = {one.__name__: aic(one, start, v, rate) for one in (_log, _power, _line)}
     assert min(found, key=found.__getitem__) == form.__name__
+
+
+def test_rates_that_level_off_are_not_those_of_a_power() -> None:
+    v = np.geomspace(1, 60, 10)
+    rate = 80 * v**1.4 / (v**1.4 + 9**1.4) + 0.1 * np.sin(9 * v)
+    assert aic(_log_tanh, (80.0, 0.5, -1.0), v, rate) < aic(_power, (10.0, 0.5), v, rate) - 10
 
 
 # --- the loop ---

@@ -3,7 +3,6 @@
 import re
 import runpy
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,16 +11,14 @@ import pytest
 from rig.cli import program
 from rig.compare.pressure_formula import ContactSamples
 from rig.protocol.script import find_script
-from rig.report.page_parts import Section
 from sim.config import FingertipConfig
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.result import median_of_four
 from studies.coding.two_samples import SEED, errors_of, sampled_operator
 from studies.registry import expanded
-from studies.source import bench_pages, pages, pressure_fits
+from studies.source import pages, pressure_fits
 from studies.source.matrix import HEADER, matrix
-from studies.source.matrix_page import all_claims, verdicts
 from studies.source.printed import answers as presses
 from studies.source.printed import bars, chapter_6, cylinders, drawing, profiles, steps, table, under_steps
 from studies.source.printed.answers import FingerAnswers, PrintedPress, deep, forced, once
@@ -190,15 +187,6 @@ def test_what_is_no_number_differs(rule: Rule) -> None:
 def test_differences_and_bounds_as_a_table_has_them(rule: Rule, ours: Measured, told: str, bounds: str) -> None:
     one = CheckedClaim(Claim("x", "y", rule, lambda _: ours), ours)
     assert (one.difference, one.row[-1]) == (told, bounds)
-
-
-def test_only_printed_numbers_have_a_ratio() -> None:
-    assert CheckedClaim(Claim("x", "y", Near(4, 0.1, 0.2), lambda _: 2.0), 2.0).ratio == 0.5
-    assert CheckedClaim(Claim("x", "y", Below(4, 5), lambda _: 2.0), 2.0).ratio is None
-
-
-def test_signs_are_typographic() -> None:
-    assert typeset("-1.5 pseudo-units, +3%, 4 %") == "−1.5 pseudo-units, +3 %, 4 %"
 
 
 def test_the_claim_farthest_from_the_source_is_shown() -> None:
@@ -413,13 +401,6 @@ def test_what_passes_low_frequencies_has_the_most_of_them(answered: FingerAnswer
     assert f == pytest.approx(abs(strain[2].sum()) / np.abs(np.fft.rfft(strain[2])).max())
 
 
-def test_a_page_of_its_own_is_named_beside_the_numbers() -> None:
-    one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 0.5), 0.5)
-    row = MatrixRow(Entry("6-1", "It shows.", elsewhere="docs/there.md"), (one,))
-    assert (row.verdict, matrix([row]).rows[0][4]) == ("agrees", "0.50; in docs/there.md")
-    assert MatrixRow(row.entry, ()).verdict == "a page of its own"
-
-
 # --- the page ---
 
 
@@ -447,70 +428,6 @@ def test_the_page_opens_with_the_matrix(
     printed = capsys.readouterr().out
     assert "2 of 2 presses" in printed
     assert "**4-7: " in printed
-
-
-def test_the_sensitivity_is_added_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
-    other = Section("Other fingers", "Text.", ("model",), (("default",),))
-    monkeypatch.setattr(pages, "all_verdicts", lambda: iter([]))
-    monkeypatch.setattr(pages, "sensitivity_section", lambda found: other)
-    entry = Entry("1-1", "It shows.", tables=lambda _: (Section("Mine", "Text."),))
-    assert [one.title for one in pages._with_sensitivity(entry).tables(None)] == ["Mine", "Other fingers"]  # type: ignore[arg-type]
-    assert pages.SURVIVORS in [one.key for one in ENTRIES]
-    assert pages.parser().parse_args(["--sensitivity"]).sensitivity
-
-
-def test_what_is_measured_though_a_datum_is_missing_says_which() -> None:
-    one = CheckedClaim(Claim("x", "y", Below(1, 2), lambda _: 9.0), 9.0)
-    row = MatrixRow(Entry("1-1", "It shows.", missing="the place"), (one,))
-    assert row.verdict == "cannot be said"
-    assert matrix([row]).rows[0][2:7] == ("x", "y", "9.00; needs the place", "+8", "cannot be said")
-    assert "Of 0 single claims" in matrix([row]).text
-
-
-def test_the_matrix_counts_in_words_that_fit_the_number() -> None:
-    rule = Below(1, 2)
-    one = Claim("x", "y", rule, lambda _: 0.0)
-    found = [tuple(CheckedClaim(one, value) for value in values) for values in ((0.0, 0.0), (0.0, 1.5, 3.0), (3.0,))]
-    rows = [MatrixRow(Entry(f"1-{n}", "It shows."), claims) for n, claims in enumerate(found)]
-    assert matrix(rows).text.startswith(
-        "3 figures and tables: 1 agrees, 1 agrees in part, 1 differs. "
-        "Of 6 single claims 3 agree, 1 agrees in part, 2 differ."
-    )
-    assert matrix([*rows, rows[1]]).text.startswith("4 figures and tables: 1 agrees, 2 agree in part, 1 differs.")
-
-
-def test_the_docs_are_the_verdicts_and_the_claims() -> None:
-    rule = Below(1, 2)
-    row = MatrixRow(
-        Entry("1-1", "It shows.", reading="Read it."), (CheckedClaim(Claim("x", "y", rule, lambda _: 0.0), 0.0),)
-    )
-    silent = MatrixRow(Entry("9-9", "It shows nothing.", outside="elsewhere"), ())
-    assert verdicts([row, silent])[1:] == [
-        ("1-1", "It shows.", "agrees", "Read it."),
-        ("9-9", "It shows nothing.", "out of scope", "elsewhere"),
-    ]
-    assert all_claims([row, silent])[1:] == [("1-1", "x", "y", "0.00", "agrees", "≤ 1, ≤ 2")]
-
-
-def test_the_bench_says_how_far_it_is(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(bench_pages, "SCHEDULES", (("line",), ("cylinders", "diameter_mm=9")))
-    monkeypatch.setattr(bench_pages, "spread", map)
-    monkeypatch.setattr(bench_pages, "carry_out", lambda words, folder: SimpleNamespace(line=" ".join(words)))
-    monkeypatch.setattr(bench_pages, "equal_force_gwt", lambda done: 5.5)
-    assert len(bench_pages.carry_out_all(Path("runs"))) == 3
-    assert capsys.readouterr().out.splitlines() == [
-        "3 schedules on the virtual bench, over this machine's processes …",
-        " 1 of 3  line",
-        " 2 of 3  cylinders diameter_mm=9",
-        " 3 of 3  cylinders diameter_mm=3 force_gwt=5.5",
-    ]
-
-
-def test_an_unknown_number_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
-    with pytest.raises(SystemExit) as ended:
-        pages.main(["--only", "9-9"])
-    assert ended.value.code == 2
-    assert "9-9" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: entry.key)

@@ -1,7 +1,6 @@
 """The kept references of a finger that stiffens: one pressed again, and how near the quick answer comes to some."""
 
 import re
-from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
@@ -13,8 +12,6 @@ from sim.models.stiffening import (
     FORCE,
     FORCE_ERROR,
     SED_ERROR,
-    DimensionlessPress,
-    ForceFactor,
     ReceptorPress,
 )
 from studies.registry import expanded, read_table, tables_in
@@ -28,7 +25,6 @@ from studies.stiffening.fitted import (
     fitted,
     forces,
     left_out,
-    spread,
     strain_errors,
     strains,
     table,
@@ -169,54 +165,6 @@ def test_strains_have_the_root_of_energy_without_its_law() -> None:
     for part, most, twin in (("fitted", 0.145, 0.22), ("held back", 0.165, 0.21), ("afterwards", 0.185, 0.26)):
         there = within & [one.part == part for one in seen]
         assert np.sqrt(np.mean(ours[there] ** 2)) < most < twin < np.sqrt(np.mean(linear[there] ** 2))
-
-
-def test_numbers_are_found_again() -> None:
-    chance = np.random.default_rng(1)
-    low, high = (0.05, 0.2, 0.5, 0.0, 0.02, 0.5), (0.6, 3.0, 5.0, 0.4, 0.5, 3.0)
-    presses = [DimensionlessPress(*values) for values in chance.uniform(low, high, (90, 6))]
-    draft = [
-        StiffeningSample("f", "s", a, 1.0, p, 0.0) for p, a in zip(presses, np.tile((0.0, 0.3, 1.0), 30), strict=True)
-    ]
-    truth = FORCE._replace(arch=0.3, squeeze=1.0, strain=9.0)
-    exact = [one._replace(log=float(e)) for one, e in zip(draft, errors(draft, truth), strict=True)]
-    found = fitted(exact, FORCE)
-    assert type(found) is ForceFactor
-    assert np.abs(errors(exact, found)).max() < 1e-3
-
-
-def test_a_table_has_a_line_for_each_path_and_what_is_held_back_comes_last() -> None:
-    press = DimensionlessPress(*np.full(6, 0.2))
-    (log,) = -errors([StiffeningSample("f", "flat", 0.3, 1.0, press, 0.0)], FORCE)
-    (sed,) = -errors([StiffeningSample("f", "flat", 0.3, 1.0, press, 0.0)], ENERGY)
-    at = partial(StiffeningSample, stiffening=0.3, press=press)
-    offs = ((1.0, 1.01), (2.0, 1 / 1.02), (2.5, 1.03))
-    held = [
-        at("human", "cylinder:4", doi_mm=1.0, log=-log),
-        at("human", "flat", doi_mm=1.0, log=-log, afterwards=True),
-    ]
-    force = [*held, *(at("human", "flat", doi_mm=doi, log=-log - np.log(off)) for doi, off in offs)]
-    energy = [at("human", "flat", doi_mm=1.0, log=-sed), at("human", "flat", doi_mm=1.0, log=9.0, highest=False)]
-    assert list(table(force, energy))[2:] == [
-        "| human | flat | 0.3 | 2.5 | 1.0 % | 2.0 % | 3.0 % | 0.0 % | 0.0 % |  |",
-        "| *held back:* human | cylinder:4 | 0.3 | 1 | 0.0 % | 0.0 % |  |  |  |  |",
-        "| *afterwards:* human | flat | 0.3 | 1 | 0.0 % | 0.0 % |  |  |  |  |",
-    ]
-
-
-def test_a_spread_is_of_what_the_prior_holds_to_two_millimetres() -> None:
-    at = partial(StiffeningSample, press=DimensionlessPress(*np.full(6, 0.2)), log=0.0)
-    seen = [
-        at("human", "flat", 0.3, 2.0),
-        at("human", "flat", 1.0, 2.0),
-        at("human", "flat", 0.3, 2.5),
-        at("firm throughout", "flat", 0.3, 2.0),
-        at("firm throughout", "flat", 0.3, 2.0, afterwards=True),
-    ]
-    found = spread(seen, np.log([1.02, 9.0, 9.0, 1 / 1.05, 1.04]))
-    parts = ("fitted: 2.0 % rms, 2.0 % at most", "held back: 4.9 % rms, 5.0 % at most")
-    assert found == "; ".join((*parts, "afterwards: 3.9 % rms, 4.0 % at most"))
-    assert spread(seen[:1], np.log([1.02])) == parts[0]
 
 
 def test_every_path_of_every_finger_is_a_scene() -> None:

@@ -1,7 +1,6 @@
 """`rig compare` and `rig export`, as people call them."""
 
 import json
-import sys
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rig.cli import main
 from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
@@ -21,7 +19,7 @@ from rig.data import Run
 from rig.report.style import Plot
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
-from tests.program import as_in_its_schema
+from tests.program import Program
 from tests.rig.compare.conftest import BAR, dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -33,18 +31,14 @@ no_figures = pytest.mark.usefixtures("empty_figures")
 
 
 @pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> Command:
+def command(monkeypatch: pytest.MonkeyPatch, program: Program, tmp_path: Path) -> Command:
     """Run the program here: exit code, standard output, standard error."""
     monkeypatch.chdir(tmp_path)
 
     def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capsys.readouterr()
-        if "--json" in arguments:
-            as_in_its_schema(str(arguments[0]), json.loads(printed.out))
-        return int(caught.value.code or 0), printed.out, printed.err
+        ended = program(*arguments)
+        assert "--json" not in arguments or ended.json
+        return ended.code, ended.out, ended.err
 
     return run
 

@@ -19,11 +19,10 @@ from rig.report.comparison_report import shape_figures, shown_measures, simulati
 from rig.report.page_parts import PageFigure
 from rig.report.profile_figures import populations
 from rig.report.recording_sections import source_section
-from rig.report.style import PAGE_IN, position_scale, shade, shade_of
+from rig.report.style import position_scale, shade, shade_of
 from rig.report.verdict_section import answer_sections
 from sim.measures.receptors import DEFAULT_X_MM
 
-LEAST_POINTS = 6.5
 X = np.linspace(-4, 3, 25)
 MEASURES_SHOWN = ("ep1", "ep3", "sed")
 
@@ -102,27 +101,6 @@ def seen(canvas: Canvas) -> Iterator[Text]:
         if not axes.get_visible():
             hidden |= set(axes.findobj(Text))
     yield from (text for text in written(canvas) if text not in hidden)
-
-
-def test_every_figure_is_printed_at_its_own_size_and_can_be_read(
-    comparison: Comparison, section: StimulusMap, drawn_once: Callable[[PageFigure], Canvas]
-) -> None:
-    found = comparison_figures(comparison, [section] * 3)
-    titles = [figure.title for figure in found]
-    assert len(set(titles)) == len(titles)
-    kinds = ("Recorded over", "Rate against", "Correlation", "SSRPs", "Population", "Pressure", "Strain under",
-             "Verdicts", "Residuals", "Every pair")  # fmt: skip
-    for figure in found:
-        width, height = figure.plot.size
-        assert width <= PAGE_IN[0], figure.title
-        assert height <= PAGE_IN[1], figure.title
-    for figure in (next(figure for figure in found if figure.title.startswith(kind)) for kind in kinds):
-        width, height = figure.plot.size
-        canvas = drawn_once(figure)
-        assert min(text.get_fontsize() for text in written(canvas)) >= LEAST_POINTS, figure.title
-        ink = canvas.get_tightbbox()  # in inches
-        assert min(ink.x0, ink.y0) >= 0, f"{figure.title} is cut off"
-        assert (ink.x1 <= width) & (ink.y1 <= height), f"{figure.title} is cut off"
 
 
 def test_letters_do_not_lie_over_each_other(

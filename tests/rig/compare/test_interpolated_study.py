@@ -2,17 +2,17 @@
 
 import csv
 import json
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.cli import main, study
+from rig.cli import study
 from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
+from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 NINE = f"""\
@@ -42,21 +42,14 @@ def nine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def rig(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Said:
+def rig(monkeypatch: pytest.MonkeyPatch, program: Program) -> Said:
     """Run it here, in this process: standard output and standard error."""
-
-    def here(function: Callable[[Any], Any], items: Sequence[Any], *_: object) -> Iterator[Any]:
-        return map(function, items)
-
-    monkeypatch.setattr(study, "spread", here)
+    monkeypatch.setattr(study, "spread", lambda function, items, *_: map(function, items))
 
     def run(*words: object) -> tuple[str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", "study", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            main()
-        assert not ended.value.code
-        printed = capsys.readouterr()
-        return printed.out, printed.err
+        ended = program("study", *words)
+        assert ended.code == 0, ended.err
+        return ended.out, ended.err
 
     return run
 
@@ -77,16 +70,15 @@ def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_pat
     told = json.loads(rig(nine, "--json", "--out", tmp_path / "again.csv")[0])
     assert (told["interpolated"], told["interpolation_text"]) == (9, HOW_MADE)
     assert rows(tmp_path / "again.csv") == near
-    out, err = rig(nine, "--exact", "--out", tmp_path / "exact.csv")
-    assert HOW_MADE not in out
+    out, err = rig(nine, "--exact", "--json", "--out", tmp_path / "exact.csv")
+    told = json.loads(out)
+    assert (told["interpolated"], told["interpolation_text"]) == (0, None)
     assert "full builds" not in err
     exact = rows(tmp_path / "exact.csv")
     assert [row["model"] for row in exact] == ["finger"] * 9
     for one, other in zip(near, exact, strict=True):
         assert one["force_gwt"] != other["force_gwt"]
         assert float(one["force_gwt"]) == pytest.approx(float(other["force_gwt"]), rel=0.01)
-    told = json.loads(rig(nine, "--exact", "--json")[0])
-    assert (told["interpolated"], told["interpolation_text"]) == (0, None)
 
 
 def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:

@@ -112,3 +112,13 @@ def test_silent_at_rest_keeps_k_and_eps0_from_below_zero(window_s: float | None)
     assert silent.total[0] > free.total[0]
     falling = likeliest(-eps[None], given, Form(silent_at_rest=True))
     assert np.isnan(falling.k[0])
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_a_rate_at_its_largest_is_fitted_without_a_warning(silent: bool) -> None:
+    """Where few places fire, all alike, the drive grows from round to round until rounding makes it infinite."""
+    eps = np.array([-1, 1, 2, 56, 398, 512, 121, 4, 0, -1, -1, 0, 1]) / 1000
+    given = seen(np.array([0, 0, 0, 1 / 3, 60, 60, 0, 0, 0, 0, 0, 0, 0]), 3.0)
+    found = likeliest(eps[None], given, Form(saturating=True, silent_at_rest=silent))
+    assert np.isfinite(found.mean).all()
+    assert float(found.mean.max()) < 1 / float(found.saturation[0])

@@ -1,8 +1,8 @@
 """What other fingers say of a run, and `rig compare --fingers`, on a coarse mesh."""
 
 import hashlib
-import json
 from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.cli import main
 from rig.compare import plausible_fingers
 from rig.compare.exceptions import FingersError
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
@@ -23,6 +22,7 @@ from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import make_node
 from tests.error_codes import raises
+from tests.program import Ended, Program
 from tests.rig.compare.conftest import dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -120,28 +120,29 @@ def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
     assert asked == [exact]
 
 
-def test_the_command(
-    run: Run, coarse: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
-    work: Counter[str],
-    empty_figures: None,
-) -> None:  # fmt: skip
-    """Ranges in answer and report, the same bytes twice, and no work once the fingers are in the cache."""
+@pytest.fixture
+def compared(
+    run: Run, coarse: Fingertip, tmp_path: Path, program: Program, empty_figures: None
+) -> Callable[..., Ended]:
+    """`rig compare` of the run and a synthetic recording."""
     by_force = next(stimulus for stimulus in stimuli(run, coarse) if stimulus.kind == "force_gwt")
     afferent = afferent_for([by_force], "sed", 5, peak=60.0, silent=0.3)
     rates = write_synthetic(tmp_path, record(afferent, by_force, np.linspace(-0.9, 0.9, 9), np.random.default_rng(1)))
+
+    def command(*options: object) -> Ended:
+        ended = program("compare", run.folder.path, "--recorded", f"cylinder:9={rates}", *options)
+        assert ended.code == 0, ended.err
+        return ended
+
+    return command
+
+
+def test_the_command(compared: Callable[..., Ended], tmp_path: Path, work: Counter[str]) -> None:
+    """Ranges in answer and report, the same bytes twice, and no work once the fingers are in the cache."""
     ranges = tmp_path / "fingers.toml"
     ranges.write_text(RANGES, encoding="utf-8")
-
-    def compared(*options: object) -> str:
-        words = ("rig", "compare", run.folder.path, "--recorded", f"cylinder:9={rates}", *options)
-        monkeypatch.setattr("sys.argv", [str(word) for word in words])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        assert caught.value.code == 0
-        return capfd.readouterr().out
-
     a, b, plain = (tmp_path / name for name in ("a.html", "b.html", "plain.html"))
-    answer = json.loads(compared("--fingers", ranges, "--out", a, "--json"))
+    answer = compared("--fingers", ranges, "--out", a, "--json").json
     work.clear()
     compared("--fingers", ranges, "--out", b)
     assert not work
@@ -154,7 +155,7 @@ def test_the_command(
     assert answer["fingers"]["built"] == 3
     row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
     assert {"k_interval", "eps0_interval", "best_finger", "on_this_finger"} <= set(row)
-    without = json.loads(compared("--out", plain, "--json"))
+    without = compared("--out", plain, "--json").json
     assert "fingers" not in without
     other = {
         "report": "",
@@ -167,17 +168,8 @@ def test_the_command(
 
 
 def test_the_shipped_fingers_that_the_source_allows_are_compared_with(
-    run: Run, coarse: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str],
-    empty_figures: None,
-) -> None:  # fmt: skip
-    by_force = next(stimulus for stimulus in stimuli(run, coarse) if stimulus.kind == "force_gwt")
-    afferent = afferent_for([by_force], "sed", 5, peak=60.0, silent=0.3)
-    rates = write_synthetic(tmp_path, record(afferent, by_force, np.linspace(-0.9, 0.9, 9), np.random.default_rng(1)))
-    words = ("rig", "compare", run.folder.path, "--recorded", f"cylinder:9={rates}", "--fingers", ALLOWED, "--exact")
-    monkeypatch.setattr("sys.argv", [str(word) for word in (*words, "--out", tmp_path / "a.html", "--json")])
-    with pytest.raises(SystemExit) as caught:
-        main()
-    assert caught.value.code == 0
-    told = json.loads(capfd.readouterr().out)["fingers"]
+    compared: Callable[..., Ended], tmp_path: Path
+) -> None:
+    told = compared("--fingers", ALLOWED, "--exact", "--out", tmp_path / "a.html", "--json").json["fingers"]
     assert told["built"] == 9
     assert {one["name"] for one in told["ranges"]} == {"tissue.e_dermis", "tissue.e_fat"}

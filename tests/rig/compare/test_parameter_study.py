@@ -1,24 +1,19 @@
 """Parameter studies: what is combined, and the same answers however the work is given out."""
 
-import json
 import os
 import signal
-import sys
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from threadpoolctl import threadpool_info
 
-from rig.cli import main
 from rig.study.exceptions import StudyError, WorkersError
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, columns, read_study, solve
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
-from tests.program import as_in_its_schema
+from tests.program import Program
 
 PRESSES = """\
 [[press]]
@@ -111,30 +106,11 @@ def test_a_row_is_the_models_answer_at_its_receptor(coarse: Path) -> None:
     assert sed[1] != pytest.approx(sed[0], rel=0.1)
 
 
-Command = Callable[..., tuple[int, str, str]]
-
-
-@pytest.fixture
-def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
-    """Run the program here: exit code, standard output, standard error."""
-
-    def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["rig", *map(str, arguments)])
-        with pytest.raises(SystemExit) as caught:
-            main()
-        printed = capfd.readouterr()
-        if "--json" in arguments:
-            as_in_its_schema(str(arguments[0]), json.loads(printed.out))
-        return int(caught.value.code or 0), printed.out, printed.err
-
-    return run
-
-
-def test_processes_give_what_one_gives(command: Command, coarse: Path) -> None:
+def test_processes_give_what_one_gives(program: Program, coarse: Path) -> None:
     alone = [row for case in read_study(coarse) for row in solve(case)]
-    code, out, err = command("study", coarse, "--processes", 2, "--json")
-    assert (code, err) == (0, "")
-    answer: dict[str, Any] = json.loads(out)
+    ended = program("study", coarse, "--processes", 2, "--json")
+    assert (ended.code, ended.err) == (0, "")
+    answer = ended.json
     assert (answer["cases"], answer["rows"], answer["problems"]) == (12, 4 * (2 * 2 + 2 * 2), 0)
     lines = coarse.with_suffix(".csv").read_text(encoding="utf-8").splitlines()
     names = lines[0].split(",")
@@ -143,26 +119,24 @@ def test_processes_give_what_one_gives(command: Command, coarse: Path) -> None:
         assert line.split(",") == [str(row[name]) for name in names]  # the very same digits
 
 
-def test_bad_input_is_one_line(command: Command, coarse: Path, tmp_path: Path) -> None:
+def test_bad_input_is_one_line(program: Program, coarse: Path, tmp_path: Path) -> None:
     for words, refusal in (
         ((tmp_path / "none.toml",), "unreadable"),
         ((coarse, "--out", tmp_path / "no" / "t.csv"), "not_writable"),
         ((coarse, "--out", tmp_path), "not_writable"),
     ):
-        code, out, err = command("study", *words, "--json")
-        told = json.loads(out)
-        assert (code, told["code"]) == (2, refusal)
-        assert err == f"rig: {told['error_text']}\n"
-        assert str(words[-1]) in err
+        ended = program("study", *words, "--json")
+        assert (ended.code, ended.error_code) == (2, refusal)
+        assert str(words[-1]) in ended.err
 
 
-def test_a_folder_without_permission_is_seen_before_the_work(command: Command, coarse: Path, tmp_path: Path) -> None:
+def test_a_folder_without_permission_is_seen_before_the_work(program: Program, coarse: Path, tmp_path: Path) -> None:
     locked = tmp_path / "locked"
     locked.mkdir(0o555)
     if os.access(locked, os.W_OK):
         pytest.skip("whoever runs this may write anywhere, as root may")
-    code, out, _ = command("study", coarse, "--out", locked / "t.csv", "--json")
-    assert (code, json.loads(out)["code"]) == (2, "not_writable")
+    ended = program("study", coarse, "--out", locked / "t.csv", "--json")
+    assert (ended.code, ended.error_code) == (2, "not_writable")
 
 
 def _killed(number: int) -> int:
