@@ -62,11 +62,12 @@ class WallClock:
 
     def suspended_s(self) -> float:
         """Return 0 where the system has no clock that goes on, or a monotonic one that does (Windows)."""
+        read: Callable[[int], float] | None = getattr(time, "clock_gettime", None)
         goes_on: int | None = getattr(time, "CLOCK_BOOTTIME", None)
-        if goes_on is None:
+        if read is None or goes_on is None:
             return 0.0
         for _ in range(_TRIES):  # The process may be interrupted between two clocks.
-            before_s, all_s, after_s = time.monotonic(), time.clock_gettime(goes_on), time.monotonic()
+            before_s, all_s, after_s = time.monotonic(), read(goes_on), time.monotonic()
             if after_s - before_s < _AT_ONCE_S:
                 break
         return all_s - before_s

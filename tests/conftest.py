@@ -272,6 +272,7 @@ STUDIES = (
 LONG = (
     "portable/test_without_posix.py",
     "rig/real_time/test_bluesky.py",
+    "rig/real_time/test_choose_on_wires.py",
     "test_third_party_device.py",
     "test_wheel.py",
     "test_preloaded.py",

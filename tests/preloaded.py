@@ -32,6 +32,8 @@ IMPORTED = (
     *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
     *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
     *("multiprocessing.spawn", "sim.finger_process", "sim.models.fingertip", "sim.contact.warmup"),
+    # Of the workers of the suite.
+    *("pytest", "jsonschema", "matplotlib.figure", "rig.bench.served", "rig.compare.stimuli", "rig.study.parallel"),
 )
 SET_CHILD_SUBREAPER = 36  # of <linux/prctl.h>: orphans below become our children
 PATH = "PYTHONPATH"

@@ -26,6 +26,8 @@ MAY = {
     "tmcl_client.py": "a program that polls, and ends before pytest's deadline",
     "lsl_client.py": "a program that waits for the streams, and ends before pytest's deadline",
     "sim/test_calculix.py": "another program, that ends before pytest's deadline",
+    "rig/test_hostile_files.py": "processor time of a child, which a busy machine does not lengthen",
+    "whole_program.py": "is held in its report until the test ends it",
 }
 WORTH_PARSING = re.compile(
     r"\btime\b|timeout|Wall(Clock|Scheduler)|(?<![\"'])\.(join|wait|communicate|result|acquire)\(|create_connection"

@@ -28,7 +28,7 @@ from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
-from rig.compare.verdict_text import positions, sentence
+from rig.compare.verdict_text import TOO_FEW, positions, sentence
 from rig.compare.wider_run import with_wider_runs
 from rig.data import Run, read_run
 from rig.errors import BadInputError
@@ -439,9 +439,12 @@ def _print(
     names = comparison.candidates()
     out.print(", ".join(f"{with_size(one.indentor)} at {one.condition}" for one in comparison.stimuli))
     for answer in verdicts:
-        out.print(f"answer      {sentence(answer)}")
+        under = f"{answer.title}: " if len(verdicts) > 1 else ""
+        out.print(f"answer      {under}{sentence(answer)}")
         if answer.outcome != "silent":
             out.print(f"positions   {positions(answer)}")
+    if comparison.overlays and not verdicts:
+        out.print(f"answer      {TOO_FEW}")
     for line in place_lines(at):
         out.print(f"place       {line}")
     for line in [] if verdicts else left_out_lines(comparison):

@@ -307,7 +307,8 @@ def _pressed(one: dict[str, Any]) -> str:
 
 
 def _pairs(values: dict[str, Any]) -> str:
-    return ", ".join(f"{name} {value}" for name, value in values.items()) or "none"
+    found = {name: round(value, 6) if isinstance(value, float) else value for name, value in values.items()}
+    return ", ".join(f"{name} {value}" for name, value in found.items()) or "none"
 
 
 def export_command(

@@ -244,10 +244,11 @@ def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Reco
     for shape in recordings:
         if shape not in held | conditions:
             raise ComparisonError(
-                "--recorded {shape}: the runs contain no such shape; use one of {held}",
+                "--recorded {shape}: the runs contain no such shape; use one of {names}",
                 code="never_pressed",
                 shape=shape,
                 held=sorted(held),
+                names=", ".join(sorted(held)),
             )
 
 

@@ -6,6 +6,7 @@ from itertools import groupby
 import numpy as np
 
 from rig.compare.candidate_measures import DISCREPANCY, OF_THE_MESH, SEEN
+from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.likelihood import FEWEST_SPIKES
 from rig.compare.model_confidence_set import BLOCK, BLOCKS, DRAWS, HARDLY
 from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
@@ -16,6 +17,10 @@ FROM = {
     "sd": "given with the rates",
     "neighbours": "estimated from differences between neighboring positions, since there are no repeats",
 }
+
+TOO_FEW = (
+    f"There is no verdict: the runs cover fewer than {FEWEST_POSITIONS} recorded positions at the same receptors."
+)
 
 
 def sentence(answer: AfferentVerdict) -> str:

@@ -174,7 +174,7 @@ class StageStatus:
     x_mm: float
     y_mm: float
     z_mm: float
-    referenced: bool = True
+    referenced: bool = field(default=True, repr=False)
 
 
 Looks = Iterator[StageStatus | None]

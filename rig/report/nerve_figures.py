@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.spike_files import SpikeRecord, SpikeTrain
 from rig.report.page_parts import PageFigure
+from rig.report.run_figures import broken
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
 
 Array = NDArray[np.float64]
@@ -200,7 +201,7 @@ def _rates(
 
 def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
     read = [s for s in run.stream("sample") if begin_s <= s["t_s"] <= end_s]
-    axes.plot([s["t_s"] for s in read], [s["force_gwt"] for s in read], color="black", lw=0.8)
+    axes.plot(*broken(read, run), color="black", lw=0.8)
     axes.tick_params(labelsize=8)
 
 

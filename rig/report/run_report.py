@@ -176,6 +176,15 @@ def _press_figures(run: Run) -> list[PageFigure]:
     ]
 
 
+def _population_lines(found: list[PredictedHold]) -> str:
+    """Return what the lines of the population responses are, and what is left out."""
+    if len({response.hold["x_mm"] for response in found}) == 1:
+        return "One line per depth or force (first repeat)."
+    *others, shown = by_group(found)
+    more = f"; the figure leaves out {', '.join(others)}" if others else ""
+    return f"One line per hold of {shown}{more}."
+
+
 def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top = run_figures.highest_pressure(last)
@@ -208,8 +217,7 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
             "Population responses",
             run_figures.population_responses(found),
             "−ep1 (compression is positive) and strain energy density at the receptors, "
-            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. One line per hold at the "
-            "last commanded depth or force, or, for a single position, per depth or force (first repeat). Data: "
+            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. {_population_lines(found)} Data: "
             "model_measures.csv.",
         ),
     ]

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 
 from rig.compare.verdict import LEVEL, AfferentVerdict, PairRow
-from rig.compare.verdict_text import methods, percent, probability, sentence, sentences
+from rig.compare.verdict_text import TOO_FEW, methods, percent, probability, sentence, sentences
 from rig.report import verdict_figures
 from rig.report.page_parts import PageFigure, Section, figures_of
 from rig.report.style import as_limits, as_number
@@ -20,7 +20,6 @@ _PAIR = (
 _NOTHING = (
     "No recording was given (--recorded SHAPE=FILE), so no measure is tested. The rest of this page is a simulation."
 )
-_TOO_FEW = "The runs cover too few recorded positions to determine which measure explains them."
 _WOULD_CHANGE = {
     "explained": (
         "The answer would change if a control entered the set, or if, with less noise, the fit of "
@@ -41,7 +40,7 @@ _WOULD_CHANGE = {
 def answer_sections(answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool) -> list[Section]:
     """Return the sections of each afferent in page order; `frame` is printed on every figure."""
     if not answers:
-        return [Section("Verdicts", _TOO_FEW if recorded else _NOTHING)]
+        return [Section("Verdicts", TOO_FEW if recorded else _NOTHING)]
     return [section for one in answers for section in _sections(one, frame, _of(one, answers))]
 
 

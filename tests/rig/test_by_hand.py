@@ -114,6 +114,7 @@ def at_hand(request: pytest.FixtureRequest) -> Callable[..., AtHand]:
 # --- down ---
 
 
+@pytest.mark.quick(rows=lambda at_hand, k_gwt, placed: at_hand == "grbl" or k_gwt == 6.0)
 @pytest.mark.parametrize("k_gwt", SPRINGS.values(), ids=SPRINGS)
 @pytest.mark.parametrize("placed", [True, False], ids=["height known", "height unknown"])
 def test_down_ends_at_the_first_touch(at_hand: Callable[..., AtHand], k_gwt: float, placed: bool) -> None:
@@ -171,6 +172,9 @@ def freeze(bench: AtHand, at_gwt: float | None) -> None:
     sensor.read = read  # type: ignore[method-assign]
 
 
+@pytest.mark.quick(
+    rows=lambda at_hand, placed, value_gwt, code, presses: at_hand == "grbl" or (placed and not presses)
+)
 @pytest.mark.parametrize(("value_gwt", "code"), [(0.0, "lost_finger"), (None, "frozen")], ids=["0", "last"])
 @pytest.mark.parametrize("placed", [True, False], ids=["height known", "height unknown"])
 @pytest.mark.parametrize("presses", [0, 2])
@@ -399,6 +403,7 @@ def test_position_and_force_are_shown_while_it_moves(at_hand: Callable[..., AtHa
     assert max(force for force in forces if force is not None) >= TOUCH_GWT
 
 
+@pytest.mark.quick(rows=lambda at_hand, axis, by_mm, felt: at_hand == "grbl" or felt)
 @pytest.mark.parametrize("felt", [True, False])
 @pytest.mark.parametrize(("axis", "by_mm"), [("x", 1.5), ("z", 1.5), ("z", -1.5), ("z", -0.123)])
 def test_a_way_that_is_free_is_gone_to_its_end(

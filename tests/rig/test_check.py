@@ -119,6 +119,7 @@ def test_stop_distance_by_hand() -> None:
 
 
 # A share of 0.3 relaxes within a second, as long as a hold lasts.
+ONCE = {**DEEP, "xs": (0.0,), "how": "doi_mm=1.0, hold_s=0.5"}
 UNEXPECTED: dict[str, Any] = {"virtual": {"stiffness": 1.3, "relaxation": [[0.3, 1.0]]}}
 
 
@@ -137,7 +138,7 @@ def _felt(folder: Path, finger: Fingertip, soft_trip_n: float) -> tuple[Finished
     limits = {"soft_trip_n": soft_trip_n}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(devices, "load_cell", seen)
-        found, done = _both(folder, finger, {**DEEP, "xs": (0.0,)}, **UNEXPECTED, limits=limits)
+        found, done = _both(folder, finger, ONCE, **UNEXPECTED, limits=limits)
     assert max(felt) / GWT_N <= found.trip_gwt + found.as_json()["overshoot_gwt"]
     return done, max(felt) / GWT_N
 

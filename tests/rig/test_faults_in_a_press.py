@@ -13,10 +13,12 @@ from studies.faults.catalogue import Fault
 from studies.faults.faulty_bench import TARGET, Change, FaultyBench, delayed
 from studies.faults.outcomes import bound_gwt, suffer
 
-TMCL: dict[str, Any] = {"stage": {"kind": "tmcl"}}
-ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}}
-STANDA: dict[str, Any] = {"stage": {"kind": "standa"}}
-NET_FT: dict[str, Any] = {"force": {"kind": "net_ft"}}
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches, below where a virtual stage begins."""
+TMCL: dict[str, Any] = {"stage": {"kind": "tmcl"}, **NEAR}
+ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}, **NEAR}
+STANDA: dict[str, Any] = {"stage": {"kind": "standa"}, **NEAR}
+NET_FT: dict[str, Any] = {"force": {"kind": "net_ft"}, **NEAR}
 HELD_TO_GWT = 0.1
 APART = 12
 """Messages between two faults."""

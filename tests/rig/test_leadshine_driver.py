@@ -166,7 +166,7 @@ def test_a_drive_that_is_set_otherwise_is_refused(stage: Make) -> None:
 
 def test_status(stage: Make) -> None:
     there = stage([status(1, RUNNING), status(2, HOMED), feedback(1, "FF FF D1 20"), feedback(2, "FF FF FF FF")])
-    assert there.status() == StageStatus("Run", -30.0, -15.0, -0.0025)
+    assert there.status() == StageStatus("Run", -30.0, -15.0, -0.0025, referenced=False)
 
 
 @pytest.mark.parametrize(("word", "state"), [(FAULT, "Alarm"), ("00 30", "Disabled"), (AT_REST, "Idle")])

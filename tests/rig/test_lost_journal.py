@@ -169,8 +169,8 @@ LOST += [(what, NAMES[0], way) for what, way in FOLDER.items()]
 UNWRITTEN = [(f"{name}: {what}", name, way) for name in NAMES for what, way in WRITES.items()]
 # Journal and byte log are the same in a dry-run: of its ways to lose them, one of each kind.
 # What is saved is the same whichever way a file is lost: one of each kind goes on.
-GOES_ON = ("run-events.jsonl: deleted", "run-bytes.jsonl: shortened", "run-folder moved", "run-all runs deleted",
-           "dry-run-events.jsonl: deleted", "run-events.jsonl: the disk fails")  # fmt: skip
+GOES_ON = ("run-events.jsonl: deleted", "run-bytes.jsonl: shortened", "run-all runs deleted",
+           "run-events.jsonl: the disk fails")  # fmt: skip
 TRIED_DRY = ("events.jsonl: deleted", "events.jsonl: emptied", "bytes.jsonl: replaced", "folder moved",
              "bytes.jsonl: the disk is full")  # fmt: skip
 
@@ -191,7 +191,7 @@ def _in_a_run(ways: list[tuple[str, str, Way]]) -> Any:
 
 # The byte log is looked at as the journal is, and a folder that is moved into another or with all runs is moved.
 OFTEN = [FILE[what] for what in ("deleted", "replaced", "shortened")]
-SELDOM = [FOLDER[what] for what in ("folder moved into another", "all runs moved")]
+SELDOM = [FOLDER["folder moved into another"], FOLDER["all runs moved"], FILE["replaced by a folder"]]
 
 
 def _is_quick(bench: str, name: str, way: Way) -> bool:

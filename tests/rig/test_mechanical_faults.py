@@ -19,7 +19,9 @@ from studies.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from studies.faults.outcomes import bound_gwt
 
-STAGES = {"grbl": GRBL, "modbus": MODBUS}
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches, below where a virtual stage begins."""
+STAGES: dict[str, dict[str, Any]] = {"grbl": {**GRBL, **NEAR}, "modbus": {**MODBUS, **NEAR}}
 TOUCH_GWT = 0.05
 
 

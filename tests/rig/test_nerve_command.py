@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run, read_run
@@ -280,6 +281,11 @@ def test_the_command_writes_files_and_figures(run: Run, program: Program) -> Non
     assert found is not None
     figures = nerve_figures(run, found)
     assert len(figures) == 3
+    raster = Figure(figures[0].plot.size)
+    figures[0].plot.draw(raster)
+    force = raster.axes[0].lines[0].get_ydata()
+    assert len(run.done) > 1
+    assert np.isnan(force).sum() >= len(run.done) - 1, "no line from a press to the next"
     assert all(f">{figure.title}</h2>" in page for figure in figures)
     sums = (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     assert all(f"  {Path(name).name}\n" in sums for name in (*answer["files"], answer["report"]))

@@ -295,13 +295,15 @@ def test_a_stage_of_another_package_cannot_ramp_unless_it_says_so() -> None:
 # The engine ends a ramp, alike on every stage; what a stage does itself, its ramp and its stop, is tried on each.
 
 STAGES = {name: BENCHES[name] for name in ("grbl", "rtu", "zaber", "standa", "tmcl")}
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches, below where a virtual stage begins."""
 FAST = {"doi_mm": 0.86, "speed_mm_s": 0.75}
 
 
 @pytest.fixture(params=STAGES)
 def faulty(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FaultyBench]:
     """A bench of each stage, ready at x = 0."""
-    bench = FaultyBench(tmp_path, {**STAGES[request.param], "limits": {"soft_trip_n": SOFT_TRIP_N}})
+    bench = FaultyBench(tmp_path, {**STAGES[request.param], **NEAR, "limits": {"soft_trip_n": SOFT_TRIP_N}})
     engine = bench.engine
     verbs.mount(engine, "bar:3.0")
     verbs.home(engine)

@@ -111,6 +111,7 @@ class Shown:
         self.terminal = IndentationProgress(0, left, course)
 
 
+@pytest.mark.quick(rows=lambda name: name != "a dry run")  # as the first part of one that was taken up
 @pytest.mark.usefixtures("empty_figures", "finger")
 @pytest.mark.parametrize("name", MADE)
 def test_at_every_document_all_say_the_same(name: str, program: Program, tmp_path: Path) -> None:

@@ -36,7 +36,8 @@ from sim.workers import in_processes
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
+BELOW = {"growth": 2.0, "far_growth": 3.0, "far_spacing_mm": 3.0}
+MESH = coarse_mesh(0.7, 0.7, patch_x_mm=1.4, patch_z_mm=1.4, **BELOW)
 CONFIG = FingertipConfig(mesh=MESH)
 RECEPTORS = ReceptorPlaces.of((0.0,), 0.76, None)
 STUDY = """\
@@ -184,7 +185,6 @@ WAYS: dict[str, Callable[[Request], Numbers]] = {
     "indent_many": of_many_presses,
 }
 IN_PROCESSES = ("rig study", "indent_many")
-IN_AN_ORDER = ("rig study", "Fingertip.indent", "indent_many")
 
 
 @pytest.fixture(scope="module")
@@ -239,8 +239,6 @@ def test_neither_the_cache_nor_the_order_changes_a_number(way: str, ask: Ask, ne
     found = ask(way)
     assert found
     assert ask(way, neighbours, backwards=True) == found
-    if way in IN_AN_ORDER:
-        assert ask(way, backwards=True) == found
 
 
 @pytest.mark.parametrize("way", IN_PROCESSES)

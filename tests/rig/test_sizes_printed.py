@@ -124,7 +124,7 @@ def _forces_of_an_identification(its: Printing, shape: str) -> str:
 def _compare(its: Printing, shape: str) -> str:
     found: list[str] = []
     comparison: Any = SimpleNamespace(
-        candidates=list, stimuli=[SimpleNamespace(indentor=shape, condition="0.5 mm")], left_out=()
+        candidates=list, stimuli=[SimpleNamespace(indentor=shape, condition="0.5 mm")], left_out=(), overlays=()
     )
     with its.heard(found), pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparing, "left_out_lines", lambda one: [])

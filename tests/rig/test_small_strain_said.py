@@ -18,7 +18,7 @@ from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
 from rig.study.parameter_study import read_study
-from sim.config import Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.models import small_strain_error as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -28,7 +28,8 @@ from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-COARSE = as_toml(coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0))
+MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.0, patch_z_mm=2.0)
+COARSE = as_toml(MESH)
 SCRIPT = """\
 def run(rig):
     rig.mount("cylinder:9")
@@ -136,7 +137,7 @@ def test_a_place_says_it(place: str, at: At) -> None:
 
 
 def test_a_half_space_was_not_compared() -> None:
-    found = load("halfspace").indent("cylinder:9", doi_mm=0.3).small_strain
+    found = load("halfspace", FingertipConfig(mesh=MESH)).indent("cylinder:9", doi_mm=0.3).small_strain
     assert found.note == "small strain: a halfspace pressed 0.30 mm deep was not compared with finite strain"
     assert found.as_json() == {"note_text": found.note, "force": None, "sed": None}
 

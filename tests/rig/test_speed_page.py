@@ -1,16 +1,26 @@
 """The page of `rig bench`."""
 
 import re
+from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from rig.report.benchmark_page import exponent, page
+from rig.report.style import Plot
 from sim.benchmark import FAMILIES, QUANTITIES, QUICK_SCENES, Candidate, coarse, measure, rows, stored
 
 
 @pytest.fixture(scope="module")
-def html() -> str:
+def html() -> Iterator[str]:
+    """With figures that are empty: what is in them is tested beside them."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))
+        yield _page()
+
+
+def _page() -> str:
     candidates = (Candidate("halfspace", "0.5 mm", coarse(0.5)), Candidate("section", "0.5 mm", coarse(0.5)))
     reference = stored()
     scenes = [next(scene for scene in QUICK_SCENES if scene.family == family) for family in FAMILIES]

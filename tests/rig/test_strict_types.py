@@ -4,17 +4,22 @@ import datetime
 import math
 import types
 from collections.abc import Iterator
+from importlib import import_module
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 import pytest
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 import rig.compare.plausible_fingers  # noqa: F401
+from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import LastKnown
 from rig.errors import first_problem
 from rig.settings import Settings
 from rig.study.parameter_study import StudyFile, StudyPress
 from sim.config import FingertipConfig, Geometry
+
+for name in [name for names in BUILT_IN.values() for name in names]:
+    import_module(f"rig.devices.{name}")  # or its table would be tested only behind a file that imports it
 
 DAY, NOON = datetime.date(2026, 3, 1), datetime.datetime(2026, 3, 1, 12)
 NEVER = [NOON, datetime.time(12), math.nan, math.inf, -math.inf, {"a": 1}, [[["x"]]]]

@@ -37,7 +37,9 @@ from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from studies.faults.outcomes import bound_gwt
 from tests.error_codes import raises
 
-ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}}
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches, below where a virtual stage begins."""
+ZABER: dict[str, Any] = {"stage": {"kind": "zaber"}, **NEAR}
 PRELOAD = Target("doi_mm", 0.86)
 SINE = SineMotion.of(4.0, 50.0, 2.0)
 SLOW = SineMotion.of(1.0, 50.0, 4.0)

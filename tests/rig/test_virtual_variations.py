@@ -186,6 +186,7 @@ def test_arriving_in_one_direction_takes_lost_motion_up(
         assert mine["force_gwt"] == other["force_gwt"]
 
 
+@pytest.mark.quick(rows=lambda measured, missing: measured is not None)
 @pytest.mark.parametrize(("measured", "missing"), [(0.5, 0.0), (None, 1.0)])
 def test_a_rig_that_gives_way(finger: Fingertip, tmp_path: Path, measured: float | None, missing: float) -> None:
     """0.5 mm/N under some 7 gwt is 0.03 mm: with the compliance measured the depth is as said, else less by it.

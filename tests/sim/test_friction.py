@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim.config import FingertipConfig
 from sim.contact.friction import FrictionState, at_rest, residual_of, solve_increment
 from sim.contact.indentor import BOTH
 from sim.contact.patch import Patch
@@ -77,9 +78,9 @@ def test_hardly_any_friction_is_none(coarse_finger: Fingertip, shape: str) -> No
     np.testing.assert_allclose(result.receptor_strain, strain, rtol=0, atol=1e-9 * np.abs(strain).max())
 
 
-def test_none_needs_no_other_model(coarse_finger: Fingertip) -> None:
-    fresh = load("finger", coarse_finger.config, cached=False)
-    one, other = fresh.indent("bar:3.0", doi_mm=0.5), fresh.indent("bar:3.0", doi_mm=0.5, friction=0.0)
+def test_none_needs_no_other_model(coarse_config: FingertipConfig) -> None:
+    fresh = load("finger", coarse_config, cached=False)
+    one, other = fresh.indent("bar:1.5", doi_mm=0.2), fresh.indent("bar:1.5", doi_mm=0.2, friction=0.0)
     assert type(other) is type(one)
     assert (other.force_n, other.receptor_strain.tobytes()) == (one.force_n, one.receptor_strain.tobytes())
     assert not fresh._with_all_axes
@@ -199,10 +200,11 @@ def test_many_presses_are_each_alone(coarse_finger: Fingertip) -> None:
     assert [r.force_n for r in many] == [r.force_n for r in alone]
 
 
-def test_a_finger_with_friction_pickles(coarse_finger: Fingertip) -> None:
-    pressed = coarse_finger.with_friction(0.3)
+def test_a_finger_with_friction_pickles(coarse_config: FingertipConfig) -> None:
+    finger = load("finger", coarse_config)
+    pressed = finger.with_friction(0.3)
     assert pickle.loads(pickle.dumps(pressed)).friction == 0.3
-    assert pressed.with_friction(0.0).recipe == coarse_finger.recipe
+    assert pressed.with_friction(0.0).recipe == finger.recipe
 
 
 @pytest.mark.parametrize(

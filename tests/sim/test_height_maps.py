@@ -154,8 +154,9 @@ def test_maps_are_equal_by_what_they_hold() -> None:
 # ------------------------------------------------------------------------------------------------ on the finger
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 30.0])
-@pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 1e-4), (0.2, 1e-5), (0.1, 1e-7)])
+@pytest.mark.parametrize(
+    ("spacing_mm", "allowed", "turn_deg"), [(0.4, 1e-4, 0.0), (0.2, 1e-5, 30.0), (0.1, 1e-7, 0.0)]
+)
 def test_a_sphere_as_a_map_is_a_sphere(
     coarse_finger: Fingertip, spacing_mm: float, allowed: float, turn_deg: float
 ) -> None:

@@ -21,7 +21,7 @@ from tests.made_up_fingers import SHAPES, STRAIN, lying, made_up
 from tests.sim.coarse_mesh import coarse_mesh
 
 PRIOR = Prior()
-COARSE = FingertipConfig(mesh=coarse_mesh(0.4, 0.6))
+COARSE = FingertipConfig(mesh=coarse_mesh(0.5, 0.6, patch_x_mm=2.8, patch_z_mm=2.8))
 
 
 def _finger(**changed: float) -> np.ndarray:

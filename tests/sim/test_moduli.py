@@ -194,9 +194,7 @@ def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
     return Fingertip.load(finger, exact=exact, **PLACES.as_options())
 
 
-@pytest.mark.parametrize(
-    ("e_dermis", "e_fat"), [(0.04, 0.02), (0.04, 0.32), (0.64, 0.02), (0.64, 0.32), (0.1, 0.1), (0.588, 0.25)]
-)
+@pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.64, 0.32), (0.588, 0.25)])
 def test_it_is_near_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
     near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
     ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)

@@ -58,7 +58,7 @@ REFUSED = {
 
 @pytest.mark.parametrize("text", REFUSED)
 def test_what_cannot_be_drawn_is_refused(flat: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.nerve.population._MOST_TRIES", 200)
+    monkeypatch.setattr("sim.nerve.population._MOST_TRIES", 20)
     code, fields = REFUSED[text]
     with raises(ModelRangeError, code, **fields):
         draw(flat, text)

@@ -159,17 +159,6 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
     assert force == pytest.approx(2 * finger.indent("step:5", 0.0, doi_mm=doi).force_n, rel=1e-6)
 
 
-def test_pressing_in_steps_is_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
-    # Step 5 has no sharp corner: the branch by continuation is that from rest, to the solver's residual.
-    plant = plant_of(finger, carriage)
-    for n in range(1, 11):
-        carriage.command(-31.0, -25.0 - 0.05 * n)
-        force = plant.force_n(0.0)
-    pose = plant.pose_at(0.0)
-    assert force == pytest.approx(finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n, rel=1e-8)
-    assert plant.contact_solves <= 10
-
-
 def test_uneven_steps_down_and_up_are_pressing_at_once(finger: Fingertip, carriage: Steps) -> None:
     # A start moved on by the last change is only a start: what comes out is the answer from rest.
     plant = plant_of(finger, carriage)

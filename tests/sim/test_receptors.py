@@ -112,6 +112,7 @@ def test_a_quadratic_strain_field_is_recovered(skin: FingertipSurface, placed: R
         np.testing.assert_allclose(weights @ field(sampled_at), field(point[None])[0], rtol=0, atol=1e-9)
 
 
+@pytest.mark.study  # ways of a study; that of the program is above
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])
 def test_every_way_of_the_bench_recovers_a_linear_field(

@@ -38,6 +38,7 @@ Recordings = dict[str, dict[str, Recording]]
 """Recordings by afferent and by what they are of."""
 
 _MOST_LISTED = 100
+_ONE_AFFERENT = "; a recording of one afferent is --recorded SHAPE=FILE, e.g. step:1=FILE"
 
 
 def read_afferents(
@@ -86,7 +87,8 @@ def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
 
 
 def _own(reading: Reading, one: _Named) -> Reading:
-    return replace(reading, columns=column_map(one.columns.split(";"))) if one.columns else reading
+    columns = column_map(one.columns.split(";")) if one.columns else reading.columns
+    return replace(reading, columns=columns, may_be_silent=True)  # it is left out of the group, and listed
 
 
 def _refuse(
@@ -138,7 +140,7 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines = table_lines(path)
     first, header = next(lines)
-    check_header(path, first, header, REQUIRED, OPTIONAL)
+    check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
     named, wrong = [], []
     for number, cells in lines:
         where = f"{path}, row {number}"

@@ -125,6 +125,8 @@ class Reading:
     window_s: tuple[float, float] = (0.0, 1.0)
     field_centre_mm: float = 0.0
     columns: ColumnMap = field(default_factory=ColumnMap)
+    may_be_silent: bool = False
+    """Whether a unit without spikes is a recording, and not an error."""
 
 
 def read_recordings(
@@ -205,7 +207,7 @@ def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recor
         found = read_srp(path, reading.columns)
     else:
         run = _run_with(shape, path, runs)
-        times = read_spike_times(path, run, unit, reading.columns)
+        times = read_spike_times(path, run, unit, reading.columns, may_be_silent=reading.may_be_silent)
         found = rates_in_run(run, shape, times, path.name, reading.window_s, reading.field_centre_mm)
         found = replace(with_enough_positions(path, found), changes=reading.columns.changes(*roles[0]))
     return replace(found, sha256=sha256(path))

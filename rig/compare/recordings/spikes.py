@@ -154,7 +154,9 @@ SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "segment"
 """Roles of required and of optional columns, by kind of file."""
 
 
-def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None) -> Array:
+def read_spike_times(
+    path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None, *, may_be_silent: bool = False
+) -> Array:
     """(n,) ascending s since the run's start, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
 
     Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
@@ -168,7 +170,7 @@ def read_spike_times(path: Path, run: Run, unit: str = "", columns: ColumnMap | 
         spikes, pulses = read_neo(path, unit, columns)
     else:
         spikes, pulses = _read_csv(path, columns)
-    if not len(spikes):
+    if not len(spikes) and not may_be_silent:
         raise RecordingError(
             "{path}: contains no spikes; at least one spike time is required",
             code="no_spikes",

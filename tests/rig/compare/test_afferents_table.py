@@ -8,8 +8,9 @@ import pytest
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
-from rig.compare.recordings.reading import Reading
+from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.stimuli import StimulusRow
+from rig.data import Run
 from tests.error_codes import raises
 
 Make = Callable[..., StimulusRow]
@@ -74,6 +75,16 @@ def test_a_folder_of_folders(tmp_path: Path, stimuli: list[StimulusRow]) -> None
         "a1": ["bar:3@1 mm", "step:1@0.5 mm"],
         "a2": ["bar:3"],
     }
+
+
+def test_a_unit_without_a_spike_is_a_silent_afferent(folder: Path, stimuli: list[StimulusRow], bar_run: Run) -> None:
+    """The group leaves it out and lists it; one empty unit in a file refuses no group."""
+    (folder / "silent.csv").write_text("time_s\n", encoding="utf-8")
+    path = table(folder, "a1,bar:3,,a.csv", "a2,bar:3,,silent.csv")
+    found = read_afferents(path, [], [bar_run], stimuli, Reading(window_s=(0.1, 0.2)))
+    assert not found["a2"]["bar:3"].rate.any()
+    with raises(RecordingError, "no_spikes"):
+        read_recordings([f"bar:3={folder / 'silent.csv'}"], [], [bar_run], Reading())
 
 
 BAD = {

@@ -24,7 +24,7 @@ from rig.compare.verdict import (
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.report import verdict_figures
 from rig.report.page_parts import Section
-from rig.report.style import BLUE, ORANGE, Plot
+from rig.report.style import BLUE, ORANGE, PAGE_IN, Plot
 from rig.report.verdict_section import answer_sections
 
 Array = NDArray[np.float64]
@@ -325,7 +325,7 @@ def test_several_afferents_are_told_apart_by_name() -> None:
 
 
 @pytest.mark.parametrize(
-    ("recorded", "said"), [(True, "The runs cover too few recorded positions"), (False, "No recording was given")]
+    ("recorded", "said"), [(True, "There is no verdict: the runs cover"), (False, "No recording was given")]
 )
 def test_without_an_answer(recorded: bool, said: str) -> None:
     (section,) = answer_sections([], "", recorded=recorded)
@@ -342,3 +342,14 @@ def test_of_one_stimulus_pairs_are_side_by_side() -> None:
         assert [axes.get_title().partition("\n")[2] for axes in panels] == [
             "−ep1 at −1.00 mm", "SED at −1.00 mm", "skin pressure (control) at −1.00 mm",
         ]  # fmt: skip
+
+
+def test_every_figure_of_an_answer_fits_a_page() -> None:
+    for section in sections(answer(*ROWS)).values():
+        for figure in section.figures:
+            canvas = drawn(figure.plot)
+            width, height = figure.plot.size
+            assert (width <= PAGE_IN[0]) & (height <= PAGE_IN[1]), figure.title
+            ink = canvas.get_tightbbox()
+            assert min(ink.x0, ink.y0) >= -0.01, f"{figure.title} is cut off"
+            assert (ink.x1 <= width + 0.01) & (ink.y1 <= height + 0.01), f"{figure.title} is cut off"

@@ -334,6 +334,8 @@ def _force_time_cut(world: World, figure: Figure) -> Shown:
     above, below = _panels(figure)
     edges = np.array(run.parts).ravel()
     assert below.get_xlabel().endswith("(s)")
+    for line in _lines(above, colour=BLUE, ls="-"):
+        yield ((line[0, :-1] <= edges[1]) & (line[0, 1:] >= edges[2])).sum(), 0  # no line over the stop
     for axes in (above, below):
         at = axes.transData.transform(np.column_stack([edges, np.zeros(4)]))[:, 0]
         wide = np.diff(at) / (at[-1] - at[0])

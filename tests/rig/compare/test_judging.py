@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from rig.cli.compare import _print
 from rig.compare.comparison import compare
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.exceptions import ComparisonError
@@ -292,6 +294,18 @@ def test_a_recording_laid_over_two_forces_is_not_two_recordings(
     ]  # fmt: skip
 
 
+def test_the_terminal_says_which_stimuli_each_of_several_answers_is_of(
+    steps: list[StimulusRow], make_stimulus: Make, capsys: pytest.CaptureFixture[str]
+) -> None:
+    harder = make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0)
+    for stimuli, named in (([steps[0]], [False]), ([steps[0], harder], [True, True])):
+        comparison = compare(stimuli, of_truth(steps[:1]))
+        found = answers(comparison)
+        _print(comparison, found, [], Path("a.html"))
+        said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("answer ")]
+        assert [f" {one.title}: " in line for one, line in zip(found, said, strict=True)] == named
+
+
 def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stimulus: Make) -> None:
     """Two forces: one afferent, fitted over both."""
     harder = _controlled(make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0), 2.0)
@@ -308,11 +322,15 @@ def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stim
         compare([steps[0], harder], {"step:1@9 gwt": counted(rates(steps[0]), 1)})
 
 
-def test_too_few_positions_say_nothing(steps: list[StimulusRow]) -> None:
+def test_too_few_positions_say_that_there_is_no_verdict(
+    steps: list[StimulusRow], capsys: pytest.CaptureFixture[str]
+) -> None:
     rows = [(float(x), 5.0, np.nan) for x in (-1, 0, 1, 2)]
     comparison = compare(steps[:1], {"step:1": recording("few", rows)})
     assert answers(comparison) == ()
     assert laid(comparison.overlays, Form()) is None
+    _print(comparison, (), [], Path("a.html"))
+    assert "answer      There is no verdict" in capsys.readouterr().out
 
 
 # --- the rows ---

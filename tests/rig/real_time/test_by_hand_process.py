@@ -46,12 +46,22 @@ class Owner:
         how = {"axis": axis, "sign": sign, "speed_mm_s": speed_mm_s, "tab": "one", "press": press}
         self("hold", **how, unix_s=CLOCK.unix_s())
 
-    def jog_until(self, there: Callable[[dict[str, Any]], bool], press: int) -> None:
-        """Hold a button until it has come so far; not let go then."""
+    def jog_until(self, there: Callable[[dict[str, Any]], bool]) -> int:
+        """Hold a button until it has come so far, and return which press that is; not let go then.
+
+        On a busy machine a hold may be too late: then it is pressed anew, as a person would.
+        """
+        press = 1
         for _ in repeated(0.05):
-            self.hold(press)
+            try:
+                self.hold(press)
+            except RefusedError as error:
+                if error.code not in ("motion_over", "late_hold"):
+                    raise
+                press += 1
             if there(self("status")):
-                return
+                return press
+        raise AssertionError
 
     def done(self) -> dict[str, Any]:
         return until(lambda: (found := self("status"))["busy"] is None and found)
@@ -96,10 +106,10 @@ def test_homed_jogged_and_left_it_is_known_to_the_next(
     state = owner("status", since=0)
     assert (state["x_mm"], state["homed"], state["stopped"]) == (-1.0, True, False)
     assert state["readings"]["rows"][-1][2] == pytest.approx(0.0, abs=0.02)
-    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.5, press=1)
-    owner("release", tab="one", press=1)
+    press = owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.5)
+    owner("release", tab="one", press=press)
     with raises(RefusedError, "motion_over"):
-        owner.hold(1)
+        owner.hold(press)
     state = owner.done()
     assert state["ended_by"] is None
     later = owner("status", since=0)["readings"]
@@ -119,12 +129,12 @@ def test_homed_jogged_and_left_it_is_known_to_the_next(
 
 def test_a_stop_while_it_jogs_and_home_after_it(homed: tuple[Owner, Path]) -> None:
     owner, _ = homed
-    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
     assert owner("stop")["stopped"]
     state = owner.done()
     assert (state["ended_by"], state["stopped"], state["homed"]) == ("stopped at once by the operator", True, False)
     with raises(RefusedError, "stopped"):
-        owner.hold(2)
+        owner.hold(99)
     owner("home")
     assert owner.done()["stopped"] is False
 
@@ -141,7 +151,7 @@ def test_two_drives_on_a_bus_are_stopped_while_they_jog(
     config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
     owner = begin(config)
     start_mm = owner("status")["x_mm"]
-    owner.jog_until(lambda found: found["x_mm"] < start_mm - 0.2, press=1)
+    owner.jog_until(lambda found: found["x_mm"] < start_mm - 0.2)
     assert owner("stop")["stopped"]
     state = owner.done()
     assert (state["ended_by"], state["stopped"]) == ("stopped at once by the operator", True)
@@ -159,8 +169,8 @@ def test_two_drives_on_a_bus_are_stopped_while_they_jog(
 
 def test_holds_that_stop_coming_stop_it(homed: tuple[Owner, Path]) -> None:
     owner, _ = homed
-    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
-    assert owner.done()["ended_by"] == LAPSED
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
+    assert until(lambda: owner.done()["ended_by"]) == LAPSED
 
 
 @pytest.mark.parametrize(
@@ -172,7 +182,7 @@ def test_while_it_jogs_a_signal_ends_it_at_rest(
 ) -> None:
     """Killed, too, it goes no farther than two slices; asked to end, where it stands is remembered."""
     owner, config = homed
-    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2, press=1)
+    owner.jog_until(lambda found: found["x_mm"] is not None and found["x_mm"] < -1.2)
     ended, said = owner.end(number)
     assert ended == code
     assert said.count("\n") == (1 if code == 130 else 0)
