@@ -176,13 +176,13 @@ def bar(scenes: Scenes) -> Iterator[Row]:
         centre = np.abs(x) <= 0.7
         ratios = [float(run[phase].max() / max(run[phase][centre].mean(), 0.5)) for run in runs]
         yield Row(
-            f"6, SA1 {name}",
+            f"6 ▸, SA1 {name}",
             f"3 mm bar, 1.0 mm at {BAR_SPEED_MM_S:g} mm/s, 36 places",
             f"edge : centre {low}–{high}; r ≥ .9",
             f"{over_seeds(ratios, 1)}; r {over_seeds(r)}; peak {np.mean([run[phase].max() for run in runs]):.0f} /s",
             bool(low <= np.mean(ratios) <= high and np.mean(r) >= 0.9),
             touchsim,
-            "k, θ fitted; one gain",
+            "k, θ, organs fitted; one gain",
         )
 
 
@@ -464,6 +464,7 @@ def step(scenes: Scenes) -> Iterator[Row]:
         "fewer impulses; depth of modulation < half of SA1's",
         f"{fewer:.2f} of SA1's impulses; modulation {modulation:.2f} of SA1's",
         bool(fewer < 1 and modulation < 0.5),
+        remark="end organs of RA alone were kept after it was seen",
     )
 
 
