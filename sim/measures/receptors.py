@@ -339,6 +339,69 @@ def points_below(
     return np.array(points).reshape(*x.shape, 3)
 
 
+def tissue_below(
+    config: FingertipConfig, surface: FingertipSurface, x_mm: ArrayLike, depth_mm: float, z_mm: ArrayLike
+) -> Array:
+    """Return (n, 3) points in mm as `points_below`, of many places at once; nan where there is no tissue.
+
+    Newton's method finds all roots together, to within `_PLACED_MM`; those that it misses are found one by one.
+    """
+    x, z = (np.ravel(values).astype(float) for values in np.broadcast_arrays(x_mm, z_mm))
+    found = np.full((len(x), 3), np.nan)
+    ends = axial_places(config)[0][[1, -2]]
+    around = surface.section(_AROUND, z[:, None])
+    # A disc of this radius about a point lies within the section, whose width therefore bounds x.
+    beside = 0.999 * depth_mm
+    there = (z > ends[0]) & (z < ends[1])
+    there &= (x > around[0].min(axis=1) + beside) & (x < around[0].max(axis=1) - beside)
+    if there.any():
+        found[there] = _points_together(surface, x[there], depth_mm, z[there])
+    for k in np.flatnonzero(there):
+        if np.isnan(found[k, 0]):
+            point = _tissue_at(config, surface, float(x[k]), depth_mm, float(z[k]))
+            found[k] = np.nan if point is None else point
+        elif not _in_tissue(config, np.stack([around[0][k], around[1][k]]), found[k], depth_mm):
+            found[k] = np.nan
+    return found
+
+
+_NEWTON_STEPS = 12
+_DIFFERENCE = 1e-6  # of the angle (rad) and of z (mm)
+
+
+def _points_together(surface: FingertipSurface, x: Array, depth_mm: float, z: Array) -> Array:
+    """Return (n, 3) points at x and z at a depth below the pulp's skin (mm); nan where Newton's method fails."""
+
+    def below(phi: Array, foot: Array) -> Array:
+        return np.stack([*surface.section(phi, foot), foot], axis=-1) - depth_mm * surface.normal(phi, foot)
+
+    v = np.stack([surface.angle_at(x, z), z], axis=-1)
+    for _ in range(_NEWTON_STEPS):
+        missed = below(*v.T)[:, [0, 2]] - np.stack([x, z], axis=-1)
+        if np.abs(missed).max(initial=0.0) < 1e-12:
+            break
+        slopes = np.stack(
+            [
+                (below(*(v + step).T) - below(*(v - step).T))[:, [0, 2]] / (2 * _DIFFERENCE)
+                for step in _DIFFERENCE * np.eye(2)
+            ],
+            axis=-1,
+        )
+        det = slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0]
+        det = np.where(np.abs(det) > 1e-9, det, np.nan)
+        back = np.stack(
+            [
+                slopes[:, 1, 1] * missed[:, 0] - slopes[:, 0, 1] * missed[:, 1],
+                slopes[:, 0, 0] * missed[:, 1] - slopes[:, 1, 0] * missed[:, 0],
+            ],
+            axis=-1,
+        )
+        v = np.clip(v - np.clip(back / det[:, None], -0.3, 0.3), [-np.pi, z.min() - 3], [np.pi, z.max() + 3])
+    points = below(*v.T)
+    off = np.abs(points[:, [0, 2]] - np.stack([x, z], axis=-1)).max(axis=-1, initial=0.0)
+    return np.asarray(np.where((off < _PLACED_MM)[:, None], points, np.nan))
+
+
 def _tissue_at(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
 ) -> Array | None:
@@ -349,9 +412,13 @@ def _tissue_at(
         point = point_below(surface, x_mm, depth_mm, z_mm)
     except ReceptorError:
         return None
-    skin = np.stack(surface.section(_AROUND, z_mm))
-    nearest = np.hypot(*(skin - point[:2, None])).min() > (1 - _PLACED) * depth_mm  # the skin elsewhere is not nearer
-    return point if nearest and _radial_fraction(skin, point) > _bone(config) else None
+    return point if _in_tissue(config, np.stack(surface.section(_AROUND, z_mm)), point, depth_mm) else None
+
+
+def _in_tissue(config: FingertipConfig, skin: Array, point: Array, depth_mm: float) -> bool:
+    """Return whether a point lies outside the bone, with no nearer skin in its (2, n) section elsewhere."""
+    nearest = np.hypot(*(skin - point[:2, None])).min() > (1 - _PLACED) * depth_mm
+    return bool(nearest and _radial_fraction(skin, point) > _bone(config))
 
 
 def _bone(config: FingertipConfig) -> float:

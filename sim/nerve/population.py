@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim.errors import ModelRangeError
-from sim.measures.receptors import ReceptorError
+from sim.measures.receptors import tissue_below
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
@@ -261,14 +261,21 @@ class AfferentPopulation(Sequence[Afferent]):
 
     def points_mm(self, finger: Fingertip) -> Array:
         """Return the end organs of all afferents in a finger, (n_organs of all, 3) in mm."""
-        x, depth, along = np.array(
-            [
-                (one.x_mm + x_mm, self.models[one.model].depth_mm, one.along_mm + along_mm)
-                for one in self
-                for x_mm, along_mm in one.organs_mm
-            ]
-        ).T
-        return finger.points_below(x, depth, finger.config.receptor_plane_mm + along)
+        found = np.empty((sum(map(len, self.organs)), 3))
+        for name, afferents in self.groups.items():
+            x_mm, along_mm = np.array(
+                [
+                    (self[k].x_mm + x_mm, self[k].along_mm + along_mm)
+                    for k in afferents
+                    for x_mm, along_mm in self[k].organs_mm
+                ]
+            ).T
+            depth_mm, z_mm = self.models[name].depth_mm, finger.config.receptor_plane_mm + along_mm
+            points = tissue_below(finger.config, finger.surface, x_mm, depth_mm, z_mm)
+            for k in np.flatnonzero(np.isnan(points[:, 0])):
+                points[k] = finger.points_below(x_mm[k], depth_mm, z_mm[k])  # raises the error
+            found[np.concatenate([self.organs[k] for k in afferents])] = points
+        return found
 
     def measure(self, measures: dict[str, Array]) -> Array:
         """Return each end organ's measure, (n_organs of all,), from the 18 measures at all of them."""
@@ -521,7 +528,7 @@ def draw(
     numbers: dict[str, int] = {}
     for one in asked:
         if one.place_mm is not None and not (
-            pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm)
+            pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm).all()
         ):
             raise ModelRangeError(
                 "{model} at x = {x_mm:g} mm, {along_mm:g} mm along the finger: lies off the pad, which reaches "
@@ -594,21 +601,22 @@ def _generator(seed: int, model: str, number: int) -> np.random.Generator:
     return np.random.default_rng([seed, zlib.crc32(model.encode()), number])
 
 
-def _has_tissue(finger: Fingertip, model: AfferentModel) -> Callable[[ArrayLike, ArrayLike], bool]:
-    """Return whether there is tissue at a class's depth below a place, or below all of some."""
+def _has_tissue(finger: Fingertip, model: AfferentModel) -> Callable[[ArrayLike, ArrayLike], NDArray[np.bool_]]:
+    """Return whether there is tissue at a class's depth below each place, shape (n_places,)."""
 
-    def has(x_mm: ArrayLike, along_mm: ArrayLike) -> bool:
-        try:
-            finger.points_below(x_mm, model.depth_mm, finger.config.receptor_plane_mm + np.asarray(along_mm))
-        except ReceptorError:
-            return False
-        return True
+    def has(x_mm: ArrayLike, along_mm: ArrayLike) -> NDArray[np.bool_]:
+        z_mm = finger.config.receptor_plane_mm + np.asarray(along_mm, dtype=float)
+        points = tissue_below(finger.config, finger.surface, x_mm, model.depth_mm, z_mm)
+        return np.asarray(np.isfinite(points[:, 0]))
 
     return has
 
 
 def _places(
-    pad: Pad, spacing_mm: float, generator: np.random.Generator, has_tissue: Callable[[float, float], bool]
+    pad: Pad,
+    spacing_mm: float,
+    generator: np.random.Generator,
+    has_tissue: Callable[[float, float], NDArray[np.bool_]],
 ) -> Iterator[tuple[float, float]]:
     """Yield places on the pad, even but for a least distance, until there seems to be no room."""
     found, bare = np.empty((0, 2)), np.empty((0, 2))
@@ -619,7 +627,7 @@ def _places(
         x_mm, along_mm = (round(float(mm), 3) for mm in at)
         if not pad.has(x_mm, along_mm) or _near(found, at, spacing_mm) or _near(bare, at, _BARE_MM):
             continue
-        if has_tissue(x_mm, along_mm):
+        if has_tissue(x_mm, along_mm).all():
             found, tries = np.vstack([found, [x_mm, along_mm]]), 0
             yield x_mm, along_mm
         else:
@@ -633,7 +641,7 @@ def _near(places: Array, at: Array, distance_mm: float) -> bool:
 def draw_organs(
     model: AfferentModel,
     generator: np.random.Generator,
-    has_tissue: Callable[[Array, Array], bool] = lambda x_mm, along_mm: True,
+    has_tissue: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
 ) -> tuple[tuple[float, float], ...]:
     """Return the places of the end organs of one afferent.
 
@@ -644,7 +652,8 @@ def draw_organs(
     generator : numpy.random.Generator
         The afferent's own.
     has_tissue : callable, optional
-        Whether there is tissue at all of some places from the center of the field (mm); others are drawn again.
+        Whether there is tissue at each of some places from the center of the field (mm); others are drawn again.
+        Default: there is.
 
     Returns
     -------
@@ -660,10 +669,9 @@ def draw_organs(
         return np.round(0.5 * model.field_mm * np.sqrt(radius) * (np.cos(turn), np.sin(turn)), 3).T
 
     found = places(model.organs)
-    if not has_tissue(*found.T):
-        for k in range(model.organs):
-            while not has_tissue(*found[k]):
-                found[k] = places(1)[0]
+    if has_tissue is not None:
+        while not (there := has_tissue(*found.T)).all():
+            found[~there] = places(int((~there).sum()))
     return tuple((float(x_mm), float(along_mm)) for x_mm, along_mm in found)
 
 

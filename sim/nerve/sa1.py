@@ -2,10 +2,10 @@
 
 I(t) = [s Σᵢ kᵢ ∫ exp(−(t − u)/τᵢ) dm(u) − θ]₊ less a slow threshold, m = SED / SED₀
 
-An afferent is a single point at a depth, as in Phillips and Johnson (1981, J Neurophysiol 46:1204; from memory). Fields
-have four to seven zones of maximal sensitivity (Johansson 1978, J Physiol 281:101; from memory), but five equally
-sensitive end organs in a disc of 2.5 mm do not give the recorded profile under a bar. The number is fitted on it.
-With more than one end organ, the one with the largest sum would pace the afferent.
+An afferent is a single point at a depth, as in Phillips and Johnson (1981, J Neurophysiol 46:1204; from memory).
+Human fields have four to seven zones of maximal sensitivity (Johansson 1978, J Physiol 281:101; from memory), but
+five equally sensitive end organs in a disc of 2.5 mm do not give the recorded profile under a bar. The number is
+fitted on that. Of more than one, the end organ with the largest sum would pace the afferent.
 
 Each spike site has its own noise; the first at the threshold of the membrane resets all. Form and time constants of
 the memories: Gerling et al. (2018, PLoS Comput Biol), for mouse skin; several sites: Lesniak et al. (2014, eLife);

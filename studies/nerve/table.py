@@ -59,7 +59,8 @@ FITTED = {
 
 
 CAUSES = {
-    "2, SA1": "one end organ for an afferent that has 4 to 7 (Johansson 1978); strain at 1.6 mm is beyond small strain",
+    "2, SA1": "one end organ for an afferent that has 4 to 7 (Johansson 1978); "
+    "strain at 1.6 mm is beyond small strain",
     "2, RA": "the array's own SED is large",
     "3, RA": "as test 2; nothing saturates",
     "4, SA1": "noise fitted on test 5, where intervals vary more",
