@@ -19,6 +19,7 @@ from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTable
 from rig.data.lsl import open_spikes
@@ -145,7 +146,9 @@ def _pressing(
     from sim.models.fingertip import Fingertip
 
     finger = Fingertip.load(config).keeping_ways()
-    answer = partial(_answer, finger, parse_shape(indentor), truth, wanted.drawn(finger), deepest_mm)
+    afferents = wanted.drawn(finger)
+    organs_mm = afferents.points_mm(finger)
+    answer = partial(_answer, finger, parse_shape(indentor), truth, afferents, organs_mm, deepest_mm)
     answer(IndentorPlace(0.0, 0.0))  # the first one takes seconds
     return answer
 
@@ -155,6 +158,7 @@ def _answer(
     indentor: Indentor,
     truth: Truth,
     afferents: AfferentPopulation,
+    organs_mm: NDArray[np.float64],
     deepest_mm: float,
     place: IndentorPlace | None,
 ) -> PlaceTable | AfferentPopulation:
@@ -173,7 +177,7 @@ def _answer(
         problem = message_of(error)
     if not presses:
         return PlaceTable(place, problem=problem)
-    fields = finger.fields(presses, afferents.points_mm(finger))
+    fields = finger.fields(presses, organs_mm)
     give_mm = truth.compliance_mm_per_n * truth.stiffness
     ways_mm = tuple(one.doi_mm + give_mm * one.force_n for one in presses)
     return PlaceTable(place, touch_mm, ways_mm, np.array([afferents.measure(one.measures) for one in fields]))

@@ -21,6 +21,7 @@ from sim.models.result import IndentationResult
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+_MOST_RECOVERED = 1000  # points whose map is cached
 _POINTS_AT_ONCE = 200  # strain recovery takes a quarter of a megabyte per point
 
 
@@ -33,6 +34,7 @@ class Interior:
     def __init__(self, config: FingertipConfig, surface: FingertipSurface, slopes: tuple[int, ...]) -> None:
         self._config = config
         self.mesh = build_mesh(meshed_for(config, slopes), surface)
+        self._recovered: tuple[bytes, Recovery] | None = None
 
     @cached_property
     def problem(self) -> FiniteElements:
@@ -71,9 +73,14 @@ class Interior:
     ) -> tuple[Array, Array]:
         """Return (n_results, n, 6) strains at (n, 3) points by one solve per press, and (n,) E / E(epidermis).
 
-        Raises ReceptorError.
+        The map of the last points is cached, unless they are very many. Raises ReceptorError.
         """
-        recovery = self.recovery(points_mm, progress)
+        points = points_mm.tobytes()
+        if self._recovered is not None and self._recovered[0] == points:
+            recovery = self._recovered[1]
+        else:
+            recovery = self.recovery(points_mm, progress)
+            self._recovered = (points, recovery) if len(points_mm) <= _MOST_RECOVERED else None
         return recovery.strain(displaced(self.problem, self.factor, results)), recovery.young_ratio
 
 
