@@ -5,8 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from sim.errors import ModelRangeError
+from sim.measures.receptors import ReceptorError, tissue_below
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.nerve.models import BUILT_IN
@@ -100,11 +102,28 @@ def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
     assert max(one.x_mm + x_mm for one in edge for x_mm, _ in one.organs_mm) > pad.half_x_mm
 
 
+def test_places_found_together_are_those_found_one_by_one() -> None:
+    """Also which have no tissue: beside the skin, below the bone's surface, at an end."""
+    finger, rng = load("finger"), np.random.default_rng(5)
+    x, along = rng.uniform(-8, 8, 60), rng.uniform(-4, 4, 60)
+    z = finger.config.receptor_plane_mm + np.append(along[:-1], 100.0)
+    for depth in (0.6, 1.8):
+        together = tissue_below(finger.config, finger.surface, x, depth, z)
+        found = []
+        for k in range(len(x)):
+            try:
+                found.append(finger.points_below(x[k], depth, z[k]))
+            except ReceptorError:
+                found.append(np.full(3, np.nan))
+        assert 10 < np.isfinite(together[:, 0]).sum() < 50
+        assert_allclose(together, found, atol=1e-9, rtol=0)
+
+
 def test_afferents_with_different_numbers_of_end_organs_share_a_signal(flat: Fingertip) -> None:
     """An afferent with one is as it is alone: its organ is repeated, and the strongest stays."""
-    many = draw(flat, "2xSA1@0", 2)
+    many = draw(flat, "2xRA@0", 2)
     mixed = AfferentPopulation([replace(many[0], organs_mm=((0.0, 0.0),)), many[1]])
-    assert [len(one) for one in mixed.organs] == [1, BUILT_IN["SA1"].organs]
+    assert [len(one) for one in mixed.organs] == [1, BUILT_IN["RA"].organs]
     assert len(set(mixed.organs_of([0, 1])[0].tolist())) == 1
     stimulus = Stimulus.ramp(0.4, 4.0, 0.3)
     together = mixed.response(flat, "cylinder:9", stimulus).spikes
