@@ -26,6 +26,7 @@ from rig.devices.grbl import GrblStage
 from rig.plan.config import Config
 from rig.transport import open_port
 from sim.measures.measures import MEASURES
+from sim.nerve.models import BUILT_IN
 from sim.nerve.population import AfferentPopulation, SimulatedAfferent, wanted
 from studies.registry import show
 
@@ -106,10 +107,14 @@ def cost(count: int, seconds: float = 4.0) -> float:
     """Return the processor time per second of so many afferents under a press (s/s)."""
     kinds = ("SA1", "RA") * (count // 2) + ("SA1",) * (count % 2)
     afferents = AfferentPopulation(
-        [SimulatedAfferent(name, k, 0.0, 0.0, 1.0 + k % 5, 50.0, 0.0015, k) for k, name in enumerate(kinds)]
+        [
+            SimulatedAfferent(name, k, 0.0, 0.0, 1.0 + k % 5, 50.0, 0.0015, k, BUILT_IN[name].organs * ((0.0, 0.0),))
+            for k, name in enumerate(kinds)
+        ]
     )
+    organs = sum(map(len, afferents.organs))
     depths_mm = (0.1, 0.5, 1.0, 1.5)
-    values = [afferents.measure(dict.fromkeys(MEASURES, np.full(count, 150 * mm**2))) for mm in depths_mm]
+    values = [afferents.measure(dict.fromkeys(MEASURES, np.full(organs, 150 * mm**2))) for mm in depths_mm]
     live = LiveSpikes(afferents, lambda place: None)
     live.take(PlaceTable(IndentorPlace(0.0, 0.0), 0.0, depths_mm, np.array(values)))
     times = SAMPLE_S * np.arange(round(seconds / SAMPLE_S))
