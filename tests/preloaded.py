@@ -228,6 +228,8 @@ def _inherit(asked: dict[str, Any], handles: Sequence[int]) -> None:
 
 def _run(words: Sequence[str]) -> None:
     """Python with these words: -c CODE, -m MODULE or a file, and their arguments."""
+    if words[1] == "-B":  # multiprocessing passes it on where nothing compiled is written
+        sys.dont_write_bytecode, words = True, [words[0], *words[2:]]
     if words[1] == "-m":
         sys.argv, sys.path[0] = list(words[2:]), os.getcwd()
         runpy.run_module(words[2], run_name="__main__", alter_sys=True)

@@ -182,7 +182,10 @@ def test_a_scheduler_that_dies_midway_leaves_one_line_and_no_file(study: Path, c
 
 @pytest.mark.parametrize(
     ("code", "has"),
-    [(WORKER_WITHOUT_THE_PROGRAM, "No module named 'rig"), (WORKER_OF_ANOTHER_VERSION, "indentation-rig 0.0.1 (")],
+    [
+        (WORKER_WITHOUT_THE_PROGRAM, "runs ModuleNotFoundError("),
+        (WORKER_OF_ANOTHER_VERSION, "indentation-rig 0.0.1 ("),
+    ],
     ids=["without the program", "of another version"],
 )
 def test_a_worker_with_another_program_is_named(study: Path, cluster: Cluster, code: str, has: str) -> None:
