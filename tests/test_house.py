@@ -60,6 +60,7 @@ def test_every_path_in_the_documentation_is_there() -> None:
     for page in DOCS:
         text = page.read_text(encoding="utf-8")
         named = set(re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)`", text))
+        named |= set(re.findall(r"\b(?:tests|studies)/[\w/]+\.py\b", text))  # also in commands
         assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()], page
 
 
