@@ -11,7 +11,7 @@ LOCKED ?= yes
 NEWEST ?= no
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo study study-bench study-coding studies docs test test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
+.PHONY: setup demo study study-bench study-coding studies docs test compiled-tests test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
 
 setup: .venv/.ready
 
@@ -84,8 +84,13 @@ RUN_SUITE = $(BIN)/pytest -m "not study and not real_time" $(WORKERS) --duration
 	rest=$$?; \
 	$(BIN)/pytest -m "real_time and not study" -n $(REAL_TIME_WORKERS) $(BY_FILE) --durations=20 && exit $$rest
 
-test: check
+# Tests are compiled beside the linters, which use one core: each worker would compile all of them.
+test: .venv/.ready-dev
+	$(MAKE) --no-print-directory -j2 check compiled-tests
 	$(RUN_SUITE)
+
+compiled-tests: .venv/.ready-dev
+	@$(BIN)/pytest --collect-only -qq -m "not study" >/dev/null || true  # the suite says what is wrong
 
 # POSIX-only modules and attributes are hidden from the product (tests/portable); a few tests cannot (cannot.py there).
 test-portable: export PYTHONPATH = $(CURDIR)/tests/portable

@@ -60,6 +60,7 @@ def test_every_path_in_the_documentation_is_there() -> None:
     for page in DOCS:
         text = page.read_text(encoding="utf-8")
         named = set(re.findall(r"`((?:rig|sim|studies|tests|docs|protocols|examples)/[\w./-]*\w)`", text))
+        named |= set(re.findall(r"\b(?:tests|studies)/[\w/]+\.py\b", text))  # also in commands
         assert not [name for name in sorted(named) if "NAME" not in name and not (ROOT / name).exists()], page
 
 
@@ -116,4 +117,4 @@ def test_every_variable_of_the_makefile_is_defined() -> None:
     text = (ROOT / "Makefile").read_text(encoding="utf-8")
     used = set(re.findall(r"\$\((\w+)\)", text))
     assert {"BIN", "MEASURE_STUDIES"} <= used
-    assert not used - {"CURDIR"} - set(re.findall(r"^(?:export )?(\w+) *[?:]?=", text, re.M))
+    assert not used - {"CURDIR", "MAKE"} - set(re.findall(r"^(?:export )?(\w+) *[?:]?=", text, re.M))
