@@ -30,7 +30,7 @@ from sim.measures.receptors import (
 )
 from sim.models import adjoint, factored_interior, sources, strain_at_points
 from sim.models.condensed import FiniteElements, discretise
-from sim.models.factored_interior import Interior
+from sim.models.factored_interior import Interior, Recovery
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 from tests.error_codes import raises
@@ -436,3 +436,24 @@ def test_strain_in_a_half_space_is_boussinesqs(coarse_config: FingertipConfig) -
     expected /= found.young_ratio[:, None]
     np.testing.assert_allclose(found.strain, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
     assert Y == 1
+
+
+def test_the_map_of_the_last_points_is_reused(
+    small: Fingertip, results: list[IndentationResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Presses at a new place are read at the same points without another map; other points get their own."""
+    made: list[int] = []
+    recovery = Interior.recovery
+
+    def counted(self: Interior, points_mm: Array, progress: adjoint.Progress | None = None) -> Recovery:
+        made.append(len(points_mm))
+        return recovery(self, points_mm, progress)
+
+    monkeypatch.setattr(Interior, "recovery", counted)
+    x = np.linspace(-0.5, 0.5, strain_at_points.FEW_POINTS + 5)
+    here, there = small.points_below(x, 0.7), small.points_below(x, 0.8)
+    first, other, again = (small.fields(results[0], at).strain for at in (here, there, here))
+    assert (len(made), np.array_equal(first, again)) == (3, True)
+    assert np.array_equal(small.fields(results[0], here).strain, first)
+    assert len(made) == 3
+    assert not np.allclose(first, other)
