@@ -27,7 +27,7 @@ def _solves(run: Elsewhere) -> bool:
 
 PHASES: dict[str, tuple[str, Callable[[Elsewhere], bool]]] = {
     "approach": (decides(), at_phase("approach")),
-    "solve": (decides(times=3), _solves),
+    "solve": (decides(times=12), _solves),
 }
 
 
