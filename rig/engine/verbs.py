@@ -220,7 +220,7 @@ class LooksAtClearance:
     """
 
     def __init__(self, engine: Engine, clock: Clock) -> None:
-        """clock: the clock that the wait goes by."""
+        """clock: the clock that times the wait."""
         self._engine, self._clock = engine, clock
         self._inputs_s = clock.monotonic_s()
         self._devices_s = math.inf if getattr(engine.bench, "virtual", False) else self._inputs_s + REST_LOOK_S

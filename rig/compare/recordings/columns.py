@@ -214,7 +214,7 @@ class Row:
 
 
 COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN, or time=COLUMN:ms for spike times"
-"""What to do about a wrong header of a recording."""
+"""Advice on a wrong header of a recording."""
 
 
 def read_table(
