@@ -1,7 +1,7 @@
 """Mutation testing of the product: `make mutants`, or
 
 python -m studies.mutants [--fresh] [--jobs 2] [--only 'rig/engine/*.py' ...] [--tests 'tests/rig/*.py' ...]
-                          [--group first|sample] [--survivors] [--list]
+                          [--group first|sample] [--share 0.1] [--survivors] [--list]
 
 Begins with one run of the tests under coverage. Results are appended to .mutants/results.jsonl as they come; a run
 that was stopped goes on where it was. `--survivors` tries again what survived, with more of the tests that run it.
@@ -82,6 +82,9 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--tests", nargs="+", metavar="GLOB", default=["*"], help="these test files alone")
     parser.add_argument("--group", choices=["first", "sample"], help="this one alone")
+    parser.add_argument(
+        "--share", type=float, default=1.0, help="share of the first group to draw with the seed, such as 0.1"
+    )
     parser.add_argument("--sample", type=int, default=300, help="mutants elsewhere in rig/ and sim/")
     parser.add_argument("--seed", type=int, default=7)
     parser.add_argument("--budget", type=float, default=6.0, help="seconds of tests for one mutant")
@@ -92,7 +95,7 @@ def _options() -> argparse.Namespace:
 
 
 def _wanted(options: argparse.Namespace) -> list[tuple[str, Mutant]]:
-    """The first group whole and a seeded sample of the rest; or the modules asked for."""
+    """The first group or a seeded share of it, and a seeded sample of the rest; or the modules asked for."""
     modules = sorted(
         p.relative_to(ROOT) for room in ("rig", "sim", "rig_shared") for p in (ROOT / room).rglob("*.py")
     )
@@ -100,9 +103,12 @@ def _wanted(options: argparse.Namespace) -> list[tuple[str, Mutant]]:
         chosen = [p for p in modules if any(p.match(glob) for glob in options.only)]
         return [("first", m) for p in chosen for m in mutants_of(ROOT, p.as_posix())]
     first = [p for p in modules if any(p.match(glob) for glob in FIRST_GROUP)]
+    guarded = [m for p in first for m in mutants_of(ROOT, p.as_posix())]
+    if options.share < 1.0:
+        guarded = random.Random(options.seed).sample(guarded, round(options.share * len(guarded)))
     rest = [m for p in modules if p not in first for m in mutants_of(ROOT, p.as_posix())]
     sample = random.Random(options.seed).sample(rest, min(options.sample, len(rest)))
-    both = [("first", m) for p in first for m in mutants_of(ROOT, p.as_posix())] + [("sample", m) for m in sample]
+    both = [("first", m) for m in guarded] + [("sample", m) for m in sample]
     return [(group, m) for group, m in both if options.group in (None, group)]
 
 
