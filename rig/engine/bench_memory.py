@@ -44,6 +44,11 @@ class LastKnown(BaseModel):
         """Zero of the force sensor."""
         return None if self.zero_offset_n is None else ForceZero(self.zero_offset_n, self.zero_noise_gwt)
 
+    @property
+    def is_lifted(self) -> bool:
+        """Whether a lift is on record, with nothing since that may have touched."""
+        return self.contact is not None and not self.contact.may_touch
+
     def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
         if self.left_at_mm is None or at.state != "Idle" or not at.referenced:
@@ -89,7 +94,8 @@ class BenchMemory:
         Only a confirmed lift clears a finger that may have been touched, and only a motion below clearance or a force
         makes a clear one doubtful. Raises RecordError if the file would still record a clear finger.
         """
-        clear = (before := self.read().contact) is not None and not before.may_touch
+        last = self.read()
+        before, clear = last.contact, last.is_lifted
         if clear and known.kind in ("raised", "disagreement"):
             return
         self._write(contact=known)

@@ -48,10 +48,9 @@ def at_hand(
     if sensing is not None:
         sensing.zero, guard = known.zero, Guard(settings, sensing)
     placed = stage.homed or known.is_where_left(stage.status())
-    lifted = placed and known.contact is not None and not known.contact.may_touch
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
-    hand.keep_contact, hand.may_touch = memory.touched, not lifted
+    hand.keep_contact, hand.may_touch = memory.touched, not (placed and known.is_lifted)
     yield hand
     if hand.placed:
         memory.left(stage.status())
