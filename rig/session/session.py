@@ -287,6 +287,8 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             with bench.look_after(engine.heartbeat):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
+            if session.attendant.stopped():  # The script has swallowed the interrupt.
+                raise KeyboardInterrupt
             journal.stop("done")
     except ENDINGS as error:
         return error
