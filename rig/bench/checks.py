@@ -68,12 +68,12 @@ def today() -> datetime.date:
 
 
 def expired_calibrations(config: Config) -> list[str]:
-    """Return a line per expired calibration: refused on hardware, a warning in a dry run."""
+    """Return a line per calibration out of date: refused on hardware, a warning in a dry run."""
     return [str(problem) for problem in _expired(config)]
 
 
 def refuse_expired(config: Config) -> None:
-    """Raise BadInputError for an expired calibration."""
+    """Raise BadInputError for a calibration out of date: expired, or of a day to come."""
     for problem in _expired(config):
         raise problem
 
@@ -86,6 +86,15 @@ def _expired(config: Config) -> Iterator[BadInputError]:
             code="expired",
             key=f"calibration.{name}",
             expires=expires,
+        )
+    for name in config.calibration.to_come(today()):
+        measured = getattr(config.calibration, name).date
+        yield BadInputError(
+            "{key} was measured on {date}, but today is {today}; correct the date or the clock of this computer",
+            code="of_a_day_to_come",
+            key=f"calibration.{name}",
+            date=measured,
+            today=today(),
         )
 
 
