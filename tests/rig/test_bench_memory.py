@@ -144,6 +144,26 @@ def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: s
     assert not hand.placed
 
 
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"force": {"kind": "laumas"}},
+        {"force": {"laumas": {"weight": "net"}}},
+        {"calibration": {"force_scale": {"value": 1.1, "date": "2026-05-01", "expires": "2027-05-01"}}},
+    ],
+    ids=["another sensor", "another weight", "another scale"],
+)
+def test_a_zero_of_another_sensor_or_scale_is_none(tables: dict[str, Any]) -> None:
+    """From it a touch of any force may seem none. What else is on record stays."""
+    memory, other = BenchMemory(Config()), BenchMemory(Config.model_validate(tables))
+    memory.left(StageStatus("Idle", 1.0, 2.0, 3.0))
+    memory.zeroed(ForceZero(0.4, 0.0))
+    assert memory.read().zero == ForceZero(0.4, 0.0)
+    assert (other.read().zero, other.read().left_at_mm) == (None, (1.0, 2.0, 3.0))
+    other.zeroed(ForceZero(0.1, 0.0))
+    assert (memory.read().zero, other.read().zero) == (None, ForceZero(0.1, 0.0))
+
+
 @pytest.mark.parametrize("kind", BUILT_IN["force"])
 def test_the_next_command_counts_from_the_same_zero(kind: str) -> None:
     """A cell that shows 40 gwt in the air. Some are zeroed by their driver, which then begins anew."""

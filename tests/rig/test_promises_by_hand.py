@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceReading, StageOverridden
+from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.manual.owner_process import LAPSED
 from rig.manual.status import IN_STEPS
@@ -285,6 +286,24 @@ def zero_is_refused_where_something_seems_touched_and_taken_anyway(make: Make) -
     state = bench.run(person())
     assert (state["ended_by"], state["zeroed"]) == (None, True)
     assert bench.memory.read().zero_unix_s > 1.7e9
+
+
+@promise
+def without_a_zero_on_record_the_record_of_contact_refuses_one(make: Make) -> None:
+    """A run was killed in the finger. Its load is not to become the zero, from which nothing seems touched."""
+    bench = make(above_mm=-0.5, known=False)
+    bench.memory.touched(KnownContact("unknown", 2.0))
+
+    def person() -> Person:
+        yield from bench.do("zero")
+        assert "there is no zero on record, and the indentor is last known at" in bench("status")["ended_by"]
+        assert bench.memory.read().zero is None
+        yield from bench.do("home")
+        yield from bench.do("zero")
+        assert bench("status")["ended_by"] is None
+
+    assert ended(bench, person()) == "None"
+    assert bench.memory.read().zero is not None
 
 
 @promise
