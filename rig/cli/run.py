@@ -360,7 +360,7 @@ def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManag
     with screen_aside(), asking():
         text = request.text if request.indentor is None else f"mount {with_size(request.indentor)}"
         err.print(f"{text}, then press Enter")
-        answer = typed_line()
+        answer = typed_line(request.meanwhile)
     if not answer:
         raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request.text)
     return answer

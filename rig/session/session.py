@@ -21,6 +21,7 @@ from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
 from rig.data.schema import STREAMS, streams_with
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
+from rig.engine.bench import Meanwhile
 from rig.errors import LostRecordError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, kept_in
@@ -59,7 +60,7 @@ class Attendant(Protocol):
     def interrupted(self) -> bool:
         """Return whether a pause is requested for the next safe point."""
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return whether to continue after the pause."""
 
 
@@ -85,7 +86,7 @@ class Nobody:
         """Return False."""
         return False
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return False."""
         return False
 

@@ -167,7 +167,7 @@ def test_no_indentor_is_on_until_the_right_one_is(
 ) -> None:
     bench = spring()
     engine = bench.ready()
-    monkeypatch.setattr(bench, "mount", lambda indentor: mounted)
+    monkeypatch.setattr(bench, "mount", lambda indentor, meanwhile: mounted)
     with raises(NotReadyError, "wrong_indentor", mounted=mounted, indentor="step:1"):
         verbs.mount(engine, "step:1")
     assert engine.indentor is None
@@ -400,11 +400,39 @@ def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make)
         verbs.rest(engine, 600.0)
 
 
+@pytest.mark.parametrize("wait", ["pause", "mount"])
+def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Make, wait: str) -> None:
+    """However short it is pressed; a force from the hand that works there neither trips nor lifts."""
+    bench = spring()
+    engine = bench.ready()
+    from_s = bench.clock.monotonic_s() + 10.3
+
+    def pressed(*, at_rest: bool) -> TripError | None:
+        if from_s <= bench.clock.monotonic_s() < from_s + 0.15:
+            raise RunAborted("pressed", code="stop_button")
+        return TripError("by the relay", code="hardware_trip")
+
+    def waits(meanwhile: Callable[[], object]) -> bool:
+        for _ in range(600):
+            meanwhile()
+            bench.clock.wait_s(0.05)
+        return True
+
+    engine.stop_problem = pressed
+    bench.pause = Pause(lambda: True, waits)
+    bench.mount = lambda indentor, meanwhile: indentor if waits(meanwhile) else ""  # type: ignore[method-assign]
+    height_mm = engine.height_mm
+    with raises(RunAborted, "stop_button"):
+        verbs.safe_point(engine) if wait == "pause" else verbs.mount(engine, "bar:3.0")
+    assert bench.clock.monotonic_s() - from_s < 0.15
+    assert engine.height_mm == height_mm
+
+
 def test_an_operator_who_goes_on_goes_on_but_a_press_begins_again(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     before = len(bench.events)
-    bench.pause = Pause(lambda: True, lambda: True)
+    bench.pause = Pause(lambda: True, lambda meanwhile: True)
     verbs.safe_point(engine)
     assert [stream for stream, _ in bench.events[before:]] == ["paused", "resumed"]
     engine.state = State.IN_CONTACT
