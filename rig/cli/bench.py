@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.live import Live
 
-from rig.bench.checks import contact, in_one_line, look, position, titled
+from rig.bench.checks import in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
@@ -96,8 +96,8 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Print the state of both devices; skip a port that another process owns."""
     with one_line_errors(as_json=as_json):
         settings = load_config(config)
-        found = look(settings)
-        print_entries({**found, "contact": contact(settings)}, as_json=as_json)
+        found = look_and_contact(settings)
+        print_entries(found, as_json=as_json)
         problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
         for problem in problems:
             complain(problem)

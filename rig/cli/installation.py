@@ -15,7 +15,7 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
+from rig.bench.checks import as_words, bench_problems, in_one_line, look_and_contact, today
 from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import err, one_line_errors, out, print_json
@@ -281,7 +281,7 @@ def _bench(settings: Config) -> dict[str, Any]:
     """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
     left = left_on_record(Path("runs"), settings)
-    return look(settings, closely=True) | {
+    return look_and_contact(settings, closely=True) | {
         "calibrated": [
             {
                 "name": name,
@@ -292,7 +292,6 @@ def _bench(settings: Config) -> dict[str, Any]:
             }
             for name, one in settings.calibration.measured()
         ],
-        "contact": contact(settings),
         "last_run_text": left or "clear of the finger, according to the record",
     }
 

@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 
+from rig.bench.checks import contact
 from rig.bench.virtual import bench_around, virtual_force, virtual_line
 from rig.devices.base import StageStatus
 from rig.devices.make_drivers import force_driver
 from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
+from rig.engine.contact import KnownContact
 from rig.engine.dead_man import DOWN
 from rig.engine.sensing import ForceZero, Sensing
 from rig.manual.home_and_zero import zero
@@ -126,6 +128,21 @@ def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: 
     bench.stage.connect()
     at = bench.stage.status()
     assert memory.read().is_where_left(at) is not off
+
+
+@pytest.mark.parametrize("kind", BUILT_IN["stage"])
+def test_a_lift_on_record_counts_as_long_as_the_stage_is_where_it_was_left(kind: str) -> None:
+    """Switched off, its carriage may have sunk into the finger: `rig status` and `rig doctor` say so."""
+    bench, config, memory = _bench(kind)
+    memory.touched(KnownContact("lifted", 0.0, 0.0, 25.0))
+    bench.stage.connect()
+    said = contact(config, bench.stage.status())
+    assert (said["contact"], said["may_touch"]) == ("lifted", False)
+    _switched_off_and_on(bench.board)
+    bench.stage.connect()
+    said = contact(config, bench.stage.status())
+    assert (said["contact"], said["may_touch"], said["force_gwt"]) == ("unknown", True, None)
+    assert contact(config)["contact"] == "lifted", "what is on record, if the stage cannot be asked"
 
 
 @pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
