@@ -79,8 +79,10 @@ class RealBench:
         self.memory.touched(known)
 
     def left_with(self, zero: ForceZero | None) -> None:
-        """Record the zero for the next command."""
-        if zero is not None:
+        """Record the zero for the next command; None: it is not known."""
+        if zero is None:
+            self.memory.forget_zero()
+        else:
             self.memory.zeroed(zero)
 
     def close(self) -> None:

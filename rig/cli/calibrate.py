@@ -21,6 +21,7 @@ from rig.data.journal import NoJournal
 from rig.devices.base import ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, unit
@@ -78,6 +79,7 @@ def force(
         with closing(open_force(settings, clock)) as sensor:
             sensor.connect()
             sensor.zero()
+            BenchMemory(settings).forget_zero()  # Readings now have a new zero.
             _wait_for_enter(f"put {mass_g:g} g on the sensor, then press Enter")
             read_n = _mean_n(sensor, clock)
         before = settings.calibration.value("force_scale", 1.0)
@@ -108,7 +110,7 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
         closing(open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)) as bench,
     ):
         engine = Engine(settings, bench, NoJournal())
-        engine.keep_contact = bench.touched
+        engine.keep_contact, engine.keep_zero = bench.touched, bench.left_with
         with bench.look_after(engine.heartbeat), stopped_at_once(engine):
             bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)

@@ -130,7 +130,7 @@ class WatchedBench(Bench, Protocol):
         ...
 
     def left_with(self, zero: ForceZero | None) -> None:
-        """Record the zero of the force sensor for the next command."""
+        """Record the zero of the force sensor for the next command; None: its readings have a new, unknown one."""
         ...
 
     def close(self) -> None:

@@ -123,7 +123,10 @@ def zero(engine: Engine) -> None:
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
+    sensing.zero = None  # Readings now have a new zero.
+    engine.keep_zero(None)
     found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
+    engine.keep_zero(sensing.lasting_zero)
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
     engine.know_contact(0.0)  # The reading just taken is the new zero.
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})

@@ -269,7 +269,7 @@ def _on_a_bench(
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
-            engine.keep_contact = bench.touched
+            engine.keep_contact, engine.keep_zero = bench.touched, bench.left_with
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
@@ -296,7 +296,6 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
-        bench.left_with(engine.sensing.lasting_zero)
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)

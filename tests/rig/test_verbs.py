@@ -11,6 +11,7 @@ import pytest
 from rig.devices.base import ForceError
 from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
+from rig.engine.sensing import ForceZero
 from rig.errors import PressPaused
 from rig.settings import RigSettings
 from rig.transport import TransportError
@@ -92,6 +93,27 @@ def test_a_zero_tells_offset_and_noise_and_takes_the_offset_off(
     assert second["drift_gwt"] == pytest.approx(0.04 - first["offset_gwt"], abs=1e-6)
     told = [first["offset_gwt"], first["noise_gwt"], second["drift_gwt"]]
     assert told == [round(value, 6) for value in told] != [round(value, 5) for value in told]
+
+
+def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make) -> None:
+    """So that also after kill -9 no force counts from the zero before; without readings after it there is none."""
+    bench = _homed(spring)
+    engine, left = bench.engine, list[ForceZero | None]()
+    engine.keep_zero = left.append
+    verbs.zero(engine)
+    assert left == [None, engine.sensing.zero]
+    assert engine.sensing.zero is not None
+    zero = engine.sensing.sensor.zero
+
+    def falls_silent() -> None:
+        zero()
+        bench.balance.mute = True
+
+    engine.sensing.sensor.zero = falls_silent  # type: ignore[method-assign]
+    with pytest.raises(TripError):
+        verbs.zero(engine)
+    assert (left[-1], engine.sensing.zero) == (None, None)
+    assert engine.known_contact.kind == "raised"
 
 
 def test_the_sensor_is_zeroed_and_not_only_counted_from(spring: Make) -> None:

@@ -331,7 +331,9 @@ class CampaignBench:
 
     def left_with(self, zero: ForceZero | None) -> None:
         """As a real bench remembers it."""
-        if zero is not None:
+        if zero is None:
+            self.memory.forget_zero()
+        else:
             self.memory.zeroed(zero)
 
     def touched(self, known: Any) -> None:
