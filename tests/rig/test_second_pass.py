@@ -1,6 +1,7 @@
 """What a script does when it is carried out need not be what it did when it was checked."""
 
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -152,16 +153,16 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
 ELSEWHERE = {
     "in another thread": lines(
         "def other():", "    try:", "        rig.move_to(x_mm=1.0)",
-        "    except Exception as error:", "        threading.told.append(error)",
+        "    except Exception as error:", "        sys.told.append(error)",
         "thread = threading.Thread(target=other)", "thread.start()", "thread.join()", PRESS,
     ),
     "within another verb": lines(
         "def other(*_):", "    try:", "        rig.move_to(x_mm=1.0)",
-        "    except Exception as error:", "        threading.told.append(error)",
+        "    except Exception as error:", "        sys.told.append(error)",
         "    sys.setprofile(None)", "def profile(frame, what, _):",
         "    if frame.f_code.co_name == 'touch_off':", "        other()", "sys.setprofile(profile)", PRESS,
     ),
-    "after the end": lines("threading.told.append(rig)", PRESS),
+    "after the end": lines("sys.told.append(rig)", PRESS),
 }  # fmt: skip
 
 
@@ -169,10 +170,8 @@ ELSEWHERE = {
 def test_a_verb_out_of_turn_moves_nothing(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    import threading
-
     told: list[Any] = []
-    monkeypatch.setattr(threading, "told", told, raising=False)
+    monkeypatch.setattr(sys, "told", told, raising=False)
     done = carried_out(tmp_path, finger, ELSEWHERE[where])
     assert (done.problem, done.complete) == (None, True)
     (error,) = told
