@@ -162,7 +162,8 @@ def command(
         with busy("checking and rehearsing the script …", as_json=as_json):
             script = checked_script(found, settings, finger, plausible, about_the_design(found), words)
         found = script.design
-        rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
+        with busy("computing the power …", quick=True):
+            rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
         with busy("writing the script and the page …", as_json=as_json):
             replace_text(to, script.text)
             write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, out, print_json
+from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
@@ -267,9 +267,11 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
         return []
     tell(f"looking for devices on {', '.join(ports)}; a silent port takes about 10 s …")
     found: list[PortFound] = []
-    for one in find_devices(ports, WallClock()):
-        tell(f"{one.port}: {one.words}")
-        found.append(one)
+    with busy("ports asked", as_json=True, total=len(ports)) as now:
+        for one in find_devices(ports, WallClock()):
+            tell(f"{one.port}: {one.words}")
+            found.append(one)
+            now.at(len(found), len(ports))
     return sorted(found, key=lambda one: ports.index(one.port))
 
 

@@ -38,7 +38,8 @@ def nerve_command(
     """Simulate spikes during a run, write them beside it, and renew its report. They are synthetic, not data."""
     with one_line_errors(as_json=as_json):
         wanted = spikes_wanted(afferents, seed, path_m)
-        found = read_run(run)
+        with busy("reading the run …", quick=True):
+            found = read_run(run)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
             with busy(THE_FINGER, as_json=as_json):
@@ -46,7 +47,8 @@ def nerve_command(
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
-            begun = visits_of(found, settings), wanted.drawn(finger)
+            with busy("drawing the afferents …", quick=True):
+                begun = visits_of(found, settings), wanted.drawn(finger)
             with found.folder.owned():
                 answer = _add(finger, found, wanted, *begun, as_json=as_json)
                 from rig.cli.runs import renewed_report  # `rig run` does without

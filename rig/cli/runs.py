@@ -168,7 +168,8 @@ def show_command(
                 out.print(dictionary.as_markdown(), end="")
             return
         with foreign_in_one_line(run):
-            result = _described(run)
+            with busy("reading the run …", quick=True):
+                result = _described(run)
             if as_json:
                 print_json(result)
             else:
@@ -333,7 +334,8 @@ def export_command(
             raise BadInputError(
                 "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", code="no_format"
             )
-        found = read_run(run)
+        with busy("reading the run …", quick=True):
+            found = read_run(run)
         if report:
             _refuse_identification(found)
         written = []

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from rig.cli import compare, output
 from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
@@ -271,6 +272,30 @@ def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
     code, _, err = command("export", run.folder.path)
     assert code == 2
     assert err.startswith("rig: export: ")
+
+
+@no_figures
+def test_strain_maps_are_computed_before_the_report_is_written(
+    command: Command, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each under its own name: the maps take a factorization."""
+    at: dict[str, str] = {}
+
+    def spied(name: str) -> None:
+        original = getattr(compare, name)
+
+        def spy(*words: Any, **more: Any) -> Any:
+            assert output._activities.current is not None
+            at[name] = output._activities.current.what
+            return original(*words, **more)
+
+        monkeypatch.setattr(compare, name, spy)
+
+    for name in ("stimulus_maps", "write_comparison"):
+        spied(name)
+    assert command("compare", run.folder.path, "--out", "a.html")[0] == 0
+    assert "strain" in at["stimulus_maps"]
+    assert at["write_comparison"] == "writing the report …"
 
 
 def _recorded(run: Run) -> dict[str, bytes]:
