@@ -83,6 +83,7 @@ AfferentsOption = Annotated[
 
 if TYPE_CHECKING:
     from rig.design.adaptive_run import AdaptiveRun
+    from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
     "index": "",
@@ -114,9 +115,7 @@ def check_command(
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
-            from sim.models.fingertip import Fingertip
-
-            finger = Fingertip.load(settings.finger)
+            finger = _finger_to_check(script, settings, choose=choose)
         with checking_the_script() as show_steps:
             plan = make_plan(script, settings, finger, told=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
@@ -127,6 +126,18 @@ def check_command(
             print_json({"protocol": script.name, **found})
         else:
             _tell(found)
+
+
+def _finger_to_check(script: Script, config: Config, *, choose: bool) -> "Fingertip":
+    """Load the finger; for an adaptive run, with the receptors that the choice looks at, so that it is built once."""
+    if choose:
+        from rig.design.design import finger_of
+        from rig.design.designed import Designed
+
+        return finger_of(Designed.of(script).request, config.finger)
+    from sim.models.fingertip import Fingertip
+
+    return Fingertip.load(config.finger)
 
 
 _MET_COLUMNS = {
