@@ -104,7 +104,7 @@ class RunFolder:
 
     def add_checksums(self, made: set[str]) -> None:
         """Update SHA256SUMS for new files, and leave the other lines unchanged."""
-        known = self._known_sums()
+        known = self._known_sums() if (self.path / _SUMS).exists() else {}
         new = made | (self.files - set(known))
         if new:
             self._write_sums(known | {name: _digest(self.path / name) for name in new})
