@@ -369,7 +369,7 @@ class BlueskyBench:
         with self._guard:
             problem: Exception | None = self._ended
             if problem is None and self._status is not None:
-                problem = PressFailedError("an order is being carried out", code="busy")
+                problem = PressFailedError("another order is still running", code="busy")
             if problem is None:
                 self._status, self._what = status, order["what"]
         if problem is None:

@@ -591,7 +591,7 @@ class DeviceSettings(Settings):
     """Base class of [stage] and [force]; the registry adds the table of a package's kind."""
 
     room: ClassVar[Literal["stage", "force"]]
-    kind: str = Field(description="which device it is")
+    kind: str = Field(description="kind of the device")
     _place: str = PrivateAttr("")  # of the kind's own table; the registry says it
 
     def own(self, table: type[T]) -> T:

@@ -118,7 +118,7 @@ class IndentorFeed:
             pass
         except OSError:
             self.close()
-            self._complain("the process of the simulated afferents ended; the bench goes on without spikes")
+            self._complain("the process of the simulated afferents ended; the bench continues without spikes")
 
 
 class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPopulation]):
@@ -238,7 +238,7 @@ class ServedSpikes:
 
     def _heard(self, within_s: float) -> Any:
         try:
-            return self._said.recv() if self._said.poll(within_s) else "no answer of their process"
+            return self._said.recv() if self._said.poll(within_s) else "their process does not answer"
         except (EOFError, OSError):
             return "their process ended"
 

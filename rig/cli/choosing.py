@@ -25,7 +25,7 @@ ChooseOption = Annotated[
     str | None,
     typer.Option(
         metavar="COUNTS",
-        help="Choose each press after the count: COUNTS.csv, lsl:STREAM, virtual:SA1 or virtual:MEASURE.",
+        help="Choose each press by the counts so far: COUNTS.csv, lsl:STREAM, virtual:SA1 or virtual:MEASURE.",
         rich_help_panel=_PANEL,
     ),
 ]

@@ -235,7 +235,7 @@ def command(
             beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         if any(left_out(overlay).any() for overlay in comparison.overlays):
-            with busy("positions left out: asking the planner how far a run may go …", as_json=as_json):
+            with busy("positions left out: checking how far a run may reach …", as_json=as_json):
                 by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
                 comparison = with_wider_runs(comparison, by_run)
         form = Form(saturating, silent_at_rest)

@@ -236,7 +236,7 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
     else:
         out.print(f"  1 pseudo-unit = {pa_per_pseudo(finger):.4g} Pa")
     for problem in found.problems:
-        out.print(f"  beware: {problem}")
+        out.print(f"  warning: {problem}")
     if isinstance(operator, SheetOperator):
         solid = classify_solid(operator.skin, found.pressure)
         out.print(

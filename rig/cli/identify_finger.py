@@ -53,6 +53,7 @@ from rig.report.identification_page import IdentificationPage, write_identificat
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
+from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
@@ -136,7 +137,8 @@ def page_lines(config: Config, options: IdentificationOptions, expected: Expecte
     about = "no estimate" if expected is None else f"at most about {expected.total_s:.0f} s"
     stage, force = config.stage, config.force
     return {
-        "presses": f"at most {options.presses} presses, lightest first, predicted below {options.most_gwt:g} gwt",
+        "presses": f"at most {number_of(options.presses, 'presses')}, lightest first, predicted below "
+        f"{options.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
         "shapes": f"{', '.join(map(with_size, options.shapes))}: the program asks you to mount each one",
         "duration": f"{about}, without the time to mount indentors",
@@ -159,7 +161,11 @@ def print_after_press(identification: Identification, expected: ExpectedDuration
     """Print one line: measured and predicted force with its band, what is known now, and what remains."""
     remaining = identification.options.presses - report.number
     about = "" if expected is None else f", about {remaining * expected.press_s:.0f} s,"
-    next_text = "enough" if identification.enough else f"at most {remaining} presses{about} remain"
+    next_text = (
+        "enough"
+        if identification.enough
+        else f"at most {number_of(remaining, 'presses')}{about} remain{'s' if remaining == 1 else ''}"
+    )
     predicted = _in_brackets(report.surprise.predicted, " gwt")
     err.print(
         f"press {report.number}: measured {report.surprise.measured_gwt:.2f} gwt, predicted {predicted}; forces "
@@ -348,8 +354,8 @@ def identify_command(
             refused = predicted.have(options.indentors, _counted)
         options = possible(options, predicted, refused, own_goals=requested is None)
         for name in (name for name in names if name in refused):
-            err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
-        with busy("finding out what the presses must tell …", quick=True, kind="prior"):
+            err.print(f"{name} is left out, because it cannot press this finger: {refused[name]}")
+        with busy("sampling fingers of the prior …", quick=True, kind="prior"):
             identification = Identification(settings, predicted, options)
         with busy("estimating the duration …", quick=True, kind="duration"):
             expected = expected_duration(settings, options, finger)
@@ -448,9 +454,9 @@ def _written(done: FinishedRun, identification: Identification, settings: Config
             out.print(f"{about:<12}{line}")
     if done.problem is not None:
         err.print(
-            "the finger file holds what was learned before the end"
+            "the finger file contains the estimate from the presses before the end"
             if identification.measured
-            else "nothing was learned; no finger file was written"
+            else "no press was evaluated; no finger file was written"
         )
 
 

@@ -15,6 +15,7 @@ from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors
 from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.plural import number_of
 from sim.benchmark import QUANTITIES
 from sim.cheapest_model import Aim, Choice, choose
 from sim.config import FingertipConfig, MeshSpec
@@ -502,8 +503,8 @@ def _friction(result: FrictionResult) -> str:
     """Return a note on how the skin sticks."""
     shear = " and ".join(f"{f:.5f}" for f in result.shear_force_n)
     return (
-        f"{result.friction:g}, {result.increments} increments; {result.sticking_share:.0%} of the force is borne by "
-        f"skin that sticks; shear force {shear} N"
+        f"{result.friction:g}, {number_of(result.increments, 'increments')}; sticking skin carries "
+        f"{result.sticking_share:.0%} of the force; shear force {shear} N"
     )
 
 

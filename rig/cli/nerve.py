@@ -11,6 +11,7 @@ from rig.data.run import Run, read_run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
     from rig.data.spike_files import SpikeRecord
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 
 AFFERENTS = "3xSA1,5xRA"
 AFFERENTS_HELP = (
-    "Afferents: 3xSA1 at places drawn on the pad, SA1@X or SA1@X:ALONG at a place (mm), separated by commas; "
+    "Afferents: 3xSA1 at random locations on the pad, SA1@X or SA1@X:ALONG at a location (mm), separated by commas; "
     "or a density such as 'monkey fingertip'."
 )
 MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
@@ -29,9 +30,11 @@ MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
 def nerve_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
     afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of places, sensitivities and noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")
+    ] = 0,
     path_m: Annotated[
-        float, typer.Option(metavar="M", help="Nerve from the fingertip to the electrode, in m.")
+        float, typer.Option(metavar="M", help="Length of the nerve from the fingertip to the electrode, in m.")
     ] = 0.2,
     as_json: JsonOption = False,
 ) -> None:
@@ -103,7 +106,11 @@ def _add(
     from rig.data.export import export_spikes
     from rig.plan.nerve import run_spikes
 
-    with busy(f"spikes of {len(afferents)} afferents …", as_json=as_json, size=len(afferents) * run.end_s) as now:
+    with busy(
+        f"simulating the spikes of {number_of(len(afferents), 'afferents')} …",
+        as_json=as_json,
+        size=len(afferents) * run.end_s,
+    ) as now:
         record = run_spikes(
             run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at
         )
@@ -155,5 +162,5 @@ def spike_lines(answer: dict[str, Any]) -> list[str]:
     more = f", and {len(answer['afferents']) - 20} more" if len(answer["afferents"]) > 20 else ""
     lines = [f"spikes  synthetic, electrode {answer['electrode_text']}: {counts}{more}"]
     if answer["left_out"]:
-        lines.append(f"        {answer['left_out']} presses without a contact height are left out")
+        lines.append(f"        left out: {number_of(answer['left_out'], 'presses')} without a contact height")
     return [*lines, *(f"file    {name}" for name in answer["files"])]

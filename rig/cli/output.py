@@ -18,6 +18,7 @@ from rich.spinner import Spinner
 from rig.cli import durations
 from rig.errors import RigError
 from rig.printable import printable
+from rig_shared.plural import number_of
 
 
 class _Terminal(Console):
@@ -91,7 +92,7 @@ class Activity:
     def title(self) -> str:
         """What it is, with the estimate if it takes long."""
         expected_s = self._expected_s or 0.0
-        what = f"{self._total} {self.what}" if self._counted else self.what
+        what = number_of(self._total, self.what) if self._counted else self.what
         return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
 
     @property
@@ -102,7 +103,10 @@ class Activity:
     @property
     def line(self) -> str:
         """What it is, how far it is, and the time left."""
-        what = f"{self._done} of {self._total} {self.what}" if self._counted else self.what
+        what = self.what
+        if self._counted:  # of one piece, "0 of 1" would say nothing
+            pieces = number_of(self._total, self.what)
+            what = pieces if self._total == 1 else f"{self._done} of {pieces}"
         return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
 
     @property
@@ -313,7 +317,7 @@ def show_builds() -> None:
 def checking_the_script() -> Iterator[Callable[[int], None]]:
     """Yield a function that shows the number of checked steps."""
     with busy("checking the script …", quick=True) as now:
-        yield lambda steps: now.say(f"checking the script: {steps} steps …")
+        yield lambda steps: now.say(f"checking the script: {number_of(steps, 'steps')} …")
 
 
 _screens: list[Live] = []

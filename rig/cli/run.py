@@ -69,6 +69,7 @@ from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
 from rig.session.session import dry_run, real_run
+from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import Finger, FingerProcess
 
@@ -104,7 +105,7 @@ def check_command(
     finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Also check every press that `rig run --choose` may choose.")
+        bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -150,8 +151,9 @@ def _tell(found: dict[str, Any]) -> None:
     indentors = dict.fromkeys(str(step["indentor"]) for step in found["steps"])
     for line in (
         f"indentors: {', '.join(map(with_size, indentors))}",
-        f"{found['indentations']} indentations and {found['other_presses']} other presses in "
-        f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
+        f"{number_of(found['indentations'], 'indentations')} and "
+        f"{number_of(found['other_presses'], 'other presses')} in {found['duration_s']:.0f} s, with "
+        f"{found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_kpa']:.3g} kPa",
         found["small_strain"]["note_text"],
         f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
@@ -169,7 +171,7 @@ def _tell(found: dict[str, Any]) -> None:
 
 def _possible(found: dict[str, Any]) -> str:
     return (
-        f"{found['presses']} presses may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{number_of(found['presses'], 'presses')} may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
         f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
     )
 

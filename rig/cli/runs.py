@@ -33,6 +33,7 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
 
 _DAY = "a day such as 2026-03-01"
@@ -83,7 +84,7 @@ def runs_command(
         out.print(
             _list(found)
             if table is None
-            else f"{sum(len(one.rows) for one in found)} holds of {_runs(found)}: {table}"
+            else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
         )
 
 
@@ -125,7 +126,7 @@ def _line(run: Summary) -> list[str]:
 
 
 def _runs(found: Sequence[IndexEntry]) -> str:
-    return f"{len(found)} run{'' if len(found) == 1 else 's'}"
+    return number_of(len(found), "runs")
 
 
 def _as_csv(found: Sequence[IndexEntry]) -> str:
@@ -280,7 +281,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
         ("parameters", _pairs(run["parameters"])),
         ("subject", run["subject"] or "none"),
         ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
-        ("state", f"{run['state']}, {run['done']} of {run['planned']} indentations"),
+        ("state", f"{run['state']}, {run['done']} of {number_of(run['planned'], 'indentations')}"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
         *(choice_lines(run["choice"]) if "choice" in run else ()),
@@ -300,9 +301,9 @@ def _pressed(one: dict[str, Any]) -> str:
     )
     to = _UNKNOWN if target is None else f"{target:g} {unit}"
     return (
-        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: {one['holds']} "
-        f"hold{'' if one['holds'] == 1 else 's'}, "
-        f"mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, peak {one['peak_gwt']:.2f} gwt"
+        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: "
+        f"{number_of(one['holds'], 'holds')}, mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, "
+        f"peak {one['peak_gwt']:.2f} gwt"
     )
 
 

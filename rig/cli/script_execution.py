@@ -39,6 +39,7 @@ from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
+from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
@@ -405,7 +406,9 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             }
         )
     else:
-        out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
+        out.print(
+            f"{number_of(done.indentations, 'indentations')}, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s"
+        )
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
         for some, limits in motions_in_contact(run):

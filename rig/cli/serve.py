@@ -118,7 +118,7 @@ def serve_command(
         bool,
         typer.Option(
             "--lsl",
-            help="Also as a stream of LSL, which every computer that reaches this one can read.",
+            help="Also stream the spikes over LSL, where every computer on the network can read them.",
             rich_help_panel=_SPIKES,
         ),
     ] = False,

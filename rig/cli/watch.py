@@ -18,6 +18,7 @@ from rig.data.run import Following, followed, read_run
 from rig.data.run_state import Onlooker, as_clock
 from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
+from rig_shared.plural import number_of
 
 LOOK_S = 0.2
 
@@ -103,7 +104,7 @@ def _end(seen: RunScreen) -> list[str]:
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
     sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
-    lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
+    lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
     names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
     return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
 

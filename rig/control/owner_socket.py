@@ -170,7 +170,7 @@ class ControlSocket:
     def _answer(self, request: Mapping[str, Any]) -> bytes:
         do = request.get("do")
         if not isinstance(do, str) or do not in self._answers:
-            return _refused(f"{do!r} cannot be asked here, expected {', '.join(self._answers)}", "cannot_be_asked")
+            return _refused(f"{do!r} is not available here, expected {', '.join(self._answers)}", "cannot_be_asked")
         try:
             return encoded({"ok": True, **self._answers[do](request)})
         except Exception as error:

@@ -204,7 +204,7 @@ class StopSwitch:
         """
         with self._one:
             if self._over:
-                raise EndedError("it has just ended: nothing of it moves any more")
+                raise EndedError("it has just ended, so it moves nothing")
             self.stopped = True  # Set first: it explains whatever fails in the main thread from now on.
             try:
                 if self._stage is not None:
@@ -526,9 +526,9 @@ class _Stopping:
         result.confirmed_by = next((one.pid for one in self._recipients if one.confirms), None)
         for one in self._recipients:
             if one.answer is None:
-                result.problems.append(f"process {one.pid} was told to stop and does not answer")
+                result.problems.append(f"process {one.pid} was asked to stop but does not answer")
             elif not one.confirms:
-                result.problems.append(f"process {one.pid} was told to stop: {one.problem}")
+                result.problems.append(f"process {one.pid} was asked to stop: {one.problem}")
         return result
 
     # --- bytes ---

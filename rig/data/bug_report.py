@@ -110,12 +110,12 @@ LEFT_OUT = (
 )
 _MADE_FROM = ("started_utc", "protocol", "virtual", "python", "platform", "versions", "model", "devices")
 _ABOUT = """\
-For a bug report on the indentation rig: one run, and the installation that wrote this file.
+Bug report on the indentation rig: one run, and the installation that wrote this file.
 
-In it: {holds}
-Not in it: {left_out}
+Included: {holds}
+Not included: {left_out}
 
-Look through it before you send it.
+Check it before you send it.
 """
 
 

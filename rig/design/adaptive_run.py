@@ -239,7 +239,7 @@ class AdaptiveRun:
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
         """Go on with the plan, and say so in journal, output, panel and report."""
         self.close()
-        engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run goes by the plan"})
+        engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run follows the plan"})
 
     def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""

@@ -382,7 +382,7 @@ class NetFtForce:
                 return found
         if self._odd:
             raise ForceError(
-                "{port}: {count} datagrams are no records of {bytes} bytes; check force.port",
+                "{port}: {count} datagrams are not records of {bytes} bytes; check force.port",
                 code="garbled",
                 port=self._records.name,
                 count=self._odd,

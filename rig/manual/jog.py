@@ -249,8 +249,8 @@ class ByHand:
 
     def _too_deep(self, height_mm: float) -> LimitError:
         return LimitError(
-            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g}: "
-            "is frame.apex_z_mm = {apex_z_mm:g} right?",
+            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g} mm; "
+            "check frame.apex_z_mm = {apex_z_mm:g}",
             code="too_deep",
             depth_mm=-height_mm,
             limit_mm=self._settings.limits.max_doi_mm,

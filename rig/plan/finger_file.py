@@ -149,7 +149,7 @@ class IdentifiedFinger(Settings):
         description="whether the identification collapsed onto too few fingers, which makes its bands meaningless",
     )
     flagged: str | None = Field(
-        None, description="why no finger of the prior answers like the pressed one; absent if one does"
+        None, description="why no finger of the prior explains the presses; absent if one does"
     )
     not_learned: tuple[str, ...] = ()
     place: Place

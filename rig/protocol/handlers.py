@@ -85,7 +85,7 @@ class SilentScriptError(BaseException):
 
     def __init__(self, longest_s: float | None = None) -> None:
         longest_s = LONGEST_SILENCE_S if longest_s is None else longest_s
-        super().__init__(f"the script makes no step for {longest_s:g} s, expected one")
+        super().__init__(f"the script timed out: no step for {longest_s:g} s")
         self.fields = {"longest_s": longest_s}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -114,7 +114,7 @@ class Patience:
         self._steps += 1
         self._on_step(self._steps)
         if self._steps > MOST_STEPS:
-            raise BadInputError("{verb}: the script makes more than {high} steps, expected no more",
+            raise BadInputError("{verb}: the script makes more than {high} steps, which is the limit",
                                 code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip
         _alarm_in(0.0)
         try:

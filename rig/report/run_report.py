@@ -25,6 +25,7 @@ from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text
 from sim.models.fingertip import Fingertip
 
@@ -53,8 +54,9 @@ def finger_section(run: Run, finger: Fingertip) -> FingerSection | None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Identified on {identified.date} in {identified.presses} presses. Of {len(pairs)} presses in this run, "
-        f"{inside} lie within their band, whose nominal coverage is {identified.band.coverage:.0%}."
+        f"Identified on {identified.date} in {number_of(identified.presses, 'presses')}. {inside} of "
+        f"{number_of(len(pairs), 'presses')} in this run lie within the predicted band, whose nominal coverage is "
+        f"{identified.band.coverage:.0%}."
     )
     return FingerSection(sentence, pairs, [] if after is None else _rows(identified.draw, after.identified.draw))
 

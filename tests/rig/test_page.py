@@ -95,7 +95,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     page = _page(ended)
     assert page["protocol"] == "Two presses (mine.py)"
     assert page["subject"] == "S07"
-    assert page["steps"] == "2 indentations, 1 preconditioning presses"
+    assert page["steps"] == "2 indentations, 1 preconditioning press"
     assert re.fullmatch(
         r"about \d+ s, of which \d+ s in contact \(rehearsed on a spring model in \d+\.\d s\)", page["duration"]
     )
@@ -271,7 +271,7 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
         assert MAY_TOUCH in words
         assert line in words
     assert resumed.code == 0, resumed.err
-    assert _page(resumed)["steps"] == "1 indentations, 1 preconditioning presses, the rest of 2 planned indentations"
+    assert _page(resumed)["steps"] == "1 indentation, 1 preconditioning press, the rest of 2 planned indentations"
     assert resumed.err.count("press Enter") == 1
     assert "careful" not in _page(rig(*RUN, typed="n\n"))
     assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out

@@ -471,7 +471,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
     except KeyboardInterrupt:
         ended = True
     threads[0].join(DEADLINE_S)
-    assert answers == [{"stopped": True} if taken else "it has just ended: nothing of it moves any more"]
+    assert answers == [{"stopped": True} if taken else "it has just ended, so it moves nothing"]
     assert recorded == (["its folder", "the stop"] if taken else [])
     assert ended is ends
 

@@ -72,7 +72,7 @@ def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monk
         again = rig("shift-invariance", *QUICK, *more)
         assert (again.code, again.out) == (0, made.out)
     listed = rig("cache").out
-    assert "sites       1 files" in listed
+    assert "sites       1 file" in listed
     assert "SED under point loads at the 24 sites of the source" in listed
 
 

@@ -66,7 +66,7 @@ def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
     ended = obstacles.stopped(obstacles.OBSTACLES["announced owner hangs"], tmp_path, "--json")
     told = json.loads(ended.out)
     assert (told["owner"], told["sent"], told["state"]) == (ended.owner, True, "Alarm")
-    assert f"process {ended.owner} was told to stop and does not answer" in ended.err
+    assert f"process {ended.owner} was asked to stop but does not answer" in ended.err
 
 
 # --- which processes are signalled ---

@@ -241,7 +241,7 @@ def test_stop_goes_over_the_private_socket_of_whoever_owns_the_ports(serve: Serv
             assert asked == ["stop"]
             refused = post(panel, "/pause")
             assert refused[0] == 409
-            assert "'pause' cannot be asked here" in refused[1]["problem"]
+            assert "'pause' is not available here" in refused[1]["problem"]
         page.until("state", lambda told: told["owner"] is None)
     assert post(panel, "/stop")[0] == 409
 
