@@ -59,7 +59,7 @@ class BlueskyMissingError(RigError):
 
 
 class PressFailedError(RigError):
-    """Error of an order that was refused, or that a trip, a stop or a failure ended; `code` says which."""
+    """Error of an order that was refused, or ended by a trip, a stop or a failure; `code` names the cause."""
 
     default_code = "not_pressed"
 
@@ -80,7 +80,7 @@ class OrderStatus:
 
     @property
     def success(self) -> bool:
-        """Whether it was carried out."""
+        """Whether the order succeeded."""
         return self.done and self._problem is None
 
     def exception(self, timeout: float | None = 0.0) -> BaseException | None:
@@ -118,7 +118,7 @@ class _Readable:
         self._unix_s = 0.0
 
     def show(self, row: Mapping[str, Any], unix_s: float) -> None:
-        """Set what the next reading returns."""
+        """Set the values of the next reading."""
         self._row, self._unix_s = row, unix_s
 
     def read(self) -> Reading:
@@ -130,7 +130,7 @@ class _Readable:
         }
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """Return what the values are."""
+        """Return the data keys of the readings."""
         return {
             f"{self.name}_{key}": {
                 "source": self._source,
@@ -170,7 +170,7 @@ class _Movable(_Readable):
 
 
 class StageDevice(_Movable):
-    """The stage: a position is x at clearance (mm)."""
+    """Bluesky device of the stage; its position is x at clearance (mm)."""
 
     def set(self, value: float) -> OrderStatus:
         """Move to a confirmed position."""
@@ -178,7 +178,7 @@ class StageDevice(_Movable):
 
 
 class PressDevice(_Movable):
-    """The press: its value is a mapping of the arguments of `press`."""
+    """Bluesky device of the press; its value is a mapping of the arguments of `press`."""
 
     def set(self, value: Mapping[str, Any]) -> OrderStatus:
         """Press once."""
@@ -186,7 +186,7 @@ class PressDevice(_Movable):
 
 
 class BlueskyBench:
-    """The rig, homed and zeroed by its own process, as devices of Bluesky.
+    """Bluesky devices of a rig, which a process of its own homes and zeroes.
 
     Parameters
     ----------

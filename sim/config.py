@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from rig_shared.plural import number_of
 from sim.tables import Row, read_columns
 
 # --- measured skin ---
@@ -39,7 +38,7 @@ def rows_from(value: object, columns: Sequence[str], folder: Path) -> object:
 def check_points(points: Sequence[Row], length_mm: float) -> None:
     """Raise ValueError when (x, y, z) rows in mm do not describe the pulp of a finger."""
     if not FEWEST_POINTS <= len(points) <= MOST_POINTS:
-        raise ValueError(f"{number_of(len(points), 'points')}; must be {FEWEST_POINTS} to {MOST_POINTS}")
+        raise ValueError(f"{len(points)} points; must be {FEWEST_POINTS} to {MOST_POINTS}")
     xyz = np.array(points)
     low, high = xyz.min(axis=0), xyz.max(axis=0)
     spans = " × ".join(f"{span:.3g}" for span in high - low)
@@ -78,7 +77,7 @@ def check_points(points: Sequence[Row], length_mm: float) -> None:
 def check_sections(sections: Sequence[Row], length_mm: float) -> None:
     """Raise ValueError when (z, half-width, height, lean) rows in mm do not describe a finger."""
     if len(sections) < FEWEST_SECTIONS:
-        raise ValueError(f"{number_of(len(sections), 'sections')}; at least {FEWEST_SECTIONS} are required")
+        raise ValueError(f"{len(sections)} sections; at least {FEWEST_SECTIONS} are required")
     z, half_width, height, _ = np.array(sections).T
     back = np.flatnonzero(np.diff(z) <= 0)
     if len(back):

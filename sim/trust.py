@@ -72,7 +72,7 @@ def open_trusted(path: Path, accounts: Accounts) -> BinaryIO:
     try:
         found = os.fstat(descriptor)
         if not stat.S_ISREG(found.st_mode):
-            raise ChangeableError(path, "is not a regular file")
+            raise ChangeableError(path, "is no regular file")
         if (reason := _changeable(found, accounts, descriptor)) is not None:
             raise ChangeableError(path, reason)
     except BaseException:
@@ -139,7 +139,7 @@ else:
         for folder in reversed(_up_to_home(real)):
             found = folder.lstat()
             if not stat.S_ISDIR(found.st_mode):
-                raise ChangeableError(folder, "is not a folder")
+                raise ChangeableError(folder, "is no folder")
             sticky = folder != real and found.st_mode & stat.S_ISVTX  # others cannot exchange what is not theirs
             reason = _foreign(found, accounts) if sticky else _changeable(found, accounts, folder)
             if reason is not None:

@@ -191,7 +191,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:
-    """Return the owner of a port, by process id if known, and what it does."""
+    """Return the process that owns a port, if known, and its activity."""
     if owner.pid is None:
         return {"owner": None, "owner_text": str(owner)}
     return {"owner": owner.pid, **at_work(owner.pid)}

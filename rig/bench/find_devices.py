@@ -43,7 +43,7 @@ class PortFound:
 
     @property
     def words(self) -> str:
-        """The finding in one line, without the port."""
+        """Result in one line, without the port."""
         if self.owner is not None:
             return f"in use by {self.owner}{_does(self.owner)}; not asked"
         if self.problem is not None:

@@ -57,8 +57,11 @@ class ServedBench:
         lsl: bool = False,
         complain: Callable[[str], object] = print,
     ) -> None:
-        """stage, force: types of the devices, None for none. tcp: number of the first port; None: pseudo-terminals,
-        or free TCP ports on Windows. spikes: simulated afferents, whose spikes get a TCP port; lsl: and a stream.
+        """Start the devices; return when all of them respond. Raises BadInputError.
+
+        stage, force: kinds of device, None for none. tcp: number of the first port; None: pseudo-terminals, or free
+        TCP ports on Windows. spikes: simulated afferents, whose spikes get a TCP port; lsl: also stream them over
+        LSL.
 
         Returns when all devices respond. Raises BadInputError.
         """

@@ -122,7 +122,7 @@ class IndentorFeed:
 
 
 class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPopulation]):
-    """Process that presses the finger for tables; None asks for the afferents."""
+    """Process that computes tables by pressing the finger; the request None returns the afferents."""
 
     nice = 3
 
@@ -226,7 +226,7 @@ class ServedSpikes:
         self._feed = IndentorFeed(scheduler, carriage, pulses_after, self._near, self._complain)
 
     def close(self) -> SpikeStatistics:
-        """End both processes; return what was delivered."""
+        """End both processes and return the delivery statistics."""
         if self._feed is not None:
             self._feed.close()
         self._near.close()
@@ -258,7 +258,7 @@ def refuse_turned(truth: Truth) -> None:
 
 @dataclass(frozen=True)
 class _Given:
-    """What the delivering process needs."""
+    """Arguments of the process that delivers the spikes."""
 
     afferents: AfferentPopulation
     wanted: WantedSpikes
@@ -308,7 +308,7 @@ def _greeting(given: _Given) -> bytes:
 
 
 def warm(afferents: AfferentPopulation) -> None:
-    """Load what the first spikes need."""
+    """Compute a few unused spikes, so that the first real ones are not late."""
     spikes = LiveSpikes(afferents, lambda place: None)
     for k in range(3):
         spikes.known(k * SAMPLE_S, 0.0, 1.0, 0.0)
@@ -341,7 +341,7 @@ class Delivery:
         heapq.heappush(self._waiting, (rise_s, _SYNC))
 
     def go(self) -> None:
-        """Deliver what is due, and set the timer for the next."""
+        """Deliver the spikes that are due, and set the timer for the next one."""
         now_s, lines = time.monotonic(), []
         while self._waiting and self._waiting[0][0] <= now_s:
             due_s, afferent = heapq.heappop(self._waiting)

@@ -118,7 +118,7 @@ def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _for_people(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries with contact in one sentence, followed by what to do."""
+    """Replace the contact entries by one sentence and the next step for the operator."""
     if "words" not in found:
         return found
     rest = {name: value for name, value in found.items() if name not in ("contact", "may_touch", "words", "to_do")}

@@ -40,7 +40,7 @@ _MOST_WITHIN_S = 3600.0
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
-    """Return what a designed script says; raise an error for a wrong script or source before anything is computed."""
+    """Return the design that a script carries. Raises an error for a wrong script or source before any computation."""
     from rig.design.counts_from.opened import refuse_source, virtual_name
     from rig.design.designed import Designed
 
@@ -93,7 +93,7 @@ def _checked(
     *,
     as_json: bool,
 ) -> tuple["Choosing", Plan]:
-    """Return what a choice needs, and the plan of every press that may be chosen."""
+    """Return the inputs of a choice, and the plan of all presses that may be chosen."""
     from threadpoolctl import threadpool_limits
 
     from rig.cli.design import ShownProgress

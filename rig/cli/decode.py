@@ -446,7 +446,7 @@ def decode_command(
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the decoded pressures, their uncertainty and, if the true ones are known, their error."""
+    """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
     with one_line_errors(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
         if decoder == "ours":

@@ -158,7 +158,7 @@ def print_before_press(identification: Identification, press: PressAt | None) ->
 
 
 def print_after_press(identification: Identification, expected: ExpectedDuration | None, report: PressReport) -> None:
-    """Print one line: measured and predicted force with its band, what is known now, and what remains."""
+    """Print one line on a press: measured and predicted force, present uncertainty, remaining presses."""
     remaining = identification.options.presses - report.number
     about = "" if expected is None else f", about {remaining * expected.press_s:.0f} s,"
     next_text = (
@@ -207,7 +207,7 @@ def number_rows(identification: Identification) -> list[tuple[str, ...]]:
 
 
 def final_lines(done: FinishedRun, identification: Identification, to: object) -> dict[str, Any]:
-    """Return the results of the identification, and what was not learned."""
+    """Return the results of the identification, including the parameters that the presses did not determine."""
     lines: dict[str, Any] = {"run": str(done.folder.path), "presses": len(identification.measured)}
     if done.problem is not None and done.ending is not None:
         lines |= {"ended": done.ending.reason}
@@ -325,7 +325,7 @@ def identify_command(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Press gently, print after each press what was learned, and write the finger file."""
+    """Press gently, print the result of each press, and write the finger file."""
     beginning = Beginning(aloud=not dry)
     with one_line_errors(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = with_reliable_touch(load_config(config))

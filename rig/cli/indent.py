@@ -46,7 +46,7 @@ class Chosen:
 
     @property
     def why(self) -> str:
-        """The reason for the model, in one line."""
+        """Reason for the choice of the model, in one line."""
         return f"{self.model}, as requested" if self.choice is None else self.choice.why
 
     @property

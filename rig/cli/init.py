@@ -278,7 +278,7 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
 
 
 def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft, talk: _Talk) -> None:
-    """Put a device into the draft: the one of the options, the only one found, or the one that is asked for."""
+    """Add a device to the draft: from the options, the only one found, or the one that the user names."""
     of_kind, of_port, device = WORDS[room]
 
     def take(kind: str, port: str) -> None:

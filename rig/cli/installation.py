@@ -214,7 +214,7 @@ def doctor_command(
 
 
 def _bundled(run: Path, settings: Config) -> dict[str, Any]:
-    """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
+    """Write the file for a bug report to the current folder, and return its contents and omissions."""
     here = _installation(settings)
     about = ("python", "system", "machine", "cores", "versions", "devices", "protocols")
     contents = {name: here[name] for name in about}

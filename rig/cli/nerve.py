@@ -67,7 +67,7 @@ def nerve_command(
 
 
 def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpikes":
-    """Return what a command asks for; raise BadInputError or ModelRangeError before any work."""
+    """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import WantedSpikes
 
     if not 0 <= seed < MOST_SEED:
@@ -88,7 +88,7 @@ def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpik
 def add_spikes(
     finger: "Fingertip", run: Run, config: Config, wanted: "WantedSpikes", *, as_json: bool
 ) -> dict[str, Any]:
-    """Write the spikes of a run into its folder; return what commands print as JSON, without the report."""
+    """Write the spikes of a run into its folder; return the JSON output of the command, without the report."""
     from rig.plan.nerve import visits_of
 
     return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger), as_json=as_json)
@@ -146,7 +146,7 @@ def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
 
 
 def _renewed(run: Run) -> set[str]:
-    """Return the files that a report writes anew."""
+    """Return the files that a new report replaces."""
     return {name for name in run.folder.files if name.startswith("model_") or name == run.folder.report.name}
 
 

@@ -25,7 +25,7 @@ class _Terminal(Console):
     """Console whose texts do not steer the terminal, in tables and live screens too."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Yield the segments of what is printed, with visible control characters."""
+        """Yield the printed segments, with visible control characters."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
@@ -44,7 +44,7 @@ _REFRESH_PER_S = 8
 
 
 class Activity:
-    """Work in progress: what it is, how far it is, and how long such work took before.
+    """Work in progress, with its description, its progress, and an estimate from earlier durations.
 
     A part of the work, such as the build of a model within a check, has a kind and an estimate of its own. Work
     without a kind has no estimate.
@@ -90,7 +90,7 @@ class Activity:
 
     @property
     def title(self) -> str:
-        """What it is, with the estimate if it takes long."""
+        """Description of the work, with the estimate if it takes long."""
         expected_s = self._expected_s or 0.0
         what = number_of(self._total, self.what) if self._counted else self.what
         return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
@@ -102,7 +102,7 @@ class Activity:
 
     @property
     def line(self) -> str:
-        """What it is, how far it is, and the time left."""
+        """Description of the work, its progress, and the time left."""
         what = self.what
         if self._counted:  # of one piece, "0 of 1" would say nothing
             pieces = number_of(self._total, self.what)
@@ -140,7 +140,7 @@ class _Activities:
 
     @property
     def current(self) -> Activity | None:
-        """The innermost activity."""
+        """Innermost activity."""
         return self._all[-1][0] if self._all else None
 
     @property
@@ -211,7 +211,8 @@ def busy(
     size: float = 1.0,
     total: int = 0,
 ) -> Iterator[Activity]:
-    """Print what a command does, and its progress: in a live line on a terminal, else in lines on standard error.
+    """Print the activity of a command with its progress: in a live line on a terminal, else in lines on standard
+    error.
 
     Parameters
     ----------
@@ -254,7 +255,7 @@ def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Print that the command works whenever it says nothing of its own for a while."""
+    """Print that the command is working whenever it has printed nothing for a while."""
     with _activities.during(Activity(f"{_command}: working …")):
         yield
 
@@ -276,7 +277,7 @@ def resting() -> Iterator[None]:
 
 
 def say_now(what: str) -> None:
-    """Change what the current activity says, and print it unless a live line shows it."""
+    """Change the description of the current activity, and print it unless a live line shows it."""
     if (now := _activities.current) is not None:
         now.say(what)
     if not _activities.live:
@@ -284,7 +285,7 @@ def say_now(what: str) -> None:
 
 
 class _Builds(logging.Handler):
-    """Log handler that prints warnings, and turns the current activity to what the simulator builds."""
+    """Log handler that prints warnings and shows the builds of the simulator as the current activity."""
 
     def emit(self, record: logging.LogRecord) -> None:
         now, message = _activities.current, record.getMessage()
@@ -305,7 +306,7 @@ class _Builds(logging.Handler):
 
 
 def show_builds() -> None:
-    """Print warnings of the simulator, and show what it builds as progress."""
+    """Print warnings of the simulator, and show its builds as progress."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
@@ -384,7 +385,7 @@ def renamed(old: str, new: str) -> None:
 
 
 class NotConfirmedError(RigError):
-    """The person did not confirm."""
+    """Error of a request that the person did not confirm."""
 
     default_code = "not_confirmed"
 

@@ -80,7 +80,7 @@ class _Between(Activity):
 
     @property
     def title(self) -> str:
-        """The same as later."""
+        """First line, which is the same as the later ones."""
         return self.line
 
     @property

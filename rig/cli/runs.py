@@ -155,7 +155,7 @@ def show_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
+    """Print a run: protocol, state, limits, versions, forces, ending and files."""
     with one_line_errors(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
@@ -240,7 +240,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
 
 
 def ending_lines(run: Run) -> dict[str, str] | None:
-    """Return how a run ended early, as its report says it, or None."""
+    """Return the description of an early end for the report, or None."""
     ending = ending_of(run, state_of(run))
     if ending is None:
         return None

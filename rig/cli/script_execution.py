@@ -72,7 +72,7 @@ class RunOwner:
 
     @property
     def state(self) -> str:
-        """The state in one word."""
+        """State in one word."""
         if self._asks:
             return "asking"
         if self._phase != "running" or not self.pause.asked():
@@ -353,7 +353,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 def _with_spikes(
     done: FinishedRun, finger: Finger, config: Config, spikes: "WantedSpikes", *, as_json: bool
 ) -> dict[str, Any] | None:
-    """Write simulated spikes beside a run; a run without a press gets none, and a line that says so."""
+    """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:
         return asked(finger, add_spikes, done.run, config, spikes, as_json=as_json)
     except (BadInputError, ModelRangeError, OSError) as error:
@@ -379,7 +379,7 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
 
 
 def leave(done: FinishedRun) -> NoReturn:
-    """End the command with one line on what stopped the run, if anything did."""
+    """End the command; if the run was stopped, print the reason in one line."""
     if done.problem is not None and done.ending is not None:
         reason = done.ending.reason
         complain(reason if reason.startswith("stopped") else f"stopped: {reason}")

@@ -183,7 +183,7 @@ def serve_command(
 
 
 def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> "WantedSpikes | None":
-    """Return the afferents that are asked for. Raises BadInputError, ModelRangeError, LslMissingError."""
+    """Return the requested afferents. Raises BadInputError, ModelRangeError, LslMissingError."""
     if afferents is None:
         for option, given in (("--seed", seed is not None), ("--lsl", lsl)):
             if given:
@@ -254,7 +254,7 @@ def stranger_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Do what `rig serve --reveal` does, under its old name."""
+    """Print the parameters of a random finger, as `rig serve --reveal`, under the old name."""
     renamed("rig stranger", "rig serve --reveal")
     _reveal(seed, beside, as_json=as_json)
 

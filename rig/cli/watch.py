@@ -99,7 +99,7 @@ def _line(document: Document) -> list[str]:
 
 
 def _end(seen: RunScreen) -> list[str]:
-    """Return how the run ended, or where it stands."""
+    """Return the lines on the end of the run, or on its current state."""
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
