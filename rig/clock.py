@@ -48,7 +48,7 @@ class WallClock:
     def begin_run(self, run_s: float = 0.0) -> float:
         """Begin a run, or its next part at run_s; return by how much earlier times of the run are ahead (s).
 
-        monotonic_s(), and with it every deadline, goes on.
+        monotonic_s() and all deadlines are unaffected.
         """
         before_s, self._began_s = self._began_s, time.monotonic() - run_s
         return self._began_s - before_s

@@ -967,7 +967,7 @@ class BenchSettings(Settings):
 
     @property
     def bounds(self) -> StageBounds | None:
-        """Bounds that the stage's controller may enforce; None where no limits are known."""
+        """Bounds that the stage's controller may enforce; None if there are no limits."""
         return None
 
 

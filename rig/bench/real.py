@@ -51,7 +51,7 @@ class RealBench:
 
     @property
     def operator(self) -> Self:
-        """The operator."""
+        """Operator of the bench."""
         return self
 
     def mount(self, indentor: str) -> str:
@@ -71,7 +71,7 @@ class RealBench:
         return looked_after(heartbeat)
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact for the next command. Raises RecordError."""
+        """Record the known state of contact for the next command. Raises RecordError."""
         self.memory.touched(known)
 
     def left_with(self, zero: ForceZero | None) -> None:

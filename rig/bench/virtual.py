@@ -297,7 +297,7 @@ class VirtualBench:
 
     @property
     def operator(self) -> Self:
-        """The bench itself."""
+        """Operator, which is the bench itself."""
         return self
 
     def mount(self, indentor: str) -> str:

@@ -201,7 +201,8 @@ class ProbableCandidateJson(Output):
 
 
 class AdaptiveVerdictJson(Output):
-    """Verdict of an adaptive run; `truth`: candidate of a virtual nerve, `planned_from`: press where counts stopped."""
+    """Verdict of an adaptive run; `truth`: candidate of a virtual nerve, `planned_from`: press where counts stopped.
+    """
 
     candidates: list[ProbableCandidateJson]
     ended: Code | None

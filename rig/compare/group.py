@@ -63,7 +63,7 @@ def surfaces(pool: Laid) -> dict[str, AfferentLikelihood]:
     known = noise.freedom > _KNOWN
 
     def log_likelihood(deviance: Array, freedom: float) -> Array:
-        """Up to a constant; with `freedom` dimensions integrated out already."""
+        """Return the log-likelihood up to a constant, with `freedom` dimensions already integrated out."""
         if known:
             return np.asarray(-deviance / (2 * dispersion))
         spread = noise.freedom * dispersion
@@ -151,17 +151,17 @@ class GroupVerdict:
 
     @property
     def set(self) -> list[GroupRow]:
-        """The measures and controls that share 95 % of the probability."""
+        """Measures and controls that share 95 % of the probability."""
         return [row for row in self.rows if row.in_set]
 
     @property
     def leader(self) -> GroupRow | None:
-        """The only measure in the set, if there is one and no control."""
+        """Only measure in the set; None if the set has several members or a control."""
         return self.rows[0] if len(self.set) == 1 and not self.rows[0].control else None
 
     @property
     def best(self) -> GroupRow:
-        """The most probable measure."""
+        """Most probable measure."""
         return next(row for row in self.rows if not row.control)
 
     @property

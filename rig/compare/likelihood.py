@@ -67,7 +67,7 @@ class Observed:
 
     @property
     def silent(self) -> bool:
-        """Whether the afferent hardly fired, so that its recording cannot support any verdict."""
+        """Whether the afferent fired too little to support a verdict."""
         spikes = self.spikes
         return not self.rate.any() if spikes is None else spikes < FEWEST_SPIKES
 
@@ -155,7 +155,7 @@ class Observed:
 
 
 def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
-    """Return the recordings, in the order of their stimuli, at those of their positions that are known.
+    """Return the recordings, in the order of their stimuli, at the positions that `known` selects.
 
     Counts if every recording has a window, sd if every rate has one and none is repeated, otherwise rates.
     """

@@ -187,7 +187,7 @@ _ANSWER_S = 0.5
 
 
 def at_work(owner: int) -> dict[str, str]:
-    """Return what a process does, since when, and what stops it; nothing if it is not announced."""
+    """Return the activity of a process, its start, and the command that stops it; empty if it is not announced."""
     try:
         found = next((one for one in announced() if one.pid == owner), None)
     except OSError:  # Then no process can be announced there.

@@ -134,7 +134,7 @@ class ControlSocket:
             self._counting.wait_for(lambda: len(self._unproven) <= MOST_UNPROVEN, PATIENCE_S)
 
     def _dismiss(self, connection: Channel) -> None:
-        """Count a client no longer: it knows the key, or goes."""
+        """Stop counting a client that has proven the key or disconnected."""
         with self._counting:
             self._unproven.pop(connection, None)
             self._counting.notify_all()

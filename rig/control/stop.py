@@ -30,14 +30,14 @@ _IN_HAND_AGAIN_S = 0.005
 
 
 class StageInHand:
-    """Stage that is opened once, before a stop can be requested, lent to the run's bench, and closed at the end.
+    """Stage that is opened once, before a stop can be requested, passed to the run's bench, and closed at the end.
 
     A stopped stage is closed when the bench returns it, because an operator may have to lift it at once. A port
     that was closed or lost is opened again when needed.
     """
 
     def __init__(self, settings: BenchSettings, clock: WallClock) -> None:
-        """clock: clock of the run, which may begin later."""
+        """Prepare the stage, without opening it. clock: clock of the run, which may begin later."""
         self.clock, self.gate = clock, StopGate()
         self._settings = settings
         self._buffer = io.StringIO()
@@ -72,7 +72,9 @@ class StageInHand:
                 self._buffer.write(json.dumps({**line, "t_s": round(line["t_s"] - ahead_s, 6)}) + "\n")
 
     def lend(self, byte_log: Sink) -> Stage:
-        """Lend the stage to the run's bench; until its return, bytes go to this log. Raises TransportError."""
+        """Pass the stage to the run's bench, and log its bytes there until the bench returns it. Raises
+        TransportError.
+        """
         with self._changing:
             self._log = byte_log
             stage = self._stage
@@ -181,7 +183,9 @@ class StopSwitch:
     """
 
     def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
-        """stage: None on a virtual bench, which the main thread stops itself. interrupt: ends its work."""
+        """Prepare the switch. stage: None for a virtual bench, which the main thread stops itself. interrupt:
+        interrupts the main thread.
+        """
         self._stage, self._interrupt_main = stage, interrupt
         self._one, self._guard = threading.Lock(), threading.Lock()
         self._taken, self._over = True, False
@@ -232,7 +236,7 @@ class StopSwitch:
             self._taken = False
 
     def over(self) -> None:
-        """Forbid interrupts of the main thread, wait for a present stop, and accept no later one."""
+        """Forbid interrupts of the main thread, wait for a stop in progress, and reject later stops."""
         with self._guard:
             self._taken = True
         with self._one:
@@ -395,7 +399,7 @@ class SentStop:
 
     @property
     def words(self) -> str:
-        """One line: whether the stop was sent and confirmed, and what to do if it was not."""
+        """Result of the stop in one line, with advice if it was not confirmed."""
         ports = " and ".join(self.ports)
         if self.sent and self.state is not None:
             return f"Stop sent to {ports}: the stage reports {self.state}."
@@ -582,7 +586,7 @@ class _Recipient:
 
     @property
     def confirms(self) -> bool:
-        """Whether it confirms the stop."""
+        """Whether the process confirms the stop."""
         return self.answer is not None and not self.problem
 
     @property

@@ -97,7 +97,7 @@ class RunStreams:
     """
 
     def __init__(self, samples: LslOutlet, markers: LslOutlet, offset_s: Callable[[], float]) -> None:
-        """offset_s: returns the clock of LSL minus the wall clock (s)."""
+        """Prepare the streams. offset_s: returns the clock of LSL minus the wall clock (s)."""
         self._samples, self._markers, self._offset_s = samples, markers, offset_s
         self._origins_s: dict[Path, float] = {}
 

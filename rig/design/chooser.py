@@ -30,7 +30,7 @@ _END_S = 5.0
 
 
 class Decision(NamedTuple):
-    """The count of the press before, and the next press by its number, or None; why, and what it is based on."""
+    """Choice of a press: the previous count, the number of the next press or None, the reason, and its basis."""
 
     spikes: int | None
     possible: int | None
@@ -42,7 +42,7 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Choosing:
-    """What a choice needs: request, source, the presses within the limits with their responses and times."""
+    """Inputs of a choice: request, source, and the presses within the limits with their responses and times."""
 
     request: DesignRequest
     source: str
@@ -141,7 +141,7 @@ class ChooserHere:
 
 
 def _plain(truth: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """Return what a source says of its nerve, as a journal holds it. Raises TypeError, ValueError."""
+    """Return a source's description of its nerve as JSON values for the journal. Raises TypeError, ValueError."""
     found: dict[str, Any] | None = json.loads(json.dumps(None if truth is None else dict(truth), allow_nan=False))
     return found
 

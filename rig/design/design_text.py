@@ -29,7 +29,7 @@ def percent(share: float, error: float) -> str:
 
 
 def about_the_design(found: Design) -> str:
-    """Return what the presses are for and of, as a paragraph of the script."""
+    """Return candidates, presses and seed as a paragraph of the script."""
     made = found.presses
     per_shape = ", ".join(f"{sum(p.shape == s for p in made)} with {s}" for s in dict.fromkeys(p.shape for p in made))
     return (
@@ -48,7 +48,7 @@ def separation_line(found: Design) -> str:
 
 
 def quick_line(found: Design) -> str | None:
-    """Return what a quick design gives up; None for a full one."""
+    """Return the limitations of a quick design; None for a full one."""
     if not found.request.quick:
         return None
     _, error = share_and_error(found.outcome.failed)

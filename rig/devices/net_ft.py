@@ -81,7 +81,7 @@ class NetFtSettings(Settings):
 
 @dataclass(frozen=True)
 class SensorPage:
-    """What the sensor's page says: name, counts, their units (N, N·m), and, where given, filter and rate (1/s)."""
+    """Content of the sensor's page: name, counts, their units (N, N·m), and, if given, filter and rate (1/s)."""
 
     name: str
     force_counts: int
@@ -273,7 +273,7 @@ class NetFtForce:
         )
 
     def _checked(self, text: str) -> SensorPage:
-        """Return what the page says. Raises ForceError if counts are missing, or settings do not fit the rig."""
+        """Return the content of the page. Raises ForceError if counts are missing, or settings do not fit the rig."""
         status = re.search(r"HTTP/1\.\d (\d{3})", text)
         if status is None or status[1] != "200":
             raise self._bad_page("no HTTP status" if status is None else f"HTTP status {status[1]}")

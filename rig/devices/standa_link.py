@@ -65,7 +65,7 @@ class AxisStatus:
 
     @property
     def busy(self) -> bool:
-        """Whether a command is under way, or the motor turns."""
+        """Whether a command is running, or the motor turns."""
         return bool(self.command & RUNNING) or self.moves
 
 
@@ -101,7 +101,7 @@ class StandaLink:
         self._clear = True
 
     def ask(self, letters: str, layout: struct.Struct, tries: int = READ_TRIES) -> tuple[Any, ...]:
-        """Ask a question that changes nothing; a missing or garbled reply is asked for again.
+        """Send a query without side effects; repeat it if the reply is missing or garbled.
 
         Raises StageError, TransportError.
         """

@@ -106,7 +106,7 @@ class ZaberLink:
         """Highest warning of each axis that an alert has reported; cleared by who reads it."""
 
     def ask(self, device: int, axis: int, words: str = "") -> Reply:
-        """Ask a question that changes nothing; a missing or garbled reply is asked for again.
+        """Send a query without side effects; repeat it if the reply is missing or garbled.
 
         Raises StageError, TransportError.
         """

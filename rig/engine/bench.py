@@ -64,7 +64,8 @@ def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Pause:
-    """Pause of the operator: `asked` is polled at safe points, `go_on` returns whether the run then continues."""
+    """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether the run continues.
+    """
 
     asked: Callable[[], bool] = lambda: False
     go_on: Callable[[], bool] = lambda: False

@@ -213,20 +213,20 @@ def look_at_devices(engine: Engine) -> None:
 
 
 class LooksAtClearance:
-    """Looks at stop inputs and devices during a wait of any length; call it as often as you like.
+    """Checks of stop inputs and devices during a wait of any length; each call checks only what is due.
 
-    The devices of a virtual bench are not asked: they cannot be lost, and by the wall clock their time would depend
-    on the speed of the computer.
+    The devices of a virtual bench are not polled: they cannot be lost, and polls by the wall clock would make their
+    time depend on the speed of the computer.
     """
 
     def __init__(self, engine: Engine, clock: Clock) -> None:
-        """clock: the clock that times the wait."""
+        """Begin a wait, timed by `clock`."""
         self._engine, self._clock = engine, clock
         self._inputs_s = clock.monotonic_s()
         self._devices_s = math.inf if getattr(engine.bench, "virtual", False) else self._inputs_s + REST_LOOK_S
 
     def __call__(self) -> None:
-        """Look at what is due. Raises as `look_at_devices`."""
+        """Check the inputs and devices that are due. Raises the errors of `look_at_devices`."""
         engine, now_s = self._engine, self._clock.monotonic_s()
         if engine.state is not State.READY:
             return

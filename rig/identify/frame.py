@@ -66,10 +66,10 @@ class _Skin:
 
 
 def find(run: Run, config: Config, finger: Fingertip) -> Lie:
-    """Fit the finger's frame to a run's touches. Raises BadInputError where they are too few, or not a sphere's.
+    """Fit the finger's frame to the touches of a run. Raises BadInputError for too few touches, or not by a sphere.
 
-    Least squares over lateral, vertical and axial offset, roll and tilt; the stage that has no axis along the finger
-    leaves the axial offset and the tilt as they were.
+    Least squares over lateral, vertical and axial offset, roll and tilt. Touches at one position along the finger
+    leave the axial offset and the tilt unchanged.
     """
     touches = run.stream("find")
     radius_mm = _radius(run, touches)
@@ -115,7 +115,7 @@ def _full(found: Array, free: list[int]) -> Array:
 
 
 def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
-    """Central differences over steps wide enough for a skin of points."""
+    """Return the Jacobian by central differences, with steps wide enough for a skin of points."""
 
     def jacobian(found: Array) -> Array:
         steps = np.diag(walk)
@@ -125,7 +125,7 @@ def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
 
 
 def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> Lie:
-    """Covariance s² (JᵀJ)⁻¹ with Student's factor, so that ± 2 sd holds 95 %."""
+    """Return the frame with covariance s² (JᵀJ)⁻¹ and Student's factor, so that ± 2 sd covers 95 %."""
     spare = len(off_mm) - len(free)
     sd_mm = max(float(np.sqrt((off_mm**2).sum() / spare)), _LEAST_SD_MM)
     covariance = sd_mm**2 * np.linalg.inv(jacobian.T @ jacobian)

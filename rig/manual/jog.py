@@ -49,7 +49,9 @@ class ByHand:
     def __init__(
         self, settings: RigSettings, stage: Stage, clock: Clock, guard: Guard | None, show: Show, *, placed: bool
     ) -> None:
-        """guard: None moves without force. placed: whether the stage is homed, so that heights are known."""
+        """Prepare to move by hand. guard: None moves without force. placed: whether the stage is homed, so that
+        heights are known.
+        """
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
@@ -282,14 +284,15 @@ FASTEST_MM_S = 10.0
 
 
 class HeldDirection:
-    """Last direction held, valid for counts_s from its signal."""
+    """Direction of the last button signal, valid for counts_s after the signal."""
 
     def __init__(self, clock: Clock, counts_s: float) -> None:
         self._clock, self._counts_s = clock, counts_s
         self._last: tuple[Direction, float] | None = None  # direction, and the time until which it is valid (s)
 
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
-        """Record that a direction was held ago_s ago, or None; an older signal does not shorten a newer one."""
+        """Record the direction held ago_s ago, or None for a release; an older signal does not shorten a newer one.
+        """
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
         if direction is not None and self._last is not None and self._last[0] == direction:
             until_s = max(until_s, self._last[1])

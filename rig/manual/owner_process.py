@@ -99,7 +99,9 @@ class HandOwner:
     """Owner of the bench under manual control; run() acts until leave(), `answers` serves other threads."""
 
     def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
-        """gate: of the stage's transports. log: gets a line per action. known: state left by the last command."""
+        """Prepare manual control. gate: that of the stage's transports. log: receives a line per action. known: state
+        of contact after the last command.
+        """
         self._settings, self._bench, self._gate, self._log = settings, bench, gate, log
         self._clock, self._stage, self._known = bench.clock, bench.stage, known
         sensor = OverheardSensor(
@@ -230,7 +232,7 @@ class HandOwner:
         self._status.seen(at)
 
     def _doubt(self, error: Exception) -> None:
-        """Distrust the position after a failure, unless the driver still trusts it."""
+        """Discard the position after a failure, unless the driver still trusts it."""
         trusted = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
         if isinstance(error, StageError | TransportError) and not trusted:
             self._lose()

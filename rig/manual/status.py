@@ -86,7 +86,7 @@ class OverheardSensor:
 
 
 class Backlog:
-    """The last KEPT readings, numbered from 0; written by one thread, read by others under a lock."""
+    """Last KEPT readings, numbered from 0; written by one thread, read by others under a lock."""
 
     def __init__(self) -> None:
         self._rows: deque[Row] = deque(maxlen=KEPT)

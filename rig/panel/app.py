@@ -111,7 +111,7 @@ class Offered:
 
 
 class Panel:
-    """Panel server; `url` is known before it starts, and contains the token in a part that is never logged."""
+    """Panel server; its `url` exists before it starts, and contains the token in a part that is never logged."""
 
     def __init__(self, offered: Offered, find: Find = announced) -> None:
         """Bind the port. Raises BadInputError, OSError if the port is taken."""

@@ -87,7 +87,7 @@ class Served(H11Protocol):
 
     @property
     def is_unanswered(self) -> bool:
-        """Whether a complete request waits for its answer, or for the end of it."""
+        """Whether a complete request waits for its reply, or for the end of the reply."""
         return self.cycle is not None and not self.cycle.more_body and not self.idle
 
     @property
@@ -127,7 +127,7 @@ class Connections:
     """Accepts connections, and passes those with a complete header to the server."""
 
     def __init__(self, listener: socket.socket, may_hold: Callable[[Pairs], bool], clock: Clock) -> None:
-        """may_hold: returns whether the headers of a request contain the token."""
+        """Prepare the connections. may_hold: returns whether the headers of a request contain the token."""
         self.may_hold = may_hold
         self._listener, self._clock = listener, clock
         self._most_waiting = max(_FEWEST_WAITING, min(_MOST_WAITING, descriptors() // 2))
@@ -240,7 +240,7 @@ class Connections:
             self._loop.add_reader(self._listener, self._accept)
 
     def _read(self, one: _Waiting) -> None:
-        """Read what has come of a header."""
+        """Read the received part of a header."""
         try:
             data = one.end.recv(MOST_HEADER + 1)
         except (BlockingIOError, InterruptedError):
@@ -262,7 +262,7 @@ class Connections:
             self._watch_later(one)
 
     def _watch_later(self, one: _Waiting) -> None:
-        """Watch a connection once no more wait to be accepted: watching takes as long as accepting."""
+        """Watch a connection once all waiting connections are accepted, since watching takes as long as accepting."""
         if not one.watched:
             self._unwatched.append(one)
 

@@ -76,7 +76,7 @@ def _not_understood(code: str, key: str, expected: str) -> RequestError:
 
 
 class HeldButton(NamedTuple):
-    """Button that is held: axis, sign, speed, number of the press, and time by the page."""
+    """Signal of a held button: axis, sign, speed, number of the press, and time by the page."""
 
     axis: Literal["x", "y", "z"]
     sign: Literal[-1, 1]
@@ -130,7 +130,7 @@ class BoundedPool:
     """Thread pool that rejects work when all threads are busy."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
-        """problem, code: reply while all threads are busy."""
+        """Prepare the pool. problem, code: reply while all threads are busy."""
         self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 

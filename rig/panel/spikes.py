@@ -34,7 +34,7 @@ def port_number(text: str) -> int:
 
 
 class SeenSpikes:
-    """The last spikes of simulated afferents; `look_on` follows their port until it is cancelled."""
+    """Last spikes of simulated afferents; `look_on` follows their port until it is cancelled."""
 
     def __init__(self, port: int, outlet: Outlet, clock: Clock) -> None:
         self._port, self._outlet, self._clock = port, outlet, clock

@@ -119,7 +119,7 @@ def _answer(
     pace: Pace,
     series: tuple[tuple[float, float], ...],
 ) -> tuple[float, float, float]:
-    """Held force, depth and highest force."""
+    """Return the force during the hold (gwt), the depth (mm) and the highest force (gwt)."""
     if target.kind == "doi_mm":
         left = left_of(series, pace, target.value)
         found = finger.indent(shape, x_mm, doi_mm=target.value)
@@ -148,7 +148,8 @@ Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], 
 class FingerModel:
     """Predictions of a fingertip, cached in `kept`.
 
-    A shape is read once, by the name that `where` makes of the protocol's; later edits of its file have no effect.
+    A shape is read once, from the path that `where` returns for its name in the protocol; later edits of its file
+    have no effect.
     """
 
     def __init__(
@@ -158,7 +159,7 @@ class FingerModel:
         where: Callable[[str], str] = str,
         identified: IdentifiedFinger | None = None,
     ) -> None:
-        """identified: result of the identification, if the finger was identified."""
+        """Prepare predictions. identified: result of the identification, if the finger was identified."""
         self._finger, self._kept, self._where, self._identified = finger, kept, where, identified
         self._shapes: dict[str, Indentor] = {}
 
@@ -348,6 +349,9 @@ def by_group(found: list[PredictedHold]) -> dict[str, list[PredictedHold]]:
 
 
 def measured(found: list[PredictedHold], measure: str) -> tuple[Array, Array]:
-    """Indentor positions (n,) mm and the raw measure (n, receptors): rows are population responses, columns SSRPs."""
+    """Return the indentor positions (n,) in mm and the raw measure (n, receptors).
+
+    Rows are population responses, columns are SSRPs.
+    """
     x = np.array([response.hold["x_mm"] for response in found])
     return x, np.array([response.result.receptor_measures[measure] for response in found])

@@ -42,7 +42,7 @@ _PLACE_DECIMALS = 4
 
 
 class Knot(NamedTuple):
-    """A known position: its time, height above the nominal apex, force, and the speed of the move to it."""
+    """Known position: time, height above the nominal apex, force, and the speed of the move to it."""
 
     t_s: float
     height_mm: float
@@ -52,7 +52,7 @@ class Knot(NamedTuple):
 
 @dataclass(frozen=True)
 class WantedSpikes:
-    """What a command asks for: afferents as text, the seed, and the nerve to the electrode (m)."""
+    """Request for spikes: afferents as text, the seed, and the length of the nerve to the electrode (m)."""
 
     afferents: str
     seed: int = 0
@@ -81,7 +81,7 @@ class Visit:
 
     @property
     def place(self) -> tuple[str, float, float]:
-        """What presses have in common."""
+        """Indentor and rounded position, which presses at one place share."""
         return self.indentor, round(self.x_mm, _PLACE_DECIMALS), round(self.along_mm, _PLACE_DECIMALS)
 
 
@@ -119,7 +119,7 @@ def visits_of(run: Run, config: Config) -> Visits:
 
 
 class _Walk:
-    """Walk through the journal that collects what is known of each visit."""
+    """Walk through the journal that collects the known positions of each visit."""
 
     def __init__(self, config: Config) -> None:
         self.found: list[Visit] = []

@@ -125,7 +125,7 @@ class Patience:
 
 @contextmanager
 def impatient() -> Iterator[None]:
-    """Raise SilentScriptError in a script that makes no step for LONGEST_SILENCE_S."""
+    """Raise SilentScriptError if the script makes no step for LONGEST_SILENCE_S."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -293,7 +293,7 @@ def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:
 
 
 def _seen_mm(maps: Sequence[StimulusMap]) -> Limits:
-    """Return the ends of what maps show, across and up (mm)."""
+    """Return the limits of the maps, across and up (mm)."""
     (x, y), (across, up) = np.concatenate([one.receptor_mm for one in maps]).T, _ABOUT_MM
     return (float(x.min()) - across[0], float(x.max()) + across[1]), (float(y.min()) - up[0], float(y.max()) + up[1])
 

@@ -179,7 +179,7 @@ def _press_figures(run: Run) -> list[PageFigure]:
 
 
 def _population_lines(found: list[PredictedHold]) -> str:
-    """Return what the lines of the population responses are, and what is left out."""
+    """Return the description of the lines of the population responses, and of those left out."""
     if len({response.hold["x_mm"] for response in found}) == 1:
         return "One line per depth or force (first repeat)."
     *others, shown = by_group(found)

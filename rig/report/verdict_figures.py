@@ -285,7 +285,7 @@ def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], f
 
 
 def _curve(row: PairRow) -> tuple[Array, Array]:
-    """Return the fit between the smallest and largest measure, also where no position lies (n,)."""
+    """Return the fit (n,) on a fine grid between the smallest and the largest measure."""
     known = row.eps[np.isfinite(row.eps)]
     corner = [row.eps0] if known.min() < row.eps0 < known.max() else []
     eps = np.unique(np.concatenate([np.linspace(known.min(), known.max(), _CURVE_POINTS), corner]))

@@ -86,7 +86,7 @@ class FinalPosition:
 
     @property
     def to_do(self) -> str | None:
-        """What the operator should do first about the indentor, or None."""
+        """First step for the operator about the indentor, or None."""
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
     @property

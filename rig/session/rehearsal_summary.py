@@ -150,7 +150,7 @@ def press_speed(config: Config, plan: Plan) -> dict[str, float]:
 
 
 def press_speed_in_words(found: Mapping[str, Any]) -> str:
-    """Return the sentence about what `press_speed` found."""
+    """Return the result of `press_speed` as a sentence."""
     return (
         f"the sensor is read after each increment: press at most {found['press_speed_mm_s']:.2g} mm/s; a sample "
         f"is up to {found['sample_age_s']:g} s old, in which the force may rise by {found['rise_gwt']:.3g} gwt"

@@ -114,7 +114,7 @@ class Rehearsed:
 
     @property
     def course(self) -> Course:
-        """The course of the run, for its monitors."""
+        """Course of the run, for its monitors."""
         return Course(self.duration_s, self.instants_s, self.words, self.marks)
 
 

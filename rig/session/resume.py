@@ -53,7 +53,7 @@ class StoppedRun:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing remains to be done."""
+        """Whether all steps are done."""
         return self.run is not None and self.run.complete
 
 
