@@ -40,8 +40,7 @@ _MOST_WITHIN_S = 3600.0
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
-    """Return the design that a script carries. Raises an error for a wrong script or source before any computation.
-    """
+    """Return the design that a script carries. Raises an error for a wrong script or source before any computation."""
     from rig.design.counts_from.opened import refuse_source, virtual_name
     from rig.design.designed import Designed
 

@@ -1,4 +1,4 @@
-"""`rig design`: which presses would distinguish candidate measures in the minutes available."""
+"""`rig design`: choose presses that distinguish candidate measures within a session."""
 
 import shlex
 import time

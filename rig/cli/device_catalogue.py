@@ -1,4 +1,4 @@
-"""`rig config --devices`: every kind of device, what it was tested with, and how fast its virtual twin is."""
+"""`rig config --devices`: every kind of device, the evidence of its tests, and the speed of its virtual twin."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict

@@ -1,4 +1,4 @@
-"""`rig identify` and `rig find`: identify the finger, and find where it lies."""
+"""`rig identify` and `rig find`: identify the finger, and locate it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing

@@ -1,4 +1,4 @@
-"""What each command prints with `--json`: a schema for each, the reference page and the tests are made from it.
+"""Schemas of the JSON output of each command; the reference page and the tests are made from them.
 
 Numbers are numbers. A quantity has its unit at the end of its key (`force_gwt`), or beside it in `unit`. Prose is in
 keys that end in `_text`. Identifiers come from closed lists, or have a format that says whose names they are.
@@ -201,8 +201,7 @@ class ProbableCandidateJson(Output):
 
 
 class AdaptiveVerdictJson(Output):
-    """Verdict of an adaptive run; `truth`: candidate of a virtual nerve, `planned_from`: press where counts stopped.
-    """
+    """Verdict of an adaptive run; `truth`: candidate of a virtual nerve, `planned_from`: press where counts stopped."""
 
     candidates: list[ProbableCandidateJson]
     ended: Code | None
@@ -318,7 +317,7 @@ class IdentifiedParameterJson(Output):
     name: Parameter
     unit: Unit
     estimate: float
-    """That of one finger whose parameters all lie within their bands."""
+    """Value of the most likely finger whose parameters all lie within their bands."""
     mean: float
     sd: float
     low: float
@@ -526,7 +525,7 @@ class SimulatedAfferentJson(Output):
     depth_mm: float
     sensitivity: Ratio
     delay_s: float
-    """Between a spike at the receptor and the same spike at the electrode."""
+    """Delay from a spike at the receptor to the same spike at the electrode."""
     spikes: int
 
 
@@ -919,9 +918,9 @@ class GroupRowJson(Output):
     """Log-likelihood below that of the most probable candidate."""
     in_set: bool
     wins: int
-    """Afferents whose maximum-likelihood measure it is, each on its own."""
+    """Number of afferents whose own maximum-likelihood measure this is."""
     kept: int
-    """Afferents in whose set it is."""
+    """Number of afferents whose set contains it."""
     gain: float | None
     """Geometric mean over the afferents."""
     gain_interval: Limits
@@ -941,7 +940,7 @@ class GroupVerdictJson(Output):
     besides_text: list[str]
     afferents: int
     unexplained: int
-    """Afferents whose own verdict rejects every measure."""
+    """Number of afferents whose own verdict rejects every measure."""
     set: list[Candidate]
     rows: list[GroupRowJson]
     method_text: str
@@ -1071,7 +1070,7 @@ class FrictionJson(Output):
     coefficient: Ratio
     increments: int
     sticking_share: Ratio
-    """Share of the normal force that is borne by points that stick."""
+    """Share of the normal force that sticking points carry."""
     shear_x_n: float
     shear_z_n: float
     normal_residual: Ratio
@@ -1582,7 +1581,7 @@ class JoggedJson(HomedJson):
     """Position after a manual move."""
 
     ended_by_text: str | None
-    """What stopped the stage."""
+    """Cause of the stop."""
     code: NotRequired[Code]
 
 
@@ -1704,10 +1703,10 @@ class MeasuredJson(Output):
     samples: int
     rate_hz: float
     age: SpreadJson
-    """Of a reading when the program decides about a trip; of a position, at most."""
+    """Age of a reading when the program decides about a trip, or largest age of a position."""
     stops: int
     to_bytes: SpreadJson | None
-    """From the call of a stop; null for a force sensor."""
+    """Time from the call of a stop to its bytes; null for a force sensor."""
     to_rest: SpreadJson | None
 
 
@@ -1788,7 +1787,7 @@ class PortFoundJson(Output):
     owner: int | None
     """Process that uses the port, which was then not searched; null also if the system does not report it."""
     code: Code | None
-    """Why the port was not asked, or the device cannot be used."""
+    """Reason that the port was not searched, or that the device cannot be used."""
     found_text: str
 
 
@@ -1847,7 +1846,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "config": (ConfigurationJson, DeviceCatalogueJson),
     "doctor": (DoctorJson, BugReportJson),
 }
-"""What a command with --json prints if it ends in a result; any of them may print a Failure instead."""
+"""Output of each command with --json that succeeds; any command may print a Failure instead."""
 
 
 @cache

@@ -36,8 +36,9 @@ out = _Terminal(highlight=False, soft_wrap=True, markup=False)
 THE_FINGER = "fingertip: loading from the cache, or building …"
 
 FIRST_S, EVERY_S, LONG_S = 0.5, 2.0, 3.0
-"""Time after which work that may be short says what it does, time between lines without a terminal, and duration from
-which an estimate is printed at the beginning (s)."""
+"""Time after which work that may be short prints its description, time between lines without a terminal, and duration
+from which an estimate is printed at the beginning (s).
+"""
 
 _LOOKS_S = 0.1
 _REFRESH_PER_S = 8

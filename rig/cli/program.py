@@ -1,4 +1,4 @@
-"""The commands of `rig`, and the end of a command that is not understood."""
+"""Commands of `rig`, and the error for a command line that cannot be parsed."""
 
 import atexit
 import gc

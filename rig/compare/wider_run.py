@@ -1,4 +1,4 @@
-"""Range of positions that would measure what a run leaves out of a recording, as far as the planner accepts it.
+"""Range of positions that would cover the part of a recording that a run leaves out, as far as the planner accepts.
 
 The planner refuses positions beyond the limits, the stage's travel and the edge of the model's largest patch. A range
 is recommended only after the planner has accepted every press of it.

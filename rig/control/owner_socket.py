@@ -24,7 +24,7 @@ PATIENCE_S = 2.0
 """Time until a silent client is disconnected (s)."""
 
 MOST_UNPROVEN = 32
-"""Clients that have not yet shown that they know the key; for one more, the one that connected first is let go."""
+"""Maximum number of unauthenticated clients; one more disconnects the oldest of them."""
 
 SWITCH_S = 5e-4
 """Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""

@@ -27,7 +27,7 @@ SPIKES = "synthetic_spikes"
 """Name of the stream of simulated spikes."""
 
 _HIDDEN = {"note": ("text",), "start": ("parameters", "subject"), "resume": ()}
-"""What a marker leaves out, because other computers can read it."""
+"""Keys that a marker omits, because other computers can read it."""
 
 _PAIRS = 9  # of readings of two clocks
 _SEARCH_S = 0.5

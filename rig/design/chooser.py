@@ -1,4 +1,4 @@
-"""Counts and the rule together: after each press the count is taken in, and the next press is chosen."""
+"""Choice of presses during a run: read the count of each press, then choose the next press."""
 
 import json
 import multiprocessing

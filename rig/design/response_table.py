@@ -1,4 +1,4 @@
-"""Table of what receptors would see: every candidate under every press, on every finger of a design.
+"""Table of receptor responses: every candidate under every press, on every finger of a design.
 
 Strains are solved once for each finger and stored. Receptors lie on a grid of x and depth below the epidermis, and
 locations between its nodes are interpolated by cubic splines.

@@ -34,7 +34,7 @@ MAX_AGE_S = 0.02
 LOWEST_HZ = 100
 """Lowest rate of records, so that two of them fit into MAX_AGE_S (1/s)."""
 PAGE_S, START_S, SETTLE_S = 1.0, 0.5, 10.0
-"""Longest time until the page has come, until a started stream runs, and until a load is steady (s)."""
+"""Longest time until the page arrives, until a started stream runs, and until a load is steady (s)."""
 _PAUSE_S = 1.0  # After a longer pause without a read, records that were dropped meanwhile are not counted as lost.
 _STEADY_READINGS = 3
 _LONGEST_PAGE = 1 << 16

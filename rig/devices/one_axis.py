@@ -26,7 +26,7 @@ from rig.settings import SLOWEST_MM_S, BenchSettings
 
 _SAME_PLACE_MM = 1e-6
 POLL_S, ALARM_S = 0.02, 0.25
-"""Time between questions near the end of a motion, and longest time without one for alarms before (s)."""
+"""Poll interval near the end of a motion, and longest time between polls for alarms before that (s)."""
 
 
 def one_axis(

@@ -21,7 +21,7 @@ REPLY_S = 0.2
 READ_TRIES = 3
 LETTERS, CRC_BYTES = 4, 2
 ZEROS = bytes(64)
-"""As many as complete any frame that was cut short; the controller returns each that it does not need."""
+"""Zeros that complete any truncated frame; the controller returns each one that it does not need."""
 SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
 FORGETS_S = 0.45
 """The controller forgets the beginning of a command 0.4 s after its last byte."""
@@ -37,7 +37,7 @@ ERRORS = {
 MOVE = struct.Struct("<ih6s")
 SPEED = struct.Struct("<IBHHIBB9s")
 RESERVED = b"\xcc"
-"""What the maker's library writes to the reserved bytes."""
+"""Value that the maker's library writes to the reserved bytes."""
 STATUS = struct.Struct("<5Bihqih5hIIB4x")
 ENGINE = struct.Struct("<HHIBHhBH12x")
 EDGES = struct.Struct("<BBihih6x")

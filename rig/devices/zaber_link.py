@@ -103,7 +103,7 @@ class ZaberLink:
         self._number = IDS - 1
         self._lost_s: dict[int, float] = {}
         self.alerts: dict[tuple[int, int], str] = {}
-        """Highest warning of each axis that an alert has reported; cleared by who reads it."""
+        """Highest warning of each axis that an alert has reported; the reader clears it."""
 
     def ask(self, device: int, axis: int, words: str = "") -> Reply:
         """Send a query without side effects; repeat it if the reply is missing or garbled.

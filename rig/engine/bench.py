@@ -64,8 +64,7 @@ def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
 
 @dataclass(frozen=True)
 class Pause:
-    """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether the run continues.
-    """
+    """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether the run continues."""
 
     asked: Callable[[], bool] = lambda: False
     go_on: Callable[[], bool] = lambda: False

@@ -1,4 +1,4 @@
-"""Reference presses, which check that the finger still responds as at first; compliance of the rig."""
+"""Reference presses, which check that the response of the finger has not changed; compliance of the rig."""
 
 import math
 from dataclasses import dataclass

@@ -19,7 +19,7 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
-"""Time between two looks at the stop inputs, and at stage and force sensor, during a wait at clearance (s)."""
+"""Poll intervals of the stop inputs, and of stage and force sensor, during a wait at clearance (s)."""
 _LOOK_TAKES_S = 0.25  # No look begins so shortly before the end of a rest.
 
 

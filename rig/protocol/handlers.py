@@ -1,4 +1,4 @@
-"""Handlers around another one: replay of a resumed run, and the end of a script that makes no steps."""
+"""Handlers around another handler: replay of a resumed run, and the timeout of a script that makes no steps."""
 
 import ctypes
 import signal

@@ -1,4 +1,4 @@
-"""Page of a design: expected confusion against minutes beside usual designs, and what each press adds."""
+"""Page of a design: expected confusion against minutes beside usual designs, and the gain of each press."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -28,7 +28,7 @@ DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
 """Command that presses the range of the rehearsal on the virtual bench."""
 
 SENSITIVITY = files("rig.compare") / "data" / "bar3_sensitivity.csv"
-"""How both phases change with what the comparison assumes; `python -m studies run bar3-sensitivity` writes it."""
+"""Sensitivity of both phases to the assumptions; `python -m studies run bar3-sensitivity` writes it."""
 
 
 class Level(NamedTuple):

@@ -29,7 +29,7 @@ ESTOP_S, BACK_OFF_MM, HOME_MM_S = 0.01, 0.5, 5.0
 SINE_MS = 0.2, 429496729.5
 """Shortest and longest period of a sine."""
 LONGEST_SINE = 100_000
-"""Half cycles after which a sine ends by itself here; a device goes on as long as it is commanded."""
+"""Half cycles after which a sine ends here; a real device continues as commanded."""
 _SEALED = re.compile(rb"/(.*):([0-9A-F]{2})")
 _LONGEST = 256
 

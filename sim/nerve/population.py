@@ -1,4 +1,4 @@
-"""Afferents under the pad: where they end, how sensitive they are, how long their spikes take, and what they answer.
+"""Afferents under the pad: end organs, sensitivities, conduction delays, and responses.
 
 The words are those of TouchSim (Saal, Delhaye, Rayhaun and Bensmaia 2017, PNAS 114:E5693): `Stimulus`, `Afferent`,
 `AfferentPopulation`, `Response`, `rate`, `psth`. Times are seconds here, and places are on the finger model.
@@ -423,7 +423,7 @@ class Pad:
 
 @dataclass(frozen=True)
 class Wanted:
-    """Afferents of one class that a text asks for; without a place they are drawn over the pad."""
+    """Requested afferents of one class; without a location they are placed at random over the pad."""
 
     model: str
     count: int
@@ -434,7 +434,7 @@ _ITEM = re.compile(r"(?:(\d+)x)?([^@\s]+?)(?:@([^:]+)(?::(.+))?)?", re.ASCII)
 
 
 def wanted(text: str, models: Models = BUILT_IN) -> tuple[Wanted, ...]:
-    """Return the afferents that a text asks for.
+    """Parse a request for afferents.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Read a user's table: separators, decimals, and which column is what in which unit."""
+"""Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
 import csv
 import math

@@ -25,8 +25,7 @@ _CENTRE_MM = 0.0
 
 @dataclass(frozen=True)
 class SkinDeflection:
-    """Measured downward displacements (n,) at locations (n,) on the undeformed skin, in mm; z = NaN: receptor plane.
-    """
+    """Measured downward displacements (n,) at locations (n,) on the undeformed skin, in mm; z = NaN: receptor plane."""
 
     x_mm: Array
     z_mm: Array

@@ -1,4 +1,4 @@
-"""Read the recordings that a command names, tables of rates or counts among them."""
+"""Read the recordings that a command names: tables of rates or counts, and spike times."""
 
 import hashlib
 import math

@@ -1,4 +1,4 @@
-"""What a source of counts does, and the counts that a run accepts from it."""
+"""Interface of a source of counts, and the counts that a run accepts from it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -47,8 +47,7 @@ class CountSource(Protocol):
         """
 
     def truth(self) -> Mapping[str, Any] | None:
-        """Return the parameters of a virtual nerve, with its candidate under `candidate`; None for a recorded nerve.
-        """
+        """Return the parameters of a virtual nerve, with its candidate under `candidate`; None for a recorded nerve."""
 
     def close(self) -> None:
         """Release the resources of the source."""
