@@ -396,7 +396,7 @@ class BlueskyBench:
     def _stop(self) -> None:
         """Stop the stage at once if an order is being carried out. Raises ControlError."""
         if self._status is not None and self._process.poll() is None:
-            answer = self._owner.say_stop()
+            answer = self._owner.post_stop()
             threading.Thread(target=_heard, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:

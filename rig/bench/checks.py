@@ -10,7 +10,7 @@ from typing import Any
 import tomlkit
 
 from rig.clock import WallClock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
@@ -194,4 +194,4 @@ def _owned(owner: PortOwner) -> dict[str, Any]:
     """Return the process that owns a port, if known, and its activity."""
     if owner.pid is None:
         return {"owner": None, "owner_text": str(owner)}
-    return {"owner": owner.pid, **at_work(owner.pid)}
+    return {"owner": owner.pid, **activity_of(owner.pid)}

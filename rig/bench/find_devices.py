@@ -10,7 +10,7 @@ from typing import Any
 from serial.tools import list_ports
 
 from rig.clock import Clock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError
 from rig.devices.make_drivers import probe
 from rig.devices.registry import KINDS, DeviceKind, KindError, find, names
@@ -66,7 +66,7 @@ class PortFound:
 
 
 def _does(owner: PortOwner) -> str:
-    does = None if owner.pid is None else at_work(owner.pid).get("does_text")
+    does = None if owner.pid is None else activity_of(owner.pid).get("does_text")
     return f" ({does})" if does else ""
 
 

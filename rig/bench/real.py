@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Pause, looked_after
+from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Pause, monitored
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -66,15 +66,15 @@ class RealBench:
         """Return nothing: a real bench knows no more than its devices."""
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat from a thread."""
-        return looked_after(heartbeat)
+        return monitored(heartbeat)
 
     def touched(self, known: KnownContact) -> None:
         """Record the known state of contact for the next command. Raises RecordError."""
         self.memory.touched(known)
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """Record the zero for the next command."""
         if zero is not None:
             self.memory.zeroed(zero)
@@ -94,7 +94,7 @@ def open_bench(
     byte_log: Sink,
     ask: Callable[[Request], str],
     pause: Pause = NO_PAUSE,
-    in_hand: StageInHand | None = None,
+    in_hand: OwnedStage | None = None,
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` prompts the operator.
 

@@ -109,7 +109,7 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
     ):
         engine = Engine(settings, bench, NoJournal())
         engine.keep_contact = bench.touched
-        with bench.look_after(engine.heartbeat), stopped_at_once(engine):
+        with bench.monitor(engine.heartbeat), stopped_at_once(engine):
             bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)
             verbs.mount(engine, "flat")

@@ -22,7 +22,7 @@ from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.profile_shape_test import chance_rows
-from rig.compare.receptor_place import Sought, places, sought_in
+from rig.compare.receptor_place import RequestedRanges, common_range, places
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
@@ -405,7 +405,7 @@ def _sought(
             )  # fmt: skip
         return None
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
-    return sought_in(runs, Sought((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
+    return common_range(runs, RequestedRanges((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -293,7 +293,7 @@ def draw(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import SheetPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import sheet_figure
 
     grid = operator.skin.grid
@@ -318,7 +318,7 @@ def _draw_search(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_pressures(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import DecodingPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import decoded_figure
 
     band = None if found.profile is None else found.profile.band()

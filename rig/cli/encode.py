@@ -32,7 +32,7 @@ from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoiseP
 from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
-from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
+from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, cached_sites
 from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
 from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
@@ -138,7 +138,7 @@ def encode_command(
 
 
 def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
-    from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import EncodingPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import encoding_figure
 
     load = found.load
@@ -225,7 +225,7 @@ def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found
 
 
 def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
-    from rig.report.coding_figures import DrawnImpulse as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import ImpulsePlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import impulse_figure
 
     write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
@@ -310,7 +310,7 @@ def shift_invariance_command(
         checked_picture(picture)
         settings = load_config(config).finger
         with busy(_BUSY, as_json=as_json):
-            found, deformed = kept_sites(settings, sampled, None if as_json else _report_progress)
+            found, deformed = cached_sites(settings, sampled, None if as_json else _report_progress)
             if picture is not None:
                 _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
         if as_json:
@@ -328,7 +328,7 @@ def _report_progress(done: int, of: int) -> None:
 
 
 def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnPointSpread as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import PointSpreadPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import point_spread_figure
 
     write_picture(point_spread_figure(Drawn(deformed, site)), picture)

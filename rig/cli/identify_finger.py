@@ -22,11 +22,11 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
-from rig.cli.run import asks_for
+from rig.cli.run import prompt_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
@@ -395,8 +395,8 @@ def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> It
     return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
 
 
-def _stage(settings: Config, into: NewRun) -> StageInHand:
-    return StageInHand(settings, WallClock(into.begins_at_s)).open()
+def _stage(settings: Config, into: NewRun) -> OwnedStage:
+    return OwnedStage(settings, WallClock(into.begins_at_s)).open()
 
 
 def _carried_out(
@@ -404,7 +404,7 @@ def _carried_out(
     script: IdentificationScript,
     owner: RunOwner,
     beginning: Beginning,
-    stage: StageInHand | None,
+    stage: OwnedStage | None,
     mounted: str | None,
 ) -> FinishedRun:
     owner.at("running")
@@ -414,7 +414,7 @@ def _carried_out(
         attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
         session = replace(session, attendant=attendant, button=owner.button)
-        done = dry_run(session) if stage is None else real_run(session, asks_for(owner, mounted), stage)
+        done = dry_run(session) if stage is None else real_run(session, prompt_for(owner, mounted), stage)
     owner.at("reporting")
     return done
 

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
+from rig.compare.recordings.deflection import SkinDeflection, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.plural import number_of
@@ -359,7 +359,7 @@ def indent_command(
             result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
             _draw(result, picture)
-        beside = None if measured is None else laid_beside(result, measured)
+        beside = None if measured is None else compared_deflection(result, measured)
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s

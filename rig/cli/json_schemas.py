@@ -201,7 +201,7 @@ class ProbableCandidateJson(Output):
 
 
 class AdaptiveVerdictJson(Output):
-    """Verdict of an adaptive run; `truth`: candidate of a virtual nerve, `planned_from`: press where counts stopped."""
+    """Verdict of an adaptive run; `truth`: that of a virtual nerve, `planned_from`: press where counts stopped."""
 
     candidates: list[ProbableCandidateJson]
     ended: Code | None

@@ -60,7 +60,7 @@ from rig.cli.output import (
 from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger
@@ -295,14 +295,14 @@ def run_command(
             _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive)
             clock = WallClock(into.begins_at_s)
             with (
-                closing(StageInHand(settings, clock).open()) as stage,
+                closing(OwnedStage(settings, clock).open()) as stage,
                 owning(script, settings, into, stage, config) as owner,
             ):
                 done = carry_out(
                     script,
                     settings,
                     into,
-                    partial(real_run, ask=asks_for(owner, mounted), stage=stage),
+                    partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -368,7 +368,7 @@ def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManag
     return answer
 
 
-def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
+def prompt_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
     """Return the prompt for the person at the bench, which skips the indentor that is mounted already.
 
     Raises ShapeError.
@@ -437,7 +437,7 @@ def resume_command(
                     stopped.script,
                     stopped.config,
                     stopped,
-                    dry_run if stage is None else partial(real_run, ask=asks_for(owner, mounted), stage=stage),
+                    dry_run if stage is None else partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -450,12 +450,12 @@ def resume_command(
 
 
 @contextmanager
-def _stage(stopped: StoppedRun, run: Path, mounted: str | None, *, yes: bool) -> Iterator[StageInHand | None]:
+def _stage(stopped: StoppedRun, run: Path, mounted: str | None, *, yes: bool) -> Iterator[OwnedStage | None]:
     """Open the stage for the remaining steps, or, without any, only for a stop."""
     if stopped.virtual:
         yield None
         return
-    with closing(StageInHand(stopped.config, WallClock(stopped.begins_at_s))) as stage:
+    with closing(OwnedStage(stopped.config, WallClock(stopped.begins_at_s))) as stage:
         if not stopped.complete:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
             with FingerProcess(stopped.config.finger) as finger:

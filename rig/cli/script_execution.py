@@ -21,7 +21,7 @@ from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stopp
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import Answers, ControlSocket
-from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
+from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
@@ -38,7 +38,7 @@ from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, record_after, record_before
 from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -140,7 +140,7 @@ class RunOwner:
     def _go_on(self, _: Mapping[str, Any]) -> dict[str, Any]:
         if self._phase != "running" or not self.pause.asked():
             return {"ok": False, "problem": f"the run is {self.state}; it is not paused"}
-        self.pause.go_on_from_elsewhere()
+        self.pause.continue_remotely()
         return {"state": self.state}
 
 
@@ -149,7 +149,7 @@ def owning(
     script: Script,
     config: Config,
     into: NewRun | StoppedRun,
-    stage: StageInHand | None = None,
+    stage: OwnedStage | None = None,
     config_file: Path | None = None,
     more_answers: Answers | None = None,
 ) -> Iterator[RunOwner]:
@@ -221,7 +221,7 @@ class AtTheTerminal:
     ) -> None:
         self.watch, self.interrupted = watch, pause.asked
         self._pause, self._begins, self._course = pause, begins, course
-        self._owner = owner or Nobody()
+        self._owner = owner or NoAttendant()
         self.stopped = self._owner.stopped
 
     @property

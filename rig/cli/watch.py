@@ -15,7 +15,7 @@ from rig.clock import WallClock
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, followed, read_run
-from rig.data.run_state import Onlooker, as_clock
+from rig.data.run_state import RunFollower, as_clock
 from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
 from rig_shared.plural import number_of
@@ -23,7 +23,7 @@ from rig_shared.plural import number_of
 LOOK_S = 0.2
 
 
-class RunScreen(Onlooker):
+class RunScreen(RunFollower):
     """Screen of `rig watch`."""
 
     def __init__(self, folder: RunFolder) -> None:

@@ -58,9 +58,9 @@ class Wire:
 
     def stop(self, key: bytes) -> dict[str, Any]:
         """Send a stop and return the reply (client's side). Raises BROKEN."""
-        return self.stopped(key, self.say_stop(key))
+        return self.stopped(key, self.post_stop(key))
 
-    def say_stop(self, key: bytes, by: str = "") -> bytes:
+    def post_stop(self, key: bytes, by: str = "") -> bytes:
         """Send a stop without waiting, and return its nonce with its sender (client's side). Raises OSError.
 
         One message contains its own proof, because each turn of a longer exchange may wait for a processor. A

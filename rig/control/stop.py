@@ -29,7 +29,7 @@ _OPEN_S = 3.0
 _IN_HAND_AGAIN_S = 0.005
 
 
-class StageInHand:
+class OwnedStage:
     """Stage that is opened once, before a stop can be requested, passed to the run's bench, and closed at the end.
 
     A stopped stage is closed when the bench returns it, because an operator may have to lift it at once. A port
@@ -182,7 +182,7 @@ class StopSwitch:
     checks for a stop when it begins, is interrupted later, and no stop is accepted while it records its end.
     """
 
-    def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
+    def __init__(self, stage: OwnedStage | None, interrupt: Callable[[], None]) -> None:
         """Prepare the switch. stage: None for a virtual bench, which the main thread stops itself. interrupt:
         interrupts the main thread.
         """
@@ -581,7 +581,7 @@ class _Recipient:
         self.pid, self.is_run = one.pid, one.kind == "run"
         self.lives = False
         self.answer: dict[str, Any] | None = None
-        wait_for_reply = one.say_stop(self._noted)
+        wait_for_reply = one.post_stop(self._noted)
         threading.Thread(target=self._listen, args=(wait_for_reply,), name="answer", daemon=True).start()
 
     @property

@@ -420,7 +420,7 @@ LATE = 1000
 """Number of events after which a missing course is no longer expected."""
 
 
-class Onlooker(RunState):
+class RunFollower(RunState):
     """State of a run from its folder, with the course as soon as it is written, on the run's clock."""
 
     def __init__(self, folder: RunFolder) -> None:

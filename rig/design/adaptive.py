@@ -40,7 +40,7 @@ EndReason = Literal["one_candidate", "nothing_to_learn", "no_time"]
 
 
 class PressChoice(NamedTuple):
-    """Next press: its number, the reason, its expected information (bits), and its time with a change of shape (s)."""
+    """Next press: number, reason, expected information (bits), and time with a change of shape (s)."""
 
     press: int
     reason: ChoiceReason

@@ -85,7 +85,7 @@ class NextPressChooser(Protocol):
         """End the source."""
 
 
-class ChooserHere:
+class InProcessChooser:
     """Chooser in this process, for virtual runs and for the process of a real one."""
 
     def __init__(self, what: Choosing) -> None:
@@ -225,7 +225,7 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     clock = WallClock()
     kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
     try:
-        chooser = ChooserHere(what)
+        chooser = InProcessChooser(what)
         far.send(("gave", chooser.truth))
         kind = ChooserLostError
         while True:

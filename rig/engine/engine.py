@@ -379,7 +379,7 @@ class Engine:
         return force
 
     def record_in_motion(self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float) -> None:
-        """Journal a reading of a motion. Raises InterruptedMotionError if that fails, so that the motion ends first."""
+        """Journal a reading of a motion. If that fails, raises InterruptedMotionError, so that the motion ends."""
         if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact.begin()
         glanced = self.sensing.glanced

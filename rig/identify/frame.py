@@ -26,7 +26,7 @@ _WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # steps of the derivatives, mm and degrees
 
 
 @dataclass(frozen=True)
-class Lie:
+class FittedFrame:
     """Frame in machine coordinates, by the keys of [frame]: values, standard deviations, and their correlation.
 
     residual_mm: root mean square distance of the touches from the fitted finger (mm).
@@ -65,7 +65,7 @@ class _Skin:
         return float((self.y[near] + np.sqrt(under[near])).max() - radius_mm) if near.any() else -radius_mm
 
 
-def find(run: Run, config: Config, finger: Fingertip) -> Lie:
+def find(run: Run, config: Config, finger: Fingertip) -> FittedFrame:
     """Fit the finger's frame to the touches of a run. Raises BadInputError for too few touches, or not by a sphere.
 
     Least squares over lateral, vertical and axial offset, roll and tilt. Touches at one position along the finger
@@ -124,7 +124,7 @@ def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
     return jacobian
 
 
-def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> Lie:
+def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> FittedFrame:
     """Return the frame with covariance s² (JᵀJ)⁻¹ and Student's factor, so that ± 2 sd covers 95 %."""
     spare = len(off_mm) - len(free)
     sd_mm = max(float(np.sqrt((off_mm**2).sum() / spare)), _LEAST_SD_MM)
@@ -132,7 +132,7 @@ def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: 
     sd = np.sqrt(np.diag(covariance))
     frame, change = config.frame, _full(found, free)
     was = (frame.pad_centre_x_mm, frame.apex_z_mm, frame.pad_y_mm, 0.0, 0.0)
-    return Lie(
+    return FittedFrame(
         value={NAMES[i]: float(was[i] + change[i]) for i in free},
         sd={NAMES[i]: float(s * stdtrit(spare, 0.975) / 2) for i, s in zip(free, sd, strict=True)},
         correlation=covariance / np.outer(sd, sd),

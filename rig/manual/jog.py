@@ -291,7 +291,7 @@ class HeldDirection:
         self._last: tuple[Direction, float] | None = None  # direction, and the time until which it is valid (s)
 
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
-        """Record the direction held ago_s ago, or None for a release; an older signal does not shorten a newer one."""
+        """Record the direction held ago_s ago, None for a release; an older signal does not shorten a newer one."""
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
         if direction is not None and self._last is not None and self._last[0] == direction:
             until_s = max(until_s, self._last[1])

@@ -14,7 +14,7 @@ from rig.errors import BadInputError, LimitError
 from rig.manual import home_and_zero as at_hand
 from rig.manual.jog import ByHand
 from rig.manual.orders import HOLD_S, HoldRequest, Orders, Verb
-from rig.manual.status import HandStatus, OverheardSensor
+from rig.manual.status import ManualStatus, OverheardSensor
 from rig.session.script_run import ENDINGS
 from rig.settings import RigSettings
 from rig.transport.stop_gate import StopGate
@@ -24,7 +24,7 @@ Request = Mapping[str, Any]
 Answers = Mapping[str, Callable[[Request], Mapping[str, Any]]]
 
 
-def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGate) -> Answers:
+def manual_answers(orders: Orders, status: ManualStatus, stage: Stage, gate: StopGate) -> Answers:
     """Return the handlers by request name; an exception refuses the request."""
 
     def stop(request: Request) -> Mapping[str, Any]:
@@ -95,7 +95,7 @@ LAPSED = f"no signal from the button for {HOLD_S:g} s; press it again"
 _GATE_S = 0.02
 
 
-class HandOwner:
+class ManualOwner:
     """Owner of the bench under manual control; run() acts until leave(), `answers` serves other threads."""
 
     def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
@@ -108,8 +108,8 @@ class HandOwner:
             bench.force, lambda reading: self._status.read(reading), lambda problem: self._status.unread(problem)
         )
         self._sensing = Sensing(settings, bench.clock, sensor)
-        self._orders, self._status = Orders(bench.clock), HandStatus(settings, bench.clock, self._sensing)
-        self.answers = hand_answers(self._orders, self._status, bench.stage, gate)
+        self._orders, self._status = Orders(bench.clock), ManualStatus(settings, bench.clock, self._sensing)
+        self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
         self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be connected again
         self._hand: ByHand

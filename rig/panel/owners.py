@@ -39,7 +39,7 @@ class Owner(Protocol):
         """Return the reply. Raises RefusedError, ControlError."""
         ...
 
-    def say_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
+    def post_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting; the returned function waits for the reply. Raises ControlError."""
         ...
 
@@ -90,12 +90,12 @@ SentStops = Mapping[int, Callable[[float], dict[str, Any]]]
 """Owners that received a stop, by process, with the functions that wait for their replies."""
 
 
-def say_stop(owners: Sequence[Owner]) -> SentStops:
+def post_stop(owners: Sequence[Owner]) -> SentStops:
     """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
     sent = {}
     for one in _to_be_stopped(owners):
         with suppress(ControlError):
-            sent[one.pid] = one.say_stop(by="panel")
+            sent[one.pid] = one.post_stop(by="panel")
     return sent
 
 
@@ -152,7 +152,7 @@ def words(config: Path | None) -> list[str]:
     return [sys.executable, "-m", "rig", "by-hand", "--config", str(config)]
 
 
-class ByHandProcess:
+class ManualProcess:
     """Process of manual control, at most one; it owns the ports, and ends with the panel."""
 
     def __init__(self, config: Path | None, find: Find) -> None:

@@ -19,13 +19,13 @@ from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.access import TAB_HEADER
 from rig.panel.owners import (
-    ByHandProcess,
+    ManualProcess,
     NoOwnerError,
     NotTakenError,
     Owner,
     SentStops,
     ask_owner,
-    say_stop,
+    post_stop,
     stop_all,
 )
 from rig.panel.watcher import Watcher
@@ -173,7 +173,7 @@ class Posts:
     def __init__(
         self,
         watcher: Watcher,
-        bench: ByHandProcess,
+        bench: ManualProcess,
         room_for_stop: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._watcher, self._bench, self._room_for_stop = watcher, bench, room_for_stop
@@ -239,7 +239,7 @@ class Posts:
         Other threads find new owners and wait briefly for the replies.
         """
         with self._room_for_stop():
-            asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
+            asking = self._stopping.begin_behind(lambda: post_stop(self._watcher.owners), self._stop_all)
             done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
             raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
@@ -255,7 +255,7 @@ class Posts:
         except OSError:
             owners = self._watcher.owners
         settings, answered = self._watcher.bench.settings, threading.Event()
-        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
+        sent = None if settings is None else self._each.submit(_sent_without_owner, settings, owners, answered)
         try:
             return stop_all(owners, stops, self._each)
         except RefusedError as error:
@@ -335,7 +335,7 @@ class Posts:
         return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
 
 
-def _sent_where_nobody_lives(
+def _sent_without_owner(
     settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
 ) -> SentStop | None:
     """Send the stop directly to the drives if no owner responds at once; None if one does."""

@@ -12,7 +12,7 @@ from rig.data import Run
 from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, VibrationBound, pressure_limit_gwt, swing_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
+from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk, refuse_force
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
@@ -106,7 +106,7 @@ def make_plan(
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
-    where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
+    where = partial(_kept, plan) if folder is None else partial(with_stored_file, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:

@@ -55,7 +55,7 @@ class ResumeHandler:
         data = press.purpose == "data"
         if press.index in answers:
             if data:
-                self._forget_what_was_for_this_one()
+                self._drop_steps_of_next_press()
             return answers[press.index]
         owed, self._owed = self._owed, {}
         for step_owed, where in owed.values():
@@ -64,7 +64,7 @@ class ResumeHandler:
             self._behind = press.index < self._last_done
         return self._then.handle(step, spot)
 
-    def _forget_what_was_for_this_one(self) -> None:
+    def _drop_steps_of_next_press(self) -> None:
         self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:

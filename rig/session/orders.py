@@ -91,7 +91,7 @@ class PressOrders:
     """PressOrders of a run: other threads put them in, one at a time, and the script carries them out."""
 
     def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
-        """Prepare to read orders. alone: returns whether the program that sends them has ended, which ends the run."""
+        """Prepare to read orders. alone: returns whether their sender has ended, which ends the run."""
         self.scope, self._alone = scope, alone
         self._guard = threading.Lock()
         self._waiting = False

@@ -14,7 +14,7 @@ from rig.bench.checks import refuse_expired
 from rig.bench.real import Request, open_bench, refuse_silent_sensor
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
@@ -23,7 +23,7 @@ from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.errors import LostRecordError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel, kept_in
+from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan, promised
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
@@ -63,7 +63,7 @@ class Attendant(Protocol):
         """Return whether to continue after the pause."""
 
 
-class Nobody:
+class NoAttendant:
     """Observer that requests nothing."""
 
     def stopped(self) -> bool:
@@ -149,7 +149,7 @@ class Session:
     finger: Finger
     plan: Plan
     into: NewRun | StoppedRun
-    attendant: Attendant = field(default_factory=Nobody)
+    attendant: Attendant = field(default_factory=NoAttendant)
     handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
     chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
@@ -190,7 +190,7 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     return run_on(session, open_bench, virtual=True, speed=speed)
 
 
-def real_run(session: Session, ask: Callable[[Request], str], stage: StageInHand) -> FinishedRun:
+def real_run(session: Session, ask: Callable[[Request], str], stage: OwnedStage) -> FinishedRun:
     """Carry out a session on the configured ports, with the stage already open.
 
     Raises BadInputError for a calibration out of date.
@@ -284,7 +284,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
             stop_inputs_heeded(session.config, engine, session.button),
         ):
-            with bench.look_after(engine.heartbeat):
+            with bench.monitor(engine.heartbeat):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
             journal.stop("done")
@@ -293,7 +293,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
-        bench.left_with(engine.sensing.lasting_zero)
+        bench.record_zero(engine.sensing.lasting_zero)
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
@@ -332,7 +332,7 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
 
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
-    config, where = session.config, partial(kept_in, folder.path)
+    config, where = session.config, partial(with_stored_file, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
     handler = session.handler(engine, walk)
     if session.before is not None:

@@ -74,7 +74,7 @@ class ModbusRefused(ModbusError):  # noqa: N818
     default_code = "refused"
 
     def __init__(self, message: str, number: int, **fields: Any) -> None:
-        """Build the error. message: format string over the fields and `number`, or plain text if there are no fields."""
+        """Build the error. message: format string over the fields and `number`; plain text without fields."""
         super().__init__(message if fields else "{message}", **(fields or {"message": message}), number=number)
         self.number = number
 

@@ -185,7 +185,7 @@ class TrajectoryUpdate:
 
 
 @dataclass(frozen=True)
-class WayAnswer:
+class TrajectoryForces:
     """Force at the end of each leg, completed and planned (N, NaN with a problem), and the solve time (s)."""
 
     forces_n: tuple[float, ...]
@@ -193,7 +193,7 @@ class WayAnswer:
     problem: str = ""
 
 
-class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
+class TrajectoryProcess(ForceProcess[TrajectoryUpdate, TrajectoryForces]):
     """Process that returns forces along trajectories."""
 
     def __init__(
@@ -210,7 +210,7 @@ class Going:
         self._press = press
         self._predicted: list[tuple[Leg, float, RelaxingPress]] = []
 
-    def __call__(self, update: TrajectoryUpdate) -> WayAnswer:
+    def __call__(self, update: TrajectoryUpdate) -> TrajectoryForces:
         """Return the forces of an update; legs without a solution do not enter the history."""
         began, self._problem = time.perf_counter(), ""
         gone = [self._next(leg) for leg in update.gone]
@@ -224,7 +224,7 @@ class Going:
                 last = self._predicted[-1][2] if self._predicted else here
                 self._predicted.append((leg, *self._moved(last, leg)))
         forces = (*gone, *(force for _, force, _ in self._predicted))
-        return WayAnswer(forces, time.perf_counter() - began, self._problem)
+        return TrajectoryForces(forces, time.perf_counter() - began, self._problem)
 
     def _next(self, leg: Leg) -> float:
         if self._predicted and self._predicted[0][0] == leg:

@@ -13,7 +13,7 @@ from rig.bench.virtual import bench_around
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
-from rig.manual.owner_process import HandOwner
+from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
@@ -100,7 +100,7 @@ class HandBench:
             self.memory.left(self.bench.stage.status())
         if zero is not None:
             self.memory.zeroed(zero)
-        self.owner = HandOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
+        self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
         self.presses, self.worst_gwt = 0, 0.0
         self.refused: list[str] = []
 

@@ -18,7 +18,7 @@ from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
 from rig.cli.progress import IndentationProgress, counted, progress
 from rig.cli.script_execution import time_left
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
 from rig.plan.config import Config
@@ -94,7 +94,7 @@ def rig(
         return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     said: list[Said] = []
     load = Fingertip.load
 

@@ -88,7 +88,7 @@ def test_other_choices_are_solved_for_anew(monkeypatch: pytest.MonkeyPatch, tmp_
         (FingertipConfig(tissue=Tissue(epidermis_mm=0.3)), usual),
         (FingertipConfig(contact=Contact(patch_gb=1.0)), usual),  # says nothing of point loads
     ):
-        kept.kept_sites(config, sampled)
+        kept.cached_sites(config, sampled)
     assert keys[5] == keys[0] == keys[7]
     assert len(set(keys)) == 6
 

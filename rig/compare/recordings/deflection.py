@@ -25,7 +25,7 @@ _CENTRE_MM = 0.0
 
 @dataclass(frozen=True)
 class SkinDeflection:
-    """Measured downward displacements (n,) at locations (n,) on the undeformed skin, in mm; z = NaN: receptor plane."""
+    """Measured downward displacements (n,) at undeformed locations (n,), in mm; NaN in z: receptor plane."""
 
     x_mm: Array
     z_mm: Array
@@ -76,7 +76,7 @@ def _between_rows(values: Array, rows_mm: Array, z_mm: Array) -> Array:
     return np.where((part >= 0) & (part <= 1), between, np.nan)
 
 
-def laid_beside(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
+def compared_deflection(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
     """Return measured and simulated deflections at each location, and statistics of measured − model on the patch.
 
     The statistics are null if no location lies on the patch."""

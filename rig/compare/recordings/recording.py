@@ -41,7 +41,7 @@ class Recording:
         return np.array([rates.mean() for rates in self.repeats])
 
     def mirrored(self) -> "Recording":
-        """Return the recording with negated positions, for profiles published as mirror images in the finger's frame."""
+        """Return the recording with negated positions, for profiles that are mirror images in the finger's frame."""
         return replace(
             self,
             position_mm=-self.position_mm[::-1],

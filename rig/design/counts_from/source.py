@@ -47,7 +47,7 @@ class CountSource(Protocol):
         """
 
     def truth(self) -> Mapping[str, Any] | None:
-        """Return the parameters of a virtual nerve, with its candidate under `candidate`; None for a recorded nerve."""
+        """Return the parameters of a virtual nerve, with its `candidate`; None for a recorded nerve."""
 
     def close(self) -> None:
         """Release the resources of the source."""

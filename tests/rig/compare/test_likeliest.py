@@ -5,7 +5,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.fit import fit_rates
-from rig.compare.likelihood import Form, Likeliest, Observed, likeliest, observed
+from rig.compare.likelihood import Form, MaximumLikelihoodFits, Observed, likeliest, observed
 from rig.compare.recordings.recording import recording
 
 Array = NDArray[np.float64]
@@ -93,7 +93,7 @@ def test_rates_that_level_off(window_s: float | None) -> None:
     np.testing.assert_allclose(bent.rates(eps[None, :3]), bent.mean[:, :3])
 
 
-def drive_of(found: Likeliest, eps: Array) -> Array:
+def drive_of(found: MaximumLikelihoodFits, eps: Array) -> Array:
     return np.maximum(found.k[0] * (eps - found.eps0[0]), 0)
 
 

@@ -519,11 +519,11 @@ def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
 
 def test_a_stop_that_fails_where_it_is_said_keeps_no_other_from_being_said(make: Make) -> None:
     panel = make(StubOwner())
-    say_stop, panel.owners[0].say_stop = panel.owners[0].say_stop, _fails  # type: ignore[method-assign]
+    post_stop, panel.owners[0].post_stop = panel.owners[0].post_stop, _fails  # type: ignore[method-assign]
     for _ in range(posts._MOST_STOPS):
         with pytest.raises(ZeroDivisionError):
             panel.post("/stop")
-    panel.owners[0].say_stop = say_stop  # type: ignore[method-assign]
+    panel.owners[0].post_stop = post_stop  # type: ignore[method-assign]
     assert panel.post("/stop")[0] == 200
 
 

@@ -12,7 +12,7 @@ import pytest
 from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
-from rig.panel.run_view import SeenRun
+from rig.panel.run_view import RunView
 from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from sim.devices.clock import VirtualClock
@@ -281,7 +281,7 @@ def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
 
     async def looks_on() -> None:
         with watcher.outlet.joined() as client:
-            task = asyncio.create_task(watcher.look_on())
+            task = asyncio.create_task(watcher.follow())
             seen: dict[str, Any] = {}
             while not seen.get("state", {}).get("run") or "readings" not in seen:
                 await client.woken.wait()
@@ -301,11 +301,11 @@ def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
     run = journal(tmp_path / "run", START)
     watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
 
-    def left(seen: SeenRun, unix_s: float) -> list[list[float]]:
+    def left(seen: RunView, unix_s: float) -> list[list[float]]:
         watcher.run = None
         return [[0.0] * 9]
 
-    monkeypatch.setattr(SeenRun, "look", left)
+    monkeypatch.setattr(RunView, "look", left)
     with watcher.outlet.joined() as client:
         found = told(watcher, client)
     assert (found["readings"]["rows"], found["state"]["run"]) == ([], None)

@@ -25,7 +25,7 @@ from rig.data.journal import Journal
 from rig.data.schema import STREAMS
 from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
-from rig.panel.owners import ByHandProcess, NotTakenError
+from rig.panel.owners import ManualProcess, NotTakenError
 from tests.error_codes import raises
 from tests.preloaded import Popen
 from tests.program import Program, beside_progress
@@ -291,10 +291,10 @@ LEAVES = "raise SystemExit(3)"
 REFUSES = "import sys; print('rig: warming up\\nrig: the port is in use', file=sys.stderr); sys.exit(1)"
 
 
-def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ByHandProcess:
+def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ManualProcess:
     """The bench, taken by another program."""
     monkeypatch.setattr(by_hand_process, "words", lambda config: [sys.executable, "-c", script])
-    return ByHandProcess(Path("rig.toml"), announced)
+    return ManualProcess(Path("rig.toml"), announced)
 
 
 def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
