@@ -119,7 +119,7 @@ def check_command(
 
             finger = Fingertip.load(settings.finger)
         with checking_the_script() as show_steps:
-            plan = make_plan(script, settings, finger, told=show_steps)
+            plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if choose:

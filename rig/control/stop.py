@@ -376,7 +376,7 @@ class SentStop:
         State of the stage after the bytes; None without a reply.
     owner : PortOwner or None
         Owner of the port at the time of the stop.
-    told : tuple of int
+    notified : tuple of int
         Processes that received the stop, over their sockets or by a signal.
     confirmed_by : int or None
         Process that confirmed the stop.
@@ -388,7 +388,7 @@ class SentStop:
     sent: bool = False
     state: str | None = None
     owner: PortOwner | None = None
-    told: tuple[int, ...] = ()
+    notified: tuple[int, ...] = ()
     confirmed_by: int | None = None
     problems: list[str] = field(default_factory=list)
 
@@ -474,7 +474,7 @@ class _Stopping:
             self._wait(lambda: self._answered or self._free, LET_GO_S)
             if not self._answered:
                 self._signal_owner()
-                self._wait(lambda: self._free, LET_GO_S if self.result.told else 0.0)
+                self._wait(lambda: self._free, LET_GO_S if self.result.notified else 0.0)
             self._by_itself()
         return self._with_answers()
 
@@ -495,7 +495,7 @@ class _Stopping:
         except ControlError as error:  # The signal remains.
             self.result.problems.append(str(error))
         else:
-            self.result.told += (one.pid,)
+            self.result.notified += (one.pid,)
 
     def _signal_owner(self) -> None:
         owner = first_owner(self.result.ports)
@@ -503,7 +503,7 @@ class _Stopping:
             return
         with suppress(OSError):  # The process has just ended.
             self._signal(owner.pid)
-            self.result.told += (owner.pid,)
+            self.result.notified += (owner.pid,)
 
     @property
     def _answered(self) -> bool:
@@ -549,7 +549,7 @@ class _Stopping:
                     self.result.problems.append(str(busy))
                 return False
             # A gateway with a single client may need a moment to notice that the last one has gone.
-            if self.result.state is not None or not self.result.told or self._clock.monotonic_s() >= deadline_s:
+            if self.result.state is not None or not self.result.notified or self._clock.monotonic_s() >= deadline_s:
                 return True
             self._clock.wait_s(_AGAIN_S)
 

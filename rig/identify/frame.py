@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 NAMES = ("pad_centre_x_mm", "apex_z_mm", "pad_y_mm", "roll_deg", "tilt_deg")
 _SPACING_MM = 0.05  # spacing of the skin's points; the error of a touch between two of them is 0.3 µm
 _TOUCHED_RAD = 1.2  # on either side of the apex
-# No touch is known better than to a few micrometres: steps of the stage, and readings of a hundredth of a gram.
+# Touches are accurate to a few micrometers: steps of the stage, and readings of a hundredth of a gram-weight.
 _LEAST_SD_MM = 0.003
 _WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # steps of the derivatives, mm and degrees
 

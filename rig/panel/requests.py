@@ -266,7 +266,7 @@ class Posts:
                 return error
             stop = sent.result() or send_stop(settings)
             if stop.done:
-                return {"stopped": list(stop.told), "words": stop.words}
+                return {"stopped": list(stop.notified), "words": stop.words}
             words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
             return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
         finally:

@@ -89,13 +89,13 @@ def make_plan(
     finger: Finger,
     before: Run | None = None,
     folder: Path | None = None,
-    told: Callable[[int], None] = lambda steps: None,
+    on_step: Callable[[int], None] = lambda steps: None,
     known: Predictions | None = None,
 ) -> Plan:
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
-    copies of shape files are used. told: called with the number of steps so far. known: predictions that are not
+    copies of shape files are used. on_step: called with the number of steps so far. known: predictions that are not
     solved again; further ones are added.
     """
     if inspect.iscoroutinefunction(script.run):
@@ -113,7 +113,7 @@ def make_plan(
         planner = ResumeHandler(before, planner)
     try:
         with impatient():
-            script.run(Rig(script.parameters, walk, Patience(planner, told)))
+            script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:

@@ -91,7 +91,7 @@ _OVER_TIME = (
     "The hold begins where a line turns, and the tissue relaxes."
 )
 _BEFORE_AND_AFTER = (
-    "Probability density of each parameter along its axis, which may be logarithmic. Grey: before the first "
+    "Probability density of each parameter along its axis, which may be logarithmic. Gray: before the first "
     "press. Blue: after the last press. Orange: the estimate."
 )
 _CORRELATED = (

@@ -150,7 +150,7 @@ def _over_time(run: Run) -> PageFigure:
     return PageFigure(
         "Force against time",
         run_figures.force_time(run),
-        "All readings of the run; grey: presses that are not data. Below: the phases of the run; white: "
+        "All readings of the run; gray: presses that are not data. Below: the phases of the run; white: "
         f"lateral moves, rests, zeroing and waits.{cut} Data: sample.csv.",
     )
 
@@ -191,7 +191,7 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top = run_figures.highest_pressure(last)
     caption = (
-        "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
+        "Black: the indentor. Gray: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
         "nodal pressure against undeformed x, unfiltered. Repeats are superimposed. The last hold of each "
         "indentation. Data: model_contact.csv, model_pressure.csv."
     )
@@ -212,7 +212,7 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
             [response for response in last if is_relief(response.result.indentor)],
             PICTURES_A_PAGE,
             lambda part: contacts_from_below([r.result for r in part], [_title(r) for r in part]),
-            "Nodal pressure over x and z, fingertip up. Grey: contours of the indentor's height. Orange: "
+            "Nodal pressure over x and z, fingertip up. Gray: contours of the indentor's height. Orange: "
             "contact. Dotted: the receptor plane. The last hold of each indentation.",
         ),
         PageFigure(

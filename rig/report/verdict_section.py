@@ -72,7 +72,7 @@ def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
         f"Verdicts{of}",
         verdict_figures.the_answer(answer, shown, frame),
         f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of measure and "
-        "receptor, of the best pair of another measure, and of the best control; grey crosses: positions "
+        "receptor, of the best pair of another measure, and of the best control; gray crosses: positions "
         "left out. Below: the best receptor of the best measures and controls, with the p of its fit, best "
         "first. Dotted: noise alone gives about 1.",
     )

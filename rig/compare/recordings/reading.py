@@ -26,7 +26,7 @@ from sim.contact.shapes import shape_name
 # Rates, or counts of spikes, against position, from a user's CSV.
 #
 # Columns `position_mm,rate[,sd][,repeat]` or `position_mm,count,window_s[,repeat]`, by these names or as `--columns`
-# says: the indentor's reference point from the receptive field's centre in the finger's frame, and the discharge rate
+# says: the indentor's reference point from the receptive field's center in the finger's frame, and the discharge rate
 # (any unit, ≥ 0) or the spikes that were counted in a window. Rows of one position need a `repeat`.
 
 _MOST_SIGNS = 20

@@ -76,7 +76,7 @@ UNITS = frozenset({
     "pseudo-units", "pseudo-units³", "1/pseudo-unit", "unit of the recording", "standard deviations", "1",
 })  # fmt: skip
 """What brackets at the end of a label may hold; strain and 1 declare a number."""
-COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
+COLOURS = {"black": "black", "gray": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
            "yellow": YELLOW, "white": "white"}  # fmt: skip
 DAY_S = 86400.0
 LEAST_POINTS = 6.5
@@ -1079,7 +1079,7 @@ def test_it_is_printed_at_its_own_size_and_can_be_read(drawn: Drawn) -> None:
 
 
 CLAIM = re.compile(
-    r"\b(black|grey|blue|orange|green|purple|yellow|white)\b(?!: (?:nothing|no fit|lateral|zero))", re.I
+    r"\b(black|gray|blue|orange|green|purple|yellow|white)\b(?!: (?:nothing|no fit|lateral|zero))", re.I
 )
 
 
