@@ -400,7 +400,7 @@ class BlueskyBench:
             threading.Thread(target=_heard, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:
-        """End the run; one that answers no more is about to end by itself, and gets the time to write its report."""
+        """End the run; if it no longer answers, wait while it ends by itself and writes its report."""
         code = ""
         try:
             if self._status is not None:

@@ -89,7 +89,7 @@ def find_devices(ports: Iterable[str], clock: Clock) -> Iterator[PortFound]:
 
 
 def look_at_port(port: str, clock: Clock) -> PortFound:
-    """Ask a port for each known kind in turn, the default stage first; leave it alone if another process uses it.
+    """Probe a port for each known kind in turn, the default stage first; skip it if another process uses it.
 
     The order matters: a board, which acts on single bytes, answers before bytes for other devices reach it.
     """
@@ -114,7 +114,7 @@ def look_at_port(port: str, clock: Clock) -> PortFound:
 
 
 def _tables(kind: DeviceKind, port: str) -> Iterator[Mapping[str, Any]]:
-    """Yield keys of a kind's own table to ask with: the defaults, then the page of a virtual device."""
+    """Yield keys of a kind's own table to search with: the defaults, then the page of a virtual device."""
     yield {}
     number = port.rpartition(":")[2]
     if kind.page_port and port.startswith(DATAGRAMS) and number.isdecimal():

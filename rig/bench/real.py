@@ -63,7 +63,7 @@ class RealBench:
         self.ask(Request(request))
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
-        """Return nothing: a real bench knows no more than its devices."""
+        """Return nothing, because a real bench has no simulated truth."""
         return {}
 
     def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:

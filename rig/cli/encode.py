@@ -320,7 +320,7 @@ def shift_invariance_command(
 
 
 def _report_progress(done: int, of: int) -> None:
-    """Report progress over the receptors; factorizing the stiffness afterwards takes as long."""
+    """Report progress over the receptors; the factorization that follows takes as long."""
     if err.is_terminal or done % _LINE_EVERY == 0:
         say_now(f"computing strain at {done} of {of} receptors …")
     if done == of >= _LINE_EVERY:

@@ -178,7 +178,7 @@ class _Talk:
     missing: list[str] = field(default_factory=list)
 
     def ask(self, option: str, what: str, default: str | None, take: Callable[[str], None]) -> None:
-        """Ask until an answer is accepted; an empty line is the default.
+        """Prompt until an answer is accepted; an empty line selects the default.
 
         Raises NotConfirmedError at the end of input.
         """
@@ -255,7 +255,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
 
 
 def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str]:
-    """Return the ports to ask: those of the options, and all serial ports unless the options name enough."""
+    """Return the ports to search: those of the options, and all serial ports unless the options name enough."""
     named = [one.port for one in given.values() if one.port is not None]
     for port in (*(ports or ()), *named):
         _Draft().put("init", {"stage": {"port": port}})
@@ -264,7 +264,7 @@ def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str
 
 
 def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
-    """Ask the ports, and print each answer as it comes."""
+    """Probe the ports, and print each result as it arrives."""
     tell: Callable[[str], object] = str if quiet else err.print
     if not ports:
         tell("no serial port is connected; name ports with --port, such as --port tcp://192.168.0.7:502")
@@ -385,7 +385,7 @@ class Question:
         return f"--{self.name.replace('_', '-')}"
 
     def settle(self, answer: str | None, draft: _Draft, talk: _Talk) -> None:
-        """Put the answer of the option into the draft, or ask for one."""
+        """Add the value of the option to the draft, or prompt for one."""
         so_far = draft.config()
 
         def take(text: str) -> None:

@@ -126,7 +126,7 @@ class FailureJson(Output):
 
 
 class SmallStrainJson(Output):
-    """Deviation of a linear answer from finite strain: least and most; null where nothing was compared."""
+    """Deviation of a linear result from finite strain: smallest and largest; null without a comparison."""
 
     note_text: str
     force: Ends | None
@@ -579,7 +579,7 @@ class MeasuresOfGroupJson(Output):
 
 
 class CollinearInGroupJson(Output):
-    """Sets of measures that no recording of a group tells apart."""
+    """Sets of measures that no recording of a group can distinguish."""
 
     group: Name
     sets: list[list[Measure]]
@@ -1136,7 +1136,7 @@ class ConfusionJson(Output):
 
 
 class NotSeparatedJson(Output):
-    """A pair between which all presses in an hour choose wrongly too often."""
+    """Pair of candidates that all presses in an hour cannot separate."""
 
     one: Candidate
     other: Candidate

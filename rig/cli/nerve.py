@@ -38,7 +38,7 @@ def nerve_command(
     ] = 0.2,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate spikes during a run, write them beside it, and renew its report. They are synthetic, not data."""
+    """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
     with one_line_errors(as_json=as_json):
         wanted = spikes_wanted(afferents, seed, path_m)
         found = read_run(run)

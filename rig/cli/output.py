@@ -22,7 +22,7 @@ from rig_shared.plural import number_of
 
 
 class _Terminal(Console):
-    """Console whose texts do not steer the terminal, in tables and live screens too."""
+    """Console that prints no control sequences of texts, also in tables and live screens."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """Yield the printed segments, with visible control characters."""

@@ -53,7 +53,7 @@ class PauseRequest:
         err.print(PAUSING)
 
     def ask_from_elsewhere(self) -> None:
-        """Request a pause from another process; the first answer counts, here or there."""
+        """Request a pause from another process; the first answer counts, from this terminal or that process."""
         self._asked = self._from_elsewhere = True
         err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 

@@ -110,7 +110,7 @@ class _Challenging:
 
 
 def sender_of(nonce: bytes) -> str:
-    """Return who sent a stop; empty if it does not say."""
+    """Return the sender of a stop; empty if the stop does not name it."""
     return nonce[_NONCE:].decode("ascii", "replace")
 
 

@@ -138,7 +138,7 @@ class OwnedStage:
         return False
 
     def _stop_anew(self) -> None:
-        """Stop through newly opened ports, beside their present owner: a stop waits for no lock."""
+        """Stop through newly opened ports without the lock of their owner, because a stop waits for no lock."""
         deadline_s = self.clock.monotonic_s() + _OPEN_S
         while True:
             try:

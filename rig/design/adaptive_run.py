@@ -237,7 +237,7 @@ class AdaptiveRun:
         return f"no count of press {step.index - 1} within {self.within_s:g} s"
 
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
-        """Go on with the plan, and say so in journal, output, panel and report."""
+        """Continue with the plan, and report it in journal, output, panel and report."""
         self.close()
         engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run follows the plan"})
 

@@ -237,7 +237,7 @@ class PressChooser:
     def _exchanged(
         self, chosen: ChosenPresses, minutes: float, progress: Callable[[int, int], None]
     ) -> ChosenPresses:
-        """Replace presses that tell little by others, as long as the information grows on the same data."""
+        """Replace presses of little information by others, as long as the information grows on the same data."""
         repeats, bits, exchanged, added_bits = chosen.repeats.copy(), chosen.bits, 0, chosen.added_bits
         mine = np.flatnonzero(np.isin(self._of_shape, list(chosen.shapes)))
         for n in range(self.effort.exchanges):

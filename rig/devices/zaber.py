@@ -93,7 +93,7 @@ class _SineInTime:
     tolerance: float
 
     def misses(self, at: int, asked_s: float, heard_s: float) -> bool:
-        """Return whether the sine is nowhere at `at` between two times; not if they are half a cycle apart."""
+        """Return whether the sine does not pass `at` between two times; false if they are half a cycle apart."""
         late_s = SINE_LATE_S + (1 - SINE_IN_TIME) * (heard_s - self.begun_s)
         first = max(asked_s - self.known_s - late_s, 0.0) / self.period_s
         last = (heard_s - self.begun_s + late_s) / self.period_s
@@ -448,7 +448,7 @@ class ZaberAxis(WatchedAxis[Reply]):
     # --- helpers ---
 
     def _refuse_off_its_way(self, reply: Reply, start: int, target: int) -> None:
-        """Stop the chain and raise for a position that is not between two others, whichever is higher."""
+        """Stop the chain and raise an error for a position that is not between two others, in either order."""
         low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
         at = self._position(reply)
         if not low <= at <= high:

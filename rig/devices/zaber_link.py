@@ -64,7 +64,7 @@ def checksum(content: str) -> str:
 
 
 def frame(device: int, axis: int, number: int, words: str) -> bytes:
-    """Return a command with id and checksum; without words it asks for the state."""
+    """Return a command with id and checksum; without words it requests the state."""
     content = f"{device} {axis} {number:02d} {words}".rstrip()
     return f"/{content}:{checksum(content)}\n".encode("ascii")
 

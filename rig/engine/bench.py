@@ -109,7 +109,7 @@ class WatchedBench(Bench, Protocol):
     def virtual(self) -> bool: ...
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> Mapping[str, float]:
-        """Return journal fields that only the bench knows: simulated truth, or none on a real bench."""
+        """Return journal fields from the bench itself: simulated truth, or none on a real bench."""
         ...
 
     def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:

@@ -96,7 +96,7 @@ _GATE_S = 0.02
 
 
 class ManualOwner:
-    """Owner of the bench under manual control; run() acts until leave(), `answers` serves other threads."""
+    """Owner of the bench under manual control; run() works until leave(), and `answers` serve other threads."""
 
     def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
         """Prepare manual control. gate: that of the stage's transports. log: receives a line per action. known: state

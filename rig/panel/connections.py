@@ -102,7 +102,7 @@ class Served(H11Protocol):
             self.transport.abort()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin with the bytes that have already come."""
+        """Begin with the bytes that have already arrived."""
         super().connection_made(transport)
         self.data_received(self._first)
 
@@ -192,7 +192,8 @@ class Connections:
                     return
 
     def _give_way(self) -> bool:
-        """Close the connection that has waited longest, unless its header has come; return whether there was one."""
+        """Close the connection that has waited longest, unless its header is complete; return whether there was one.
+        """
         if not self._waiting:
             return False
         one = next(iter(self._waiting))
@@ -285,7 +286,7 @@ class Connections:
         one.end.close()
 
     def _look(self) -> None:
-        """Close connections that wait for too long, and take spare descriptors."""
+        """Close connections that wait for too long, and reserve spare descriptors."""
         then_s = self._clock.monotonic_s() - HEADER_S
         self._watch()
         while self._waiting and next(iter(self._waiting)).since_s < then_s:

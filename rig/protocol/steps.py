@@ -406,7 +406,7 @@ class Vibrate(PressStep):
 
     @property
     def vibration(self) -> SineMotion:
-        """The sine, in whole cycles."""
+        """Sine, in whole cycles."""
         return SineMotion.of(self.frequency_hz, self.amplitude_um, self.duration_s)
 
     def check(self, walk: Walk) -> Spot:

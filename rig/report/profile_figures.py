@@ -179,7 +179,7 @@ def _correlations(
 def _heat_map(
     axes: Axes, stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np.bool_] | None
 ) -> AxesImage:
-    """Plot r where a receptor sees enough positions; its number of positions is beside its place."""
+    """Plot r at receptors with enough positions, and the number of positions beside each location."""
     n = len(stimulus.receptor_mm)
     used = np.zeros(n, dtype=int) if overlay is None else overlay.used
     shown = (

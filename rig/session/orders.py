@@ -192,7 +192,7 @@ class PressOrders:
             clock.wait_s(LOOK_S)
 
     def _look(self) -> tuple[Order | None, bool]:
-        """Return the order if there is one, and whether none can come any more."""
+        """Return the order if there is one, and whether no order can follow."""
         with self._guard:
             over = self._order is None and self._alone()
             self._waiting = self._waiting and not over

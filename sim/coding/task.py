@@ -612,7 +612,7 @@ def _encoded(
 
 
 def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -> ReadingNoise:
-    """Return the noise as measured from the same receptors at rest, or as known for silent ones."""
+    """Return the noise, measured from the same receptors at rest, or as given if receptors can be silent."""
     m = encoded.samples
     if noise is None or not encoded.noise_sd:
         return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "none; a small sd is assumed")

@@ -129,7 +129,9 @@ class Samples:
         return (self.newest() + 1) * self._period_s
 
     def grams(self, number: int) -> float:
-        """Return one sample; NaN with a dead cell. A force that is not fresh is not kept: it may be known later."""
+        """Return one sample; NaN with a dead cell. A force that is not fresh is not stored, because it may be solved
+        later.
+        """
         grams = self._grams.get(number)
         if grams is None:
             instant_s = self._instant_s(number)

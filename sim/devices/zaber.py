@@ -259,7 +259,7 @@ class VirtualZaberAxis:
             self._tell_end()
 
     def _begin(self) -> None:
-        """Begin a movement command: it interrupts a running one, and clears what lasts until the next one."""
+        """Begin a movement command, which interrupts a running one and clears the warnings that last until then."""
         if any(flag in DISABLING for flag in self._warnings):
             raise CommandRejected("DRIVERDISABLED")
         if self.busy and "NC" not in self._warnings:

@@ -391,7 +391,7 @@ class AfferentPopulation(Sequence[Afferent]):
 
 @dataclass(frozen=True)
 class Pad:
-    """The part of the skin in which afferents end: an ellipse about the middle of the receptor plane.
+    """Part of the skin with end organs: an ellipse about the middle of the receptor plane.
 
     Attributes
     ----------

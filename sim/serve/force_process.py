@@ -141,7 +141,7 @@ def _serve(
 
 
 def warmed(press: "PressedFinger") -> None:
-    """Load what the first contact needs by an unused press; ignore a pose outside the model."""
+    """Make an unused press, so that the first contact is not late; ignore a pose outside the model."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
 
