@@ -373,7 +373,7 @@ class BlueskyBench:
             if problem is None:
                 self._status, self._what = status, order["what"]
         if problem is None:
-            problem = self._asked(order)
+            problem = self._refusal(order)
             if problem is not None:
                 with self._guard:
                     self._status, self._what = None, ""
@@ -381,7 +381,7 @@ class BlueskyBench:
             status.end(problem)
         return status
 
-    def _asked(self, order: Mapping[str, Any]) -> PressFailedError | None:
+    def _refusal(self, order: Mapping[str, Any]) -> PressFailedError | None:
         """Send an order, again while the last one is about to end; return why it is refused."""
         deadline_s = self._clock.monotonic_s() + ANSWER_S
         while True:
@@ -397,7 +397,7 @@ class BlueskyBench:
         """Stop the stage at once if an order is being carried out. Raises ControlError."""
         if self._status is not None and self._process.poll() is None:
             answer = self._owner.post_stop()
-            threading.Thread(target=_heard, args=(answer,), name="answer", daemon=True).start()
+            threading.Thread(target=_wait_for_reply, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:
         """End the run; if it no longer answers, wait while it ends by itself and writes its report."""
@@ -405,7 +405,7 @@ class BlueskyBench:
         try:
             if self._status is not None:
                 self._stop()
-            elif problem := self._asked({"what": "leave"}):
+            elif problem := self._refusal({"what": "leave"}):
                 code = problem.code
         except ControlError as error:
             code = error.code
@@ -417,7 +417,7 @@ class BlueskyBench:
             self._process.terminate()  # pauses at the next safe point, and ends there
 
 
-def _heard(answer: Callable[[float], Any]) -> None:
+def _wait_for_reply(answer: Callable[[float], Any]) -> None:
     try:
         answer(ANSWER_S)
     except ControlError:  # The status of the order reports the end.

@@ -358,13 +358,13 @@ class TmclSettings(Settings):
         return self
 
 
-def _said(text: str) -> str:
+def _not_empty(text: str) -> str:
     if not text.strip():
         raise RuleError("the name is empty; give a name", code="no_name")
     return text
 
 
-Name = Annotated[str, AfterValidator(_said)]
+Name = Annotated[str, AfterValidator(_not_empty)]
 
 
 class StopSettings(Settings):

@@ -34,7 +34,7 @@ from sim.serve.real_time_loop import WallScheduler
 
 if TYPE_CHECKING:  # slow to import, and for simulated afferents only
     from rig.bench.served_spikes import ServedSpikes, SpikeStatistics
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
 
 Process = TypeVar("Process", PressProcess, TrajectoryProcess)
 
@@ -53,7 +53,7 @@ class ServedBench:
         stage: str | None,
         force: str | None,
         tcp: int | None = None,
-        spikes: "WantedSpikes | None" = None,
+        spikes: "SpikeRequest | None" = None,
         lsl: bool = False,
         complain: Callable[[str], object] = print,
     ) -> None:

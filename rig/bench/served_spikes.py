@@ -25,7 +25,7 @@ from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTabl
 from rig.data.lsl import open_spikes
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.nerve import WantedSpikes
+from rig.plan.nerve import SpikeRequest
 from sim.carriage import STRAIGHT, Carriage, Truth
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
@@ -127,7 +127,7 @@ class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPo
     nice = 3
 
     def __init__(
-        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
     ) -> None:
         """Load the finger, draw the afferents, and wait. Raises FingerNotLoadedError."""
         super().__init__(partial(_pressing, config, indentor, truth, wanted, deepest_mm))
@@ -141,7 +141,7 @@ class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPo
 
 
 def _pressing(
-    config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+    config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
 ) -> Answering[IndentorPlace | None, PlaceTable | AfferentPopulation]:
     from sim.models.fingertip import Fingertip
 
@@ -190,7 +190,7 @@ class ServedSpikes:
         self,
         config: Config,
         truth: Truth,
-        wanted: WantedSpikes,
+        wanted: SpikeRequest,
         server: socket.socket,
         *,
         lsl: bool,
@@ -261,7 +261,7 @@ class _Given:
     """Arguments of the process that delivers the spikes."""
 
     afferents: AfferentPopulation
-    wanted: WantedSpikes
+    wanted: SpikeRequest
     lsl: bool
     complain: Callable[[str], object]
 

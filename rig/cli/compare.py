@@ -170,7 +170,7 @@ def command(
     with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         if example is not None:
-            _refuse_beside_example(context, example)
+            _refuse_with_example(context, example)
             compare_example(out_file or Path(f"{example}.html"), pdf, as_json=as_json)
             return
         if not runs:
@@ -295,7 +295,7 @@ def command(
 _BESIDE_EXAMPLE = ("example", "out_file", "pdf", "as_json")
 
 
-def _refuse_beside_example(context: typer.Context, example: str) -> None:
+def _refuse_with_example(context: typer.Context, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError("--example {example}: must be one of {examples}", code="no_such_example", example=example,
                             examples=", ".join(EXAMPLES))  # fmt: skip

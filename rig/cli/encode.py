@@ -400,8 +400,8 @@ def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:
             ("logarithmic", found.laws(where, "logarithmic")),
             ("printed", found.published(where)),
         ):
-            out.print(f"{name}, {kind:<12}{_said(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
+            out.print(f"{name}, {kind:<12}{_law_text(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
 
 
-def _said(mean: Mean, factor: float) -> str:
+def _law_text(mean: Mean, factor: float) -> str:
     return f"m {mean.m:.3f} ± {mean.m_spread:.1%}, A {factor * mean.a:.2f} ± {mean.a_spread:.1%}"

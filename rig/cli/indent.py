@@ -136,7 +136,7 @@ class ModelRequest:
             raise BadInputError(
                 "--shape point requires --model finger or section", code="no_point_loads", model=self.model
             )
-        return self._as_asked(self.model)
+        return self._requested(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
         """Refuse options that a choice of model cannot use."""
@@ -166,7 +166,7 @@ class ModelRequest:
     ) -> Chosen:
         """Return the named model, or the cheapest that meets the tolerance; raise NoModelError if none does."""
         if self.model is not None:
-            return self._as_asked(self.model)
+            return self._requested(self.model)
         found = choose(
             indentor,
             x_mm,
@@ -179,7 +179,7 @@ class ModelRequest:
         )
         return Chosen(found.model, found, self.length_mm)
 
-    def _as_asked(self, model: ModelName) -> Chosen:
+    def _requested(self, model: ModelName) -> Chosen:
         return Chosen(model, None, self.length_mm)
 
 
@@ -335,7 +335,7 @@ def indent_command(
             with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
             loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
-            _say_point(loaded, pressed, finger.build_s, as_json=as_json)
+            _print_point_load(loaded, pressed, finger.build_s, as_json=as_json)
             return
         request.refuse(settings.finger, receptors)
         chosen = request.choose(
@@ -451,7 +451,7 @@ def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     return force_gwt
 
 
-def _say_point(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
+def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
     if as_json:
         answer = chosen.described(result.as_json())
         answer["solver"]["build_s"] = build_s

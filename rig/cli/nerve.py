@@ -15,7 +15,7 @@ from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
     from rig.data.spike_files import SpikeRecord
-    from rig.plan.nerve import Visits, WantedSpikes
+    from rig.plan.nerve import SpikeRequest, Visits
     from sim.models.fingertip import Fingertip
     from sim.nerve.population import AfferentPopulation
 
@@ -40,7 +40,7 @@ def nerve_command(
 ) -> None:
     """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
     with one_line_errors(as_json=as_json):
-        wanted = spikes_wanted(afferents, seed, path_m)
+        wanted = spike_request(afferents, seed, path_m)
         found = read_run(run)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
@@ -66,9 +66,9 @@ def nerve_command(
             _print(answer, report)
 
 
-def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpikes":
+def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeRequest":
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
 
     if not 0 <= seed < MOST_SEED:
         raise BadInputError(
@@ -80,13 +80,13 @@ def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpik
             "{option} {value:g}: must be more than {low:g} and at most {high:g}",
             code="outside_range", option="--path-m", value=path_m, low=0.0, high=MOST_PATH_M,
         )  # fmt: skip
-    wanted = WantedSpikes(afferents, seed, path_m)
+    wanted = SpikeRequest(afferents, seed, path_m)
     wanted.refuse()
     return wanted
 
 
 def add_spikes(
-    finger: "Fingertip", run: Run, config: Config, wanted: "WantedSpikes", *, as_json: bool
+    finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest", *, as_json: bool
 ) -> dict[str, Any]:
     """Write the spikes of a run into its folder; return the JSON output of the command, without the report."""
     from rig.plan.nerve import visits_of
@@ -97,7 +97,7 @@ def add_spikes(
 def _add(
     finger: "Fingertip",
     run: Run,
-    wanted: "WantedSpikes",
+    wanted: "SpikeRequest",
     found: "Visits",
     afferents: "AfferentPopulation",
     *,

@@ -31,7 +31,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import spikes_wanted
+from rig.cli.nerve import spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -127,7 +127,7 @@ def check_command(
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
-            _tell(found)
+            _print_check(found)
 
 
 _MET_COLUMNS = {
@@ -141,7 +141,7 @@ _MET_COLUMNS = {
 }
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _print_check(found: dict[str, Any]) -> None:
     columns = _MET_COLUMNS if "force_band_gwt" in found["steps"][0] else _COLUMNS
     table = Table(*(title or name for name, title in columns.items()), box=None)
     for step in found["steps"]:
@@ -226,7 +226,7 @@ def dry_run_command(
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
-        spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+        spikes = None if afferents is None else spike_request(afferents, seed=0)
         into = new_run(out_dir, subject)
         with (
             owning(script, settings, into, config_file=config) as owner,
@@ -287,7 +287,7 @@ def run_command(
         with ExitStack() as opened:
             finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
-            spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+            spikes = None if afferents is None else spike_request(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)

@@ -45,7 +45,7 @@ from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 if TYPE_CHECKING:
     from rig.design.adaptive_run import AdaptiveRun
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
     from sim.models.fingertip import Fingertip
 
 
@@ -235,7 +235,7 @@ class AtTheTerminal:
         self._owner.begins(folder)
         if self._course is not None:
             with suppress(OSError):
-                self._course.keep(folder)
+                self._course.save(folder)
 
     def go_on(self) -> bool:
         """Return whether to continue, from the answer typed below the screen."""
@@ -262,7 +262,7 @@ def carry_out(
     finger: FingerProcess | None = None,
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
-    spikes: "WantedSpikes | None" = None,
+    spikes: "SpikeRequest | None" = None,
     choose: "AdaptiveRun | None" = None,
 ) -> FinishedRun:
     """Check the script, run or resume it, write its report, and print the location.
@@ -351,7 +351,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 
 
 def _with_spikes(
-    done: FinishedRun, finger: Finger, config: Config, spikes: "WantedSpikes", *, as_json: bool
+    done: FinishedRun, finger: Finger, config: Config, spikes: "SpikeRequest", *, as_json: bool
 ) -> dict[str, Any] | None:
     """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:

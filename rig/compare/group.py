@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, stdtrit
 
 from rig.compare.intervals import along
-from rig.compare.make_verdict import AfferentCandidates
+from rig.compare.make_verdict import CandidatePool
 from rig.compare.verdict import LEVEL, AfferentVerdict, Limits
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class AfferentLikelihood:
     flat: float
 
 
-def surfaces(pool: AfferentCandidates) -> dict[str, AfferentLikelihood]:
+def surfaces(pool: CandidatePool) -> dict[str, AfferentLikelihood]:
     """Return the likelihood of every measure and control of an afferent."""
     data, eps = pool.observed, pool.candidates.eps[0]
     found = pool.candidates.fitted(data).found
@@ -179,7 +179,7 @@ class GroupVerdict:
         return "one measure" if len(self.set) == 1 else "several measures"
 
 
-def group_verdict(afferents: Mapping[str, tuple[AfferentCandidates, AfferentVerdict]]) -> GroupVerdict | None:
+def group_verdict(afferents: Mapping[str, tuple[CandidatePool, AfferentVerdict]]) -> GroupVerdict | None:
     """Return the verdict on afferents with their candidates, or None below two of them."""
     if len(afferents) < FEWEST:
         return None
@@ -212,7 +212,7 @@ class Ranked(NamedTuple):
     in_set: bool
 
 
-def ranked(pools: Sequence[AfferentCandidates]) -> list[Ranked]:
+def ranked(pools: Sequence[CandidatePool]) -> list[Ranked]:
     """Return the measures and controls that every afferent has, most probable first."""
     each = [surfaces(pool) for pool in pools]
     names = [name for name in each[0] if all(name in one for one in each)]

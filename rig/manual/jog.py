@@ -57,7 +57,7 @@ class ByHand:
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
         self.may_touch = False  # as recorded
 
-    def stands(self, *, placed: bool) -> None:
+    def set_placed(self, *, placed: bool) -> None:
         """Record that the stage was homed or has lost its position; earlier touches are forgotten."""
         self.placed = placed
         if self._guard is not None:
@@ -71,7 +71,7 @@ class ByHand:
         """
         direction, at = held(), self._stage.status()
         if self.placed and not at.referenced:
-            self.stands(placed=False)
+            self.set_placed(placed=False)
             self.may_touch = True  # The carriage may have been moved, too.
         if direction is None:
             return Moved(at, None)
@@ -97,7 +97,7 @@ class ByHand:
             else:
                 end = self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
-            self.stands(placed=False)  # The stage was stopped.
+            self.set_placed(placed=False)  # The stage was stopped.
             return Moved(strayed.at, self._force_gwt, strayed)
         except InterruptedMotionError as interruption:
             return self._ended(direction, at, interruption)

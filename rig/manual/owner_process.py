@@ -184,9 +184,9 @@ class ManualOwner:
     def _do(self, verb: Verb) -> str | None:
         if verb == "home":
             self._status.seen(None)
-            self._stands(placed=False)
+            self._set_placed(placed=False)
             at_hand.home(self._settings, self._bench, self._sensing)
-            self._stands(placed=True)
+            self._set_placed(placed=True)
             self._orders.homed()
             self._lost = False
             self._show(self._stage.status(), None)
@@ -194,7 +194,7 @@ class ManualOwner:
         try:
             at_hand.zero(self._settings, self._sensing, anyway=verb == "zero anyway")
         finally:
-            self._stands(placed=self._hand.placed)
+            self._set_placed(placed=self._hand.placed)
             self._status.zeroed = BenchMemory(self._settings).read().zero is not None
         return None
 
@@ -217,7 +217,7 @@ class ManualOwner:
             at = self._stage.status()
             self._show(at, None)
             if self._hand.placed and not at.referenced:
-                self._stands(placed=False)
+                self._set_placed(placed=False)
             if self._lost and not is_held(at.state):
                 self._stage.connect()
                 self._lost = False
@@ -239,11 +239,11 @@ class ManualOwner:
 
     def _lose(self) -> None:
         """Forget the position; the driver must connect again."""
-        self._stands(placed=False)
+        self._set_placed(placed=False)
         self._lost = True
 
-    def _stands(self, *, placed: bool) -> None:
-        self._hand.stands(placed=placed)
+    def _set_placed(self, *, placed: bool) -> None:
+        self._hand.set_placed(placed=placed)
         self._status.placed = placed
 
     def _note(self, done: HoldRequest | Verb, begun_s: float) -> None:

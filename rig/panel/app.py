@@ -122,7 +122,7 @@ class Panel:
         self._bench = ManualProcess(offered.config, find)
         bench = BenchView(offered.config, config)
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
-        self._watcher.last_words = lambda: self._bench.last_words
+        self._watcher.last_line = lambda: self._bench.last_line
         self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
         clock = self._watcher.clock
         self._spikes = None if offered.spikes is None else SpikeView(offered.spikes, self._watcher.outlet, clock)

@@ -192,8 +192,7 @@ class Connections:
                     return
 
     def _give_way(self) -> bool:
-        """Close the connection that has waited longest, unless its header is complete; return whether there was one.
-        """
+        """Close the longest waiting connection, unless its header is complete; return whether there was one."""
         if not self._waiting:
             return False
         one = next(iter(self._waiting))

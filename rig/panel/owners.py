@@ -173,8 +173,8 @@ class ManualProcess:
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
-                    if self.last_words:
-                        raise NotTakenError("{said}", code="refused", said=self.last_words)
+                    if self.last_line:
+                        raise NotTakenError("{said}", code="refused", said=self.last_line)
                     code = self._process.returncode
                     raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
                 await asyncio.sleep(_POLL_S)
@@ -209,7 +209,7 @@ class ManualProcess:
             self._output = None
 
     @property
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         """Return the last line of a process that ended unexpectedly, else nothing."""
         if self._output is None or self._process is None or self._process.poll() in (None, 0):
             return ""

@@ -274,18 +274,18 @@ class Posts:
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._asked(self._asking, "run", do, _ANSWER_S)
+            return await self._reply_of(self._asking, "run", do, _ANSWER_S)
 
         return done
 
     def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._asked(self._asking, "by hand", do, _ANSWER_S)
+            return await self._reply_of(self._asking, "by hand", do, _ANSWER_S)
 
         return done
 
     async def _zero(self, tab: str, body: Body) -> PostAnswer:
-        return await self._asked(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
+        return await self._reply_of(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
 
     async def _take_the_bench(self, tab: str, body: Body) -> PostAnswer:
         self._refuse_a_busy_bench()
@@ -293,7 +293,7 @@ class Posts:
         return {}
 
     async def _leave(self, tab: str, body: Body) -> PostAnswer:
-        answer = await self._asked(self._asking, "by hand", "leave", _ANSWER_S)
+        answer = await self._reply_of(self._asking, "by hand", "leave", _ANSWER_S)
         await self._bench.ended()
         return answer
 
@@ -318,7 +318,7 @@ class Posts:
                 code="too_old",
                 most_s=HELD_S,
             )
-        answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
+        answer = self._reply_of(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
             return await answer
         except (ControlError, NoOwnerError):
@@ -328,9 +328,9 @@ class Posts:
     async def _release(self, tab: str, body: Body) -> PostAnswer:
         press = whole("press", body)
         self._watcher.tabs.release(press)
-        return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
+        return await self._reply_of(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    def _asked(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
+    def _reply_of(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
         """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
         return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
 

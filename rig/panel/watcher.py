@@ -133,7 +133,7 @@ class Watcher:
     owners: Sequence[Owner] = ()
     run: RunView | None = None
     problem: str = ""
-    last_words: Callable[[], str] = str  # of an ended process of manual control
+    last_line: Callable[[], str] = str  # of an ended process of manual control
 
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
@@ -175,16 +175,16 @@ class Watcher:
             status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since_of(owner.pid))
         self.owners, self.problem, self._status = owners, problem, status
         if owner is not None and owner.kind == "by hand":
-            self._show_hand(owner)
+            self._show_manual(owner)
             self.outlet.add(self.bench.update(status))
 
-    def _show_hand(self, owner: Owner) -> None:
+    def _show_manual(self, owner: Owner) -> None:
         """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
             self.run, self._run_state = None, None
             self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
-            self._tell_schedule([])
+            self._publish_schedule([])
 
     async def read(self) -> None:
         """Read new entries of the journal of the running protocol."""
@@ -201,7 +201,7 @@ class Watcher:
         if run is self.run:
             self.outlet.add(rows)
             self._run_state = run.as_json(going=not run.ended and (run.alive or owner is not None))
-            self._tell_schedule(run.schedule_state())
+            self._publish_schedule(run.schedule_state())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
         """Return the folder of the followed run."""
@@ -220,11 +220,11 @@ class Watcher:
             return
         self.run, self._run_state = run, None
         self.outlet.begin(NOTHING if run is None else run.source)
-        self._tell_schedule([])
+        self._publish_schedule([])
 
     # --- publishing ---
 
-    def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
+    def _publish_schedule(self, steps: list[dict[str, Any]]) -> None:
         if steps != self._schedule:
             self._schedule = steps
             run = None if self.run is None else self.run.name
@@ -256,7 +256,7 @@ class Watcher:
             "devices": seen.devices_state(unix_s),
             "newest": seen.newest_state(unix_s),
             "limits": seen.limits_state(),
-            "notice": (self.last_words() or None) if status is None else _NOTICES.get(str(status.get("state"))),
+            "notice": (self.last_line() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
 

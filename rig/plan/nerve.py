@@ -25,7 +25,15 @@ from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
-from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
+from sim.nerve.population import (
+    DENSITY_PER_CM2,
+    PATH_M,
+    Afferent,
+    AfferentPopulation,
+    draw,
+    parse_afferents,
+    population,
+)
 from sim.nerve.skin import SkinUnderIndentor, table_of_presses
 from sim.nerve.spike_stream import SpikeStream
 from sim.nerve.staircase import Staircase, Swing
@@ -51,7 +59,7 @@ class Knot(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WantedSpikes:
+class SpikeRequest:
     """Request for spikes: afferents as text, the seed, and the length of the nerve to the electrode (m)."""
 
     afferents: str
@@ -61,7 +69,7 @@ class WantedSpikes:
     def refuse(self) -> None:
         """Raise ModelRangeError for afferents that cannot be read, without a finger."""
         if self.afferents not in DENSITY_PER_CM2:
-            wanted(self.afferents)
+            parse_afferents(self.afferents)
 
     def drawn(self, finger: Fingertip) -> AfferentPopulation:
         """Return the afferents of a finger. Raises ModelRangeError."""

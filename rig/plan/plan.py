@@ -236,7 +236,7 @@ _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "refe
 
 
 @dataclass(frozen=True)
-class Promise:
+class PredictedBand:
     """Predicted band of the uncontrolled quantity: force at a depth (gwt), depth at a force (mm)."""
 
     purpose: Purpose
@@ -251,7 +251,7 @@ class Promise:
 class PredictionCheck:
     """Predicted band and the measurement in the last hold."""
 
-    promise: Promise
+    predicted: PredictedBand
     indentor: str
     x_mm: float
     measured: float
@@ -259,32 +259,32 @@ class PredictionCheck:
     @property
     def kept(self) -> bool:
         """Whether the measurement lies in the band."""
-        return self.promise.low <= self.measured <= self.promise.high
+        return self.predicted.low <= self.measured <= self.predicted.high
 
 
-def promised(plan: Plan) -> list[dict[str, Any]]:
+def predicted_bands(plan: Plan) -> list[dict[str, Any]]:
     """Return the predicted bands for the run's first document; empty without an identified finger."""
     return [
-        asdict(_promise(purpose, index, press))
+        asdict(_predicted_band(purpose, index, press))
         for purpose, presses in plan.presses.items()
         for index, press in enumerate(presses)
         if press.band is not None
     ]
 
 
-def _promise(purpose: Purpose, index: int, press: PlannedIndentation) -> Promise:
+def _predicted_band(purpose: Purpose, index: int, press: PlannedIndentation) -> PredictedBand:
     assert press.band is not None
     if press.target.kind == "doi_mm":
         low, high = press.band.force_gwt
-        return Promise(purpose, index, "force_gwt", low, press.predicted_force_gwt, high)
+        return PredictedBand(purpose, index, "force_gwt", low, press.predicted_force_gwt, high)
     low, high = press.band.doi_mm
-    return Promise(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
+    return PredictedBand(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
 
 
 def found(run: Run) -> list[PredictionCheck]:
     """Return the check of every finished press that has a predicted band."""
     pairs = []
-    for promise in (Promise(**one) for one in run.start.get("promised", [])):
+    for promise in (PredictedBand(**one) for one in run.start.get("promised", [])):
         prefix = _PREFIX[promise.purpose]
         begun = [e for e in run.stream(f"{prefix}indentation_start") if e["index"] == promise.index]
         holds = [e for e in run.stream(f"{prefix}hold_end") if e["index"] == promise.index]

@@ -24,7 +24,7 @@ from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedB
 from rig.errors import LostRecordError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
-from rig.plan.plan import Plan, promised
+from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, ResumeHandler
@@ -226,7 +226,7 @@ def run_on(
     folder = _folder(session, now, virtual=virtual)
     problem, at, lost = None, FinalPosition("not moved"), None
     there = session.before is not None and session.before.complete
-    with _nothing_left(session, folder), ExitStack() as owned:
+    with _removed_if_empty(session, folder), ExitStack() as owned:
         owned.enter_context(folder.owned())
         if not there:
             problem, at, lost = _on_a_bench(
@@ -317,7 +317,7 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
 
 
 @contextmanager
-def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
+def _removed_if_empty(session: Session, folder: RunFolder) -> Iterator[None]:
     """Remove the folder of a new run that has journalled nothing."""
     try:
         yield
@@ -354,7 +354,7 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "virtual": virtual,
         **_button(session),
         **_choose(session),
-        **({} if session.config.identified is None else {"promised": promised(session.plan)}),
+        **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
     }
 
 

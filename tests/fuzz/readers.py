@@ -547,7 +547,7 @@ READERS: dict[str, Reader] = {
     ),
     "course of a run": Reader(
         "run/timeline.json", of.of_json, _texts(json.dumps(COURSE)),
-        _all_of(lambda path: Course.kept(RunView(path.parent).folder), _panel, _bundle),
+        _all_of(lambda path: Course.load(RunView(path.parent).folder), _panel, _bundle),
         beside=_run_folder, writes=RUN_WRITES,
         in_suite=60,
     ),

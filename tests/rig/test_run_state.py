@@ -82,7 +82,7 @@ class Shown:
                 shutil.copy(made / name, path / name)
         self.folder = RunFolder(path)
         self.lines = (made / "events.jsonl").read_bytes().splitlines(keepends=True)
-        self.course = Course.kept(self.folder)
+        self.course = Course.load(self.folder)
         self.watch, self.journal, self.panel = RunScreen(self.folder), Following(self.folder), RunView(path)
         self.terminal = IndentationProgress(0, None)
         self.before: set[int] = set()  # indentations of the parts before

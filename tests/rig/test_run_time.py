@@ -39,7 +39,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run_figures import force_time
 from rig.session.resume import read_stopped
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, real_run, record_after, record_before
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, real_run, record_after, record_before
 from rig.transport.wire import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine
@@ -98,7 +98,7 @@ class Computer:
         return real_run(session, mounted, stage)
 
 
-class Impatient(Nobody):
+class Impatient(NoAttendant):
     """Observer that ends the run after its first indentation."""
 
     def __init__(self) -> None:
@@ -128,7 +128,7 @@ def run(computer: Computer, finger: Fingertip, tmp_path: Path) -> Run:
         computer.boot(BOOTED_S, START_UNIX_S - PLANNED_S)
         with closing(OwnedStage(CONFIG, WallClock()).open()) as stage:
             plan = make_plan(script, CONFIG, finger)
-            attendant = Impatient() if stopped else Nobody()
+            attendant = Impatient() if stopped else NoAttendant()
             return computer.carry_out(
                 Session(script, CONFIG, finger, plan, NewRun(tmp_path / "runs"), attendant), stage
             )

@@ -59,7 +59,7 @@ class Run:
         self._write({"doc": "start", "t_s": 0.0, "unix_s": 0.0, "planned_indentations": 9, "virtual": False})
         if course:
             name = ("indentation_start", 0, 0)
-            Course(9.0, {name: 0.0}, {name: "press"}).keep(self.folder)
+            Course(9.0, {name: 0.0}, {name: "press"}).save(self.folder)
 
     def press(self) -> list[dict[str, Any]]:
         """One more; returns its documents."""

@@ -125,8 +125,8 @@ def test_its_schedule(run: Written) -> None:
         {moved: "move", begun: "press", ("reference_indentation_start", 0, 0): "reference"},
         {begun: {"block": 1, "repeat": 2, "condition": "c"}},
     )  # fmt: skip
-    course.keep(RunFolder(run.path))
-    assert Course.kept(RunFolder(run.path)) == course
+    course.save(RunFolder(run.path))
+    assert Course.load(RunFolder(run.path)) == course
     seen = told(run)
     run.event("move", x_mm=0.5, along_mm=0.0)
     seen.look(NOW_S)

@@ -310,7 +310,7 @@ def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPa
     assert bench._process.returncode == 0
     assert announced() == []
     bench.leave()
-    assert bench.last_words == ""
+    assert bench.last_line == ""
     bench.forget()
 
 
@@ -320,9 +320,9 @@ def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) 
         bench = taking(monkeypatch, script)
         with raises(NotTakenError, code, **{name: value}):
             asyncio.run(bench.take())
-        assert bench.last_words == (said if script == REFUSES else "")
+        assert bench.last_line == (said if script == REFUSES else "")
         bench.forget()
-        assert bench.last_words == ""
+        assert bench.last_line == ""
     monkeypatch.setattr(by_hand_process, "READY_S", 0.2)
     bench = taking(monkeypatch, "import threading; threading.Event().wait(60)")
     with raises(NotTakenError, "no_reply", within_s=0.2):
