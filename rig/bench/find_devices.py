@@ -10,7 +10,7 @@ from typing import Any
 from serial.tools import list_ports
 
 from rig.clock import Clock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError
 from rig.devices.make_drivers import probe
 from rig.devices.registry import KINDS, DeviceKind, KindError, NumberedIdentity, find, names
@@ -44,7 +44,7 @@ class PortFound:
 
     @property
     def words(self) -> str:
-        """The finding in one line, without the port."""
+        """Result in one line, without the port."""
         if self.owner is not None:
             return f"in use by {self.owner}{_does(self.owner)}; not asked"
         if self.problem is not None:
@@ -67,7 +67,7 @@ class PortFound:
 
 
 def _does(owner: PortOwner) -> str:
-    does = None if owner.pid is None else at_work(owner.pid).get("does_text")
+    does = None if owner.pid is None else activity_of(owner.pid).get("does_text")
     return f" ({does})" if does else ""
 
 
@@ -90,7 +90,7 @@ def find_devices(ports: Iterable[str], clock: Clock) -> Iterator[PortFound]:
 
 
 def look_at_port(port: str, clock: Clock) -> PortFound:
-    """Ask a port for each known kind in turn, the default stage first; leave it alone if another process uses it.
+    """Probe a port for each known kind in turn, the default stage first; skip it if another process uses it.
 
     The order matters: a board, which acts on single bytes, answers before bytes for other devices reach it.
     """
@@ -116,7 +116,7 @@ def look_at_port(port: str, clock: Clock) -> PortFound:
 
 
 def _tables(kind: DeviceKind, port: str) -> Iterator[Mapping[str, Any]]:
-    """Yield keys of a kind's own table to ask with: the defaults, then the page of a virtual device."""
+    """Yield keys of a kind's own table to search with: the defaults, then the page of a virtual device."""
     yield {}
     number = port.rpartition(":")[2]
     if kind.page_port and port.startswith(DATAGRAMS) and number.isdecimal():

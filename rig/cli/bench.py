@@ -28,7 +28,7 @@ from rig.transport import TransportError
 
 
 @contextmanager
-def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
+def connected_stage(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """Yield the connected stage; any interruption stops it ahead of all queued commands."""
     clock = WallClock()
     with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
@@ -50,14 +50,14 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
-    with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(_opened_bench(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
         known = home_and_zero.home(settings, bench, sensing)
         return bench.stage.status(), known
 
 
-def _bench_at_hand(settings: Config) -> RealBench:
+def _opened_bench(settings: Config) -> RealBench:
     """Open both ports; distinguish a missing sensor from a missing stage."""
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
@@ -67,7 +67,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
 
 def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
     memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, clock):
+    with connected_stage(settings) as (stage, clock):
         memory.moves()
         stage.home()
         at = stage.status()
@@ -120,7 +120,7 @@ def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _for_people(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries with contact in one sentence, followed by what to do."""
+    """Replace the contact entries by one sentence and the next step for the operator."""
     if "words" not in found:
         return found
     rest = {name: value for name, value in found.items() if name not in ("contact", "may_touch", "words", "to_do")}
@@ -132,7 +132,7 @@ def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tu
     """Yield manual control on the ports of the configuration; raise BadInputError if no force sensor answers."""
     known = BenchMemory(settings).read()
     with (
-        stage_at_hand(settings) as (stage, clock),
+        connected_stage(settings) as (stage, clock),
         _sensing(settings, clock, without=without_force) as sensing,
         at_hand(settings, stage, clock, sensing, show, known) as hand,
     ):

@@ -1,4 +1,4 @@
-"""`rig design`: which presses would distinguish candidate measures in the minutes available."""
+"""`rig design`: choose presses that distinguish candidate measures within a session."""
 
 import shlex
 import time
@@ -56,7 +56,7 @@ def command(
         typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
     ] = None,
     shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3",
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Number of minutes of the session, 1 to 240.")] = 20.0,
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0,
     depths_mm: Annotated[
         str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
     ] = None,
@@ -71,20 +71,26 @@ def command(
     ] = None,
     to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py"),
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="Page. Default: beside the script.")
+        Path | None, typer.Option("--out", metavar="HTML", help="HTML page to write. Default: beside the script.")
     ] = None,
     counts: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Counts of the session: judge them instead of designing.")
+        Path | None,
+        typer.Option(metavar="CSV", help="Spike counts of the session to evaluate, instead of designing one."),
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1,
-    quick: Annotated[bool, typer.Option("--quick", help="Choose more coarsely, in a sixth of the time.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Use a coarser search, which takes a sixth of the time.")
+    ] = False,
     power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False,
     rate_per_s: Annotated[
         str,
         typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
     ] = "20,100",
     threshold: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Threshold, in % of ε there.", rich_help_panel=_FIBER)
+        str,
+        typer.Option(
+            metavar="LOW,HIGH", help="Threshold ε₀, in % of ε at the strongest press.", rich_help_panel=_FIBER
+        ),
     ] = "0,50",
     receptor_x_mm: Annotated[
         str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)

@@ -35,7 +35,7 @@ WORDS: Mapping[Room, tuple[str, str, str]] = {
 """Options of a device's kind and port, and its name in sentences."""
 
 NOMINAL_DAYS = 30
-"""Days for which steps per mm that were typed, not measured, may be used."""
+"""Days for which steps per mm that were entered, not measured, may be used."""
 
 Tables = dict[str, dict[str, Any]]
 
@@ -45,7 +45,7 @@ def init_command(
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Port to ask: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
+            help="Port to search: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
@@ -82,7 +82,9 @@ def init_command(
     travel_mm: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Travel of the axes from home, in mm. Default: asked.", rich_help_panel=_ANSWERS
+            metavar="X,Y,Z",
+            help="Travel of the axes from home, in mm. Default: prompted.",
+            rich_help_panel=_ANSWERS,
         ),
     ] = None,
     steps_per_mm: Annotated[
@@ -90,7 +92,7 @@ def init_command(
         typer.Option(
             metavar="X,Y,Z|none",
             help="Motor steps per mm, negative if the motor runs against the axis; none: as set in the controller. "
-            "Default: asked.",
+            "Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
@@ -98,27 +100,29 @@ def init_command(
         str | None,
         typer.Option(
             metavar="GWT",
-            help="Largest force that the sensor measures, in gwt. Default: asked.",
+            help="Largest force that the sensor measures, in gwt. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
     trip_n: Annotated[
         str | None,
         typer.Option(
-            metavar="N", help="Force that trips a run, in N, at most 5. Default: asked.", rich_help_panel=_ANSWERS
+            metavar="N",
+            help="Force that trips a run, in N, at most 5. Default: prompted.",
+            rich_help_panel=_ANSWERS,
         ),
     ] = None,
     finger: Annotated[
         str | None,
         typer.Option(
             metavar="none|default|human",
-            help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: asked.",
+            help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
     to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml"),
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: take all answers from options.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find the devices on the ports, ask for the rest, and write a configuration file.
@@ -174,7 +178,7 @@ class _Talk:
     missing: list[str] = field(default_factory=list)
 
     def ask(self, option: str, what: str, default: str | None, take: Callable[[str], None]) -> None:
-        """Ask until an answer is accepted; an empty line is the default.
+        """Prompt until an answer is accepted; an empty line selects the default.
 
         Raises NotConfirmedError at the end of input.
         """
@@ -194,10 +198,10 @@ class _Talk:
                 complain(str(error))
 
     def refuse_missing(self) -> None:
-        """Raise BadInputError for questions that nobody could be asked."""
+        """Raise BadInputError for prompts that have no answer in a non-interactive session."""
         if self.missing:
             raise BadInputError(
-                "init: nobody is asked without a terminal or with --yes; add {missing}",
+                "init: cannot prompt without a terminal or with --yes; add {missing}",
                 code="answers_missing", missing=", ".join(self.missing),
             )  # fmt: skip
 
@@ -251,7 +255,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
 
 
 def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str]:
-    """Return the ports to ask: those of the options, and all serial ports unless the options name enough."""
+    """Return the ports to search: those of the options, and all serial ports unless the options name enough."""
     named = [one.port for one in given.values() if one.port is not None]
     for port in (*(ports or ()), *named):
         _Draft().put("init", {"stage": {"port": port}})
@@ -260,7 +264,7 @@ def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str
 
 
 def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
-    """Ask the ports, and print each answer as it comes."""
+    """Probe the ports, and print each result as it arrives."""
     tell: Callable[[str], object] = str if quiet else err.print
     if not ports:
         tell("no serial port is connected; name ports with --port, such as --port tcp://192.168.0.7:502")
@@ -276,7 +280,7 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
 
 
 def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft, talk: _Talk) -> None:
-    """Put a device into the draft: the one of the options, the only one found, or the one that is asked for."""
+    """Add a device to the draft: from the options, the only one found, or the one that the user names."""
     of_kind, of_port, device = WORDS[room]
 
     def take(kind: str, port: str) -> None:
@@ -357,7 +361,7 @@ def _refuse_another(room: Room, given: _Given, there: PortFound) -> None:
     option, port_option, device = WORDS[room]
     swapped = there.kind.room != room
     raise BadInputError(
-        "{option} {port}: not a {device} but a {other} answers there ({answers}); {advice}",
+        "{option} {port}: a {other} answers there, not a {device} ({answers}); {advice}",
         code="swapped_ports" if swapped else "another_device",
         option=port_option, port=given.port, device=device, answers=there.words,
         other=WORDS[there.kind.room][2] if swapped else there.kind.name,
@@ -389,7 +393,7 @@ class Question:
         return f"--{self.name.replace('_', '-')}"
 
     def settle(self, answer: str | None, draft: _Draft, talk: _Talk) -> None:
-        """Put the answer of the option into the draft, or ask for one."""
+        """Add the value of the option to the draft, or prompt for one."""
         so_far = draft.config()
 
         def take(text: str) -> None:
@@ -521,7 +525,7 @@ def _words(numbers: Sequence[float]) -> str:
 
 NOTES = {
     "frame": "where the finger lies; placeholders in the middle of the travel until you measure them",
-    "calibration": "typed, not measured: calibrate the rig before these expire",
+    "calibration": "entered, not measured: calibrate the rig before these expire",
 }
 """Comments above tables."""
 

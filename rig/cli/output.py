@@ -18,13 +18,14 @@ from rich.spinner import Spinner
 from rig.cli import durations
 from rig.errors import RigError
 from rig.printable import printable
+from rig_shared.plural import number_of
 
 
 class _Terminal(Console):
-    """Console whose texts do not steer the terminal, in tables and live screens too."""
+    """Console that prints no control sequences of texts, also in tables and live screens."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Yield the segments of what is printed, with visible control characters."""
+        """Yield the printed segments, with visible control characters."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
@@ -35,15 +36,16 @@ out = _Terminal(highlight=False, soft_wrap=True, markup=False)
 THE_FINGER = "fingertip: loading from the cache, or building …"
 
 FIRST_S, EVERY_S, LONG_S = 0.5, 2.0, 3.0
-"""Time after which work that may be short says what it does, least time between lines without a terminal, and
-duration from which an estimate is printed at the beginning (s)."""
+"""Time after which work that may be short prints its description, time between lines without a terminal, and duration
+from which an estimate is printed at the beginning (s).
+"""
 
 _LOOKS_S = 0.1
 _REFRESH_PER_S = 8
 
 
 class Activity:
-    """Work in progress: what it is, how far it is, and how long such work took before.
+    """Work in progress, with its description, its progress, and an estimate from earlier durations.
 
     A build of a model within the work has a description, a kind and an estimate of its own, until it ends or the work
     goes on. Work without a kind, and what remains after a build, has no estimate.
@@ -105,9 +107,9 @@ class Activity:
 
     @property
     def title(self) -> str:
-        """What it is, with the estimate if it takes long."""
+        """Description of the work, with the estimate if it takes long."""
         expected_s = self._expected_s or 0.0
-        what = f"{self._total} {self.what}" if self._counts else self.what
+        what = number_of(self._total, self.what) if self._counted else self.what
         return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
 
     @property
@@ -117,8 +119,11 @@ class Activity:
 
     @property
     def line(self) -> str:
-        """What it is, how far it is, and the time left."""
-        what = f"{self._done} of {self._total} {self.what}" if self._counts else self.what
+        """Description of the work, its progress, and the time left."""
+        what = self.what
+        if self._counted:  # of one piece, "0 of 1" would say nothing
+            pieces = number_of(self._total, self.what)
+            what = pieces if self._total == 1 else f"{self._done} of {pieces}"
         return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
 
     @property
@@ -161,7 +166,7 @@ class _Activities:
 
     @property
     def current(self) -> Activity | None:
-        """The innermost activity."""
+        """Innermost activity."""
         return self._all[-1][0] if self._all else None
 
     @property
@@ -236,7 +241,8 @@ def busy(
     size: float = 1.0,
     total: int = 0,
 ) -> Iterator[Activity]:
-    """Print what a command does, and its progress: in a live line on a terminal, else in lines on standard error.
+    """Print the activity of a command with its progress: in a live line on a terminal, else in lines on standard
+    error.
 
     Parameters
     ----------
@@ -279,7 +285,7 @@ def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Print that the command works whenever it says nothing of its own for a while."""
+    """Print that the command is working whenever it has printed nothing for a while."""
     with _activities.during(Activity(f"{_command}: working …")):
         yield
 
@@ -301,7 +307,7 @@ def resting() -> Iterator[None]:
 
 
 def say_now(what: str) -> None:
-    """Change what the current activity says, and print it unless a live line shows it."""
+    """Change the description of the current activity, and print it unless a live line shows it."""
     if (now := _activities.current) is not None:
         now.say(what)
         _activities.said(now)
@@ -310,7 +316,7 @@ def say_now(what: str) -> None:
 
 
 class _Builds(logging.Handler):
-    """Log handler that prints warnings, and turns the current activity to what the simulator builds."""
+    """Log handler that prints warnings and shows the builds of the simulator as the current activity."""
 
     def emit(self, record: logging.LogRecord) -> None:
         now, message = _activities.current, record.getMessage()
@@ -332,7 +338,7 @@ class _Builds(logging.Handler):
 
 
 def show_builds() -> None:
-    """Print warnings of the simulator, and show what it builds as progress."""
+    """Print warnings of the simulator, and show its builds as progress."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
@@ -344,7 +350,7 @@ def show_builds() -> None:
 def checking_the_script() -> Iterator[Callable[[int], None]]:
     """Yield a function that shows the number of checked steps."""
     with busy("checking the script …", quick=True) as now:
-        yield lambda steps: now.say(f"checking the script: {steps} steps …")
+        yield lambda steps: now.say(f"checking the script: {number_of(steps, 'steps')} …")
 
 
 _screens: list[Live] = []
@@ -411,7 +417,7 @@ def renamed(old: str, new: str) -> None:
 
 
 class NotConfirmedError(RigError):
-    """The person did not confirm."""
+    """Error of a request that the person did not confirm."""
 
     default_code = "not_confirmed"
 

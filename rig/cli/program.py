@@ -1,4 +1,4 @@
-"""The commands of `rig`, and the end of a command that is not understood."""
+"""Commands of `rig`, and the error for a command line that cannot be parsed."""
 
 import atexit
 import gc
@@ -193,7 +193,7 @@ def _named() -> None:
     """Add a command to the list of commands."""
 
 
-def _say_version(requested: bool) -> None:
+def _print_version(requested: bool) -> None:
     """Print the version and exit."""
     if requested:
         from importlib.metadata import version
@@ -204,7 +204,7 @@ def _say_version(requested: bool) -> None:
 
 def _about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and exit.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Run, rehearse and compare indentations of a fingertip."""

@@ -31,7 +31,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import spikes_wanted
+from rig.cli.nerve import spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -60,7 +60,7 @@ from rig.cli.output import (
 from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger
@@ -69,6 +69,7 @@ from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
 from rig.session.session import dry_run, real_run
+from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
 
@@ -105,7 +106,7 @@ def check_command(
     finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Also check every press that `rig run --choose` may choose.")
+        bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -117,7 +118,7 @@ def check_command(
         with busy(THE_FINGER, as_json=as_json):
             finger = _finger_to_check(script, settings, choose=choose)
         with checking_the_script() as show_steps:
-            plan = make_plan(script, settings, finger, told=show_steps)
+            plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if choose:
@@ -125,7 +126,7 @@ def check_command(
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
-            _tell(found)
+            _print_check(found)
 
 
 def _finger_to_check(script: Script, config: Config, *, choose: bool) -> "Fingertip":
@@ -151,7 +152,7 @@ _MET_COLUMNS = {
 }
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _print_check(found: dict[str, Any]) -> None:
     columns = _MET_COLUMNS if "force_band_gwt" in found["steps"][0] else _COLUMNS
     table = Table(*(title or name for name, title in columns.items()), box=None)
     for step in found["steps"]:
@@ -161,8 +162,9 @@ def _tell(found: dict[str, Any]) -> None:
     indentors = dict.fromkeys(str(step["indentor"]) for step in found["steps"])
     for line in (
         f"indentors: {', '.join(map(with_size, indentors))}",
-        f"{found['indentations']} indentations and {found['other_presses']} other presses in "
-        f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
+        f"{number_of(found['indentations'], 'indentations')} and "
+        f"{number_of(found['other_presses'], 'other presses')} in {found['duration_s']:.0f} s, with "
+        f"{found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_kpa']:.3g} kPa",
         found["small_strain"]["note_text"],
         f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
@@ -180,7 +182,7 @@ def _tell(found: dict[str, Any]) -> None:
 
 def _possible(found: dict[str, Any]) -> str:
     return (
-        f"{found['presses']} presses may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{number_of(found['presses'], 'presses')} may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
         f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
     )
 
@@ -235,7 +237,7 @@ def dry_run_command(
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
-        spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+        spikes = None if afferents is None else spike_request(afferents, seed=0)
         into = new_run(out_dir, subject)
         with (
             owning(script, settings, into, config_file=config) as owner,
@@ -296,7 +298,7 @@ def run_command(
         with ExitStack() as opened:
             finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
-            spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+            spikes = None if afferents is None else spike_request(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
@@ -304,14 +306,14 @@ def run_command(
             _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive, as_json=as_json)
             clock = WallClock(into.begins_at_s)
             with (
-                closing(StageInHand(settings, clock).open()) as stage,
+                closing(OwnedStage(settings, clock).open()) as stage,
                 owning(script, settings, into, stage, config) as owner,
             ):
                 done = carry_out(
                     script,
                     settings,
                     into,
-                    partial(real_run, ask=asks_for(owner, mounted), stage=stage),
+                    partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -377,7 +379,7 @@ def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManag
     return answer
 
 
-def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
+def prompt_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
     """Return the prompt for the person at the bench, which skips the indentor that is mounted already.
 
     Raises ShapeError.
@@ -453,7 +455,7 @@ def resume_command(
                 stopped.script,
                 stopped.config,
                 stopped,
-                dry_run if stage is None else partial(real_run, ask=asks_for(owner, mounted), stage=stage),
+                dry_run if stage is None else partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
                 owner,
                 as_json=as_json,
                 finger=finger,
@@ -468,12 +470,12 @@ def resume_command(
 @contextmanager
 def _stage(
     stopped: StoppedRun, run: Path, mounted: str | None, finger: FingerProcess | None, *, yes: bool, as_json: bool
-) -> Iterator[StageInHand | None]:
+) -> Iterator[OwnedStage | None]:
     """Open the stage for the remaining steps, or, without any, only for a stop; the finger serves these steps."""
     if stopped.virtual:
         yield None
         return
-    with closing(StageInHand(stopped.config, WallClock(stopped.begins_at_s))) as stage:
+    with closing(OwnedStage(stopped.config, WallClock(stopped.begins_at_s))) as stage:
         if finger is not None:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
             _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped, as_json=as_json)

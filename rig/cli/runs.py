@@ -33,6 +33,7 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ def runs_command(
         out.print(
             _list(found)
             if table is None
-            else f"{sum(len(one.rows) for one in found)} holds of {_runs(found)}: {table}"
+            else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
         )
 
 
@@ -128,7 +129,7 @@ def _line(run: Summary) -> list[str]:
 
 
 def _runs(found: Sequence[IndexEntry]) -> str:
-    return f"{len(found)} run{'' if len(found) == 1 else 's'}"
+    return number_of(len(found), "runs")
 
 
 def _as_csv(found: Sequence[IndexEntry]) -> str:
@@ -157,7 +158,7 @@ def show_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
+    """Print a run: protocol, state, limits, versions, forces, ending and files."""
     with one_line_errors(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
@@ -243,7 +244,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
 
 
 def ending_lines(run: Run) -> dict[str, str] | None:
-    """Return how a run ended early, as its report says it, or None."""
+    """Return the description of an early end for the report, or None."""
     ending = ending_of(run, state_of(run))
     if ending is None:
         return None
@@ -284,7 +285,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
         ("parameters", _pairs(run["parameters"])),
         ("subject", run["subject"] or "none"),
         ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
-        ("state", f"{run['state']}, {run['done']} of {run['planned']} indentations"),
+        ("state", f"{run['state']}, {run['done']} of {number_of(run['planned'], 'indentations')}"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
         *(choice_lines(run["choice"]) if "choice" in run else ()),
@@ -304,9 +305,9 @@ def _pressed(one: dict[str, Any]) -> str:
     )
     to = _UNKNOWN if target is None else f"{target:g} {unit}"
     return (
-        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: {one['holds']} "
-        f"hold{'' if one['holds'] == 1 else 's'}, "
-        f"mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, peak {one['peak_gwt']:.2f} gwt"
+        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: "
+        f"{number_of(one['holds'], 'holds')}, mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, "
+        f"peak {one['peak_gwt']:.2f} gwt"
     )
 
 

@@ -289,7 +289,7 @@ SCRIPT = "identification_script.py"
 """Script name in the provenance of an identification."""
 
 IDENTIFICATION_PAGE = "identification.html"
-"""Page of an identification in the run folder, if it learned something."""
+"""Page of an identification in the run folder, if a press was evaluated."""
 
 SCRIPTS, IDENTIFICATION_PAGES = (SCRIPT, "meeting_script.py"), (IDENTIFICATION_PAGE, "meeting.html")
-"""The same, and the names that version 0.1 wrote."""
+"""The same names, and those that version 0.1 wrote."""

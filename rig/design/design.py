@@ -58,7 +58,7 @@ DEPTHS_MM = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What to design for. `targets` are depths (mm) or forces (gwt), by `kind`."""
+    """Request for a design. `targets` are depths (mm) or forces (gwt), by `kind`."""
 
     candidates: tuple[str, ...] = MEASURES
     shapes: tuple[str, ...] = ("step:1", "bar:3.0", "cylinder:3")
@@ -116,7 +116,7 @@ _SIZES, _QUICK_SIZES = Sizes(360, 16384, 180, 8192, 16384, FEW), Sizes(120, 4096
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A design with all that its page says.
+    """Design with all results on its page.
 
     `made` is the design in order. `outcomes` has every design at every duration, and `outcome` this one at the
     requested duration; `bound` all presses in an hour.
@@ -136,7 +136,7 @@ class Design:
 
     @property
     def presses(self) -> list[PossiblePress]:
-        """The presses in order."""
+        """Presses in order."""
         return [self.table.presses[k] for k in self.made.order]
 
     @property

@@ -1,4 +1,4 @@
-"""Table of what receptors would see: every candidate under every press, on every finger of a design.
+"""Table of receptor responses: every candidate under every press, on every finger of a design.
 
 Strains are solved once for each finger and stored. Receptors lie on a grid of x and depth below the epidermis, and
 locations between its nodes are interpolated by cubic splines.
@@ -138,10 +138,10 @@ def response_table(
     key = content_key(["design", 1, simulator_code(), [asdict(one) for one in all_tasks], shapes])
 
     def solved() -> dict[str, NDArray[np.generic]]:
-        for _ in count(spread(_prepared, all_tasks), len(all_tasks), "fingers prepared"):
+        for _ in count(spread(_prepared, all_tasks), len(all_tasks), "finger models"):
             pass
         parts = [part for task in all_tasks for part in _parts(task)]
-        found = list(count(spread(_solved, parts), len(parts), "sets of presses solved"))
+        found = list(count(spread(_solved, parts), len(parts), "sets of presses"))
         each = len(parts) // len(all_tasks)
         rows = [np.concatenate(found[k : k + each]) for k in range(0, len(found), each)]
         by_task = dict(zip(all_tasks, rows, strict=True))

@@ -64,7 +64,7 @@ def one_second(force: ForceSettings) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What driver and twin were tested with; an empty text claims nothing.
+    """Evidence of the tests of driver and virtual twin; an empty text claims nothing.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ def names(room: Room) -> list[str]:
 
 
 def third_party() -> dict[str, str]:
-    """Return what installed packages add: the package by entry point, such as `force.NAME`."""
+    """Return the packages that add devices, by entry point, such as `force.NAME`."""
     return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
 
 

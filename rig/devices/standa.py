@@ -259,7 +259,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self._link.send_now("stop")
 
     def clear_alarm(self) -> None:
-        """Clear an alarm in the controller, and then the one that is kept here. Raises StageAlarm if it is there."""
+        """Clear the alarm in the controller, then the one stored here. Raises StageAlarm if it persists."""
         self._link.command("stop")
         self._alarm = ""
         self.refuse_alarm(self.look())
@@ -275,7 +275,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         return (status.steps * self.microsteps + status.microsteps) / self.steps_per_mm + 0.0
 
     def refuse_alarm(self, status: AxisStatus) -> None:
-        """Refuse an alarm, now or since the last `unlock`, and a flag that is not known. Raises StageAlarm."""
+        """Raise StageAlarm for an alarm, now or since the last `unlock`, and for an unknown flag."""
         flags = status.flags & ~HARMLESS
         if flags and not self._alarm:
             self._alarm = " ".join(ALARMS.get(1 << bit, f"{1 << bit:X} hex") for bit in range(32) if flags >> bit & 1)

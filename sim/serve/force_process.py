@@ -146,7 +146,7 @@ def _serve(
 
 
 def warmed(press: "PressedFinger") -> None:
-    """Load what the first contact needs by an unused press; ignore a pose outside the model."""
+    """Make an unused press, so that the first contact is not late; ignore a pose outside the model."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
 
@@ -190,7 +190,7 @@ class TrajectoryUpdate:
 
 
 @dataclass(frozen=True)
-class WayAnswer:
+class TrajectoryForces:
     """Force at the end of each leg, completed and planned (N, NaN with a problem), and the solve time (s)."""
 
     forces_n: tuple[float, ...]
@@ -198,7 +198,7 @@ class WayAnswer:
     problem: str = ""
 
 
-class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
+class TrajectoryProcess(ForceProcess[TrajectoryUpdate, TrajectoryForces]):
     """Process that returns forces along trajectories."""
 
     def __init__(
@@ -215,7 +215,7 @@ class Going:
         self._press = press
         self._predicted: list[tuple[Leg, float, RelaxingPress]] = []
 
-    def __call__(self, update: TrajectoryUpdate) -> WayAnswer:
+    def __call__(self, update: TrajectoryUpdate) -> TrajectoryForces:
         """Return the forces of an update; legs without a solution do not enter the history."""
         began, self._problem = time.perf_counter(), ""
         gone = [self._next(leg) for leg in update.gone]
@@ -229,7 +229,7 @@ class Going:
                 last = self._predicted[-1][2] if self._predicted else here
                 self._predicted.append((leg, *self._moved(last, leg)))
         forces = (*gone, *(force for _, force, _ in self._predicted))
-        return WayAnswer(forces, time.perf_counter() - began, self._problem)
+        return TrajectoryForces(forces, time.perf_counter() - began, self._problem)
 
     def _next(self, leg: Leg) -> float:
         if self._predicted and self._predicted[0][0] == leg:

@@ -26,7 +26,7 @@ from rig.cli.json_schemas import OUTPUTS
 from rig.cli.output import THE_FINGER, Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
 from rig.cli.progress import counted, progress
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.plan.config import load_config
 from rig.session.resume import StoppedRun, read_stopped
 from sim.compiling import cache_dir
@@ -70,7 +70,7 @@ WALK = {
     "study": Walked("study.toml", "rig.study.parallel.in_processes"),
     "indent": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --model finger", LOAD),
     "impulse": Walked("", "rig.cli.encode._found"),
-    "shift-invariance": Walked("", "rig.cli.encode.kept_sites"),
+    "shift-invariance": Walked("", "rig.cli.encode.cached_sites"),
     "encode": Walked("--pressure 1,2", "rig.cli.encode.encode_task"),
     "decode": Walked("--pressure 1,2", "rig.cli.decode.decode_task"),
     "finger": Walked("", "rig.cli.finger.build_mesh"),
@@ -83,7 +83,7 @@ WALK = {
     "status": Walked("--config rig.toml", "rig.cli.bench.look"),
     "stop": Walked("--config rig.toml", "rig.cli.stop.send_stop", own=False),
     "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.by_hand"),
-    "by-hand": Walked("--config rig.toml", "rig.cli.panel.HandLog", own=False),
+    "by-hand": Walked("--config rig.toml", "rig.cli.panel.ManualLog", own=False),
     "calibrate": Walked("force --config rig.toml --mass-g 5", "rig.cli.calibrate.open_force", own=False),
     "bench": Walked("--quick", "sim.benchmark.in_processes"),
     "cache": Walked("", "rig.cli.installation.entries", own=False),
@@ -106,7 +106,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
     shutil.copytree(OLD_RUNS / "complete", tmp_path / "run")
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.setattr(output, "FIRST_S", 0.0)
     return tmp_path
 

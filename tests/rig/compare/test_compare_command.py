@@ -196,7 +196,7 @@ def test_bad_input_is_refused_in_one_line(command: Command, run: Run, options: t
 
 @no_figures
 def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
-    """Sought within 0.1 mm of x = 0, on six nodes."""
+    """RequestedRanges within 0.1 mm of x = 0, on six nodes."""
     asked = ("compare", run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
     asked = (*asked, "--depth-range-mm", "0.7,0.85", "--out", "a.html")
     code, out, _ = command(*asked, "--json")

@@ -19,7 +19,7 @@ from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
 from rig.design import design as designs
 from rig.design import response_table
 from rig.design.adaptive_run import AdaptiveRun, ChoosePress
-from rig.design.chooser import ChooserHere, ChooserLostError, Choosing, Decision, NextPressChooser
+from rig.design.chooser import ChooserLostError, Choosing, Decision, InProcessChooser, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
 from rig.design.counts_from.lsl_stream import LslCounts
 from rig.design.counts_from.source import AcceptedCounts, CountSource
@@ -422,8 +422,8 @@ def test_a_real_run_is_refused_before_a_port_is_opened(
 ) -> None:
     """Its source already has counts, of which none can be right before the first press, or it can never be read."""
     monkeypatch.setattr("rig.cli.run.ready_for_a_real_run", lambda *_, **__: None)
-    monkeypatch.setattr("rig.cli.run.StageInHand", lambda *_: pytest.fail("a port was opened"))
-    monkeypatch.setattr("rig.design.chooser.ChooserProcess", ChooserHere)
+    monkeypatch.setattr("rig.cli.run.OwnedStage", lambda *_: pytest.fail("a port was opened"))
+    monkeypatch.setattr("rig.design.chooser.ChooserProcess", InProcessChooser)
     counts = here / "counts.csv" if rows is not None else here / "no" / "counts.csv"
     if rows is not None:
         counts.write_text(f"index,count\n{rows}", encoding="utf-8")
@@ -595,13 +595,13 @@ def test_a_device_that_is_lost_ends_the_wait_for_an_order(
 def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     """Counts stop after the second press: all presses of the plan are made, and resumed, without a source."""
 
-    class _Stops(ChooserHere):
+    class _Stops(InProcessChooser):
         def is_ready(self) -> bool:
             if len(self._state.made) == 2:
                 raise ChooserLostError("gone")
             return super().is_ready()
 
-    monkeypatch.setattr("rig.design.chooser.ChooserHere", _Stops)
+    monkeypatch.setattr("rig.design.chooser.InProcessChooser", _Stops)
     ended = program(*DRY, "--choose", TRUTH, "--json")
     assert ended.code == 0, ended.err
     run = read_run(Path(ended.json["run"]))
