@@ -6,9 +6,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -396,10 +396,14 @@ class ExitCode(IntEnum):
     ABORTED = 130
 
 
+_stdout: list[TextIO] = []
+"""Standard output of a command with --json; `sys.stdout` is standard error meanwhile."""
+
+
 def print_json(result: Mapping[str, Any]) -> None:
     """Print one JSON object on standard output; raise ValueError for NaN."""
     try:
-        print(json.dumps(result, allow_nan=False), flush=True)
+        print(json.dumps(result, allow_nan=False), file=_stdout[-1] if _stdout else sys.stdout, flush=True)
     except BrokenPipeError:
         out.on_broken_pipe()  # as for tables: the reader has gone, and there is nothing left to print
 
@@ -461,10 +465,21 @@ def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
 
 
 @contextmanager
+def _only_json() -> Iterator[None]:
+    """Send to standard error what a script, or a package that it uses, prints beside the JSON object."""
+    _stdout.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _stdout.pop()
+
+
+@contextmanager
 def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
     """Turn expected errors into one line and the right exit code, and break long silences."""
     try:
-        with working():
+        with working(), _only_json() if as_json else nullcontext():
             yield
     except KeyboardInterrupt:
         line = "stopped at once by the operator"

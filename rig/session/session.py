@@ -252,7 +252,8 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     if isinstance(into, StoppedRun):
         return into.folder
     about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
-    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, session.plan.shape_files)
+    files = {**script.beside, **session.plan.shape_files}
+    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, files)
 
 
 def _on_a_bench(
@@ -401,7 +402,7 @@ def record_before(
     if isinstance(into, NewRun):
         now = datetime.now(UTC)
         about = provenance(script, config, None, now, virtual=virtual, subject=into.subject)
-        folder = new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about)
+        folder = new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, script.beside)
     else:
         folder = into.folder
     before = None if isinstance(into, NewRun) else into.run
