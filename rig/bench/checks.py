@@ -11,7 +11,7 @@ from typing import Any
 import tomlkit
 
 from rig.clock import WallClock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
@@ -216,7 +216,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:
-    """Return the owner of a port, by process id if known, and what it does."""
+    """Return the process that owns a port, if known, and its activity."""
     if owner.pid is None:
         return {"owner": None, "owner_text": str(owner)}
-    return {"owner": owner.pid, **at_work(owner.pid)}
+    return {"owner": owner.pid, **activity_of(owner.pid)}

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Meanwhile, Pause, looked_after
+from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Meanwhile, Pause, monitored
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -55,7 +55,7 @@ class RealBench:
 
     @property
     def operator(self) -> Self:
-        """The operator."""
+        """Operator of the bench."""
         return self
 
     def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
@@ -67,18 +67,18 @@ class RealBench:
         self.ask(Request(request))
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
-        """Return nothing: a real bench knows no more than its devices."""
+        """Return nothing, because a real bench has no simulated truth."""
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat from a thread."""
-        return looked_after(heartbeat)
+        return monitored(heartbeat)
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact for the next command. Raises RecordError."""
+        """Record the known state of contact for the next command. Raises RecordError."""
         self.memory.touched(known)
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """Record the zero for the next command; None: it is not known."""
         if zero is None:
             self.memory.forget_zero()
@@ -100,7 +100,7 @@ def open_bench(
     byte_log: Sink,
     ask: Callable[[Request], str],
     pause: Pause = NO_PAUSE,
-    in_hand: StageInHand | None = None,
+    in_hand: OwnedStage | None = None,
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` prompts the operator.
 

@@ -54,7 +54,7 @@ if sys.platform == "win32":
         return typed.encode("utf-8", "replace")
 
     def _in_a_thread(file: int) -> ReadKeys:
-        """Return what reads a pipe or a file, which Windows cannot ask for waiting text."""
+        """Return a function that reads a pipe or file in a thread, because Windows cannot poll them."""
         read: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
         def serve() -> None:

@@ -53,11 +53,11 @@ class PauseRequest:
         err.print(PAUSING)
 
     def ask_from_elsewhere(self) -> None:
-        """Request a pause from another process; the first answer counts, here or there."""
+        """Request a pause from another process; the first answer counts, from this terminal or that process."""
         self._asked = self._from_elsewhere = True
         err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 
-    def go_on_from_elsewhere(self) -> None:
+    def continue_remotely(self) -> None:
         """Continue on request of another process, without an answer at the terminal."""
         self._asked = self._from_elsewhere = False
         err.print("continuing, as the panel requested")
@@ -185,7 +185,7 @@ def at_once() -> Iterator[None]:
 
 
 @contextmanager
-def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
+def leaving_on_signal(leave: Callable[[], object]) -> Iterator[None]:
     """Turn a key, SIGTERM or a hang-up into a request to leave; a second one is a KeyboardInterrupt."""
     numbers = (*KEYS, signal.SIGTERM, _HANG_UP)
 

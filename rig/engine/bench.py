@@ -45,7 +45,7 @@ class Heartbeat:
 
 
 @contextmanager
-def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
+def monitored(heartbeat: Heartbeat) -> Iterator[None]:
     """Check the heartbeat from a thread every LOOK_S of real time."""
     over = threading.Event()
 
@@ -68,7 +68,7 @@ Meanwhile = Callable[[], object]
 
 @dataclass(frozen=True)
 class Pause:
-    """Pause of the operator: `asked` is polled at safe points, `go_on` returns whether the run then continues."""
+    """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether to continue."""
 
     asked: Callable[[], bool] = lambda: False
     go_on: Callable[[Meanwhile], bool] = lambda meanwhile: False
@@ -113,10 +113,10 @@ class WatchedBench(Bench, Protocol):
     def virtual(self) -> bool: ...
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> Mapping[str, float]:
-        """Return journal fields that only the bench knows: simulated truth, or none on a real bench."""
+        """Return journal fields from the bench itself: simulated truth, or none on a real bench."""
         ...
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat independently of the engine's thread."""
         ...
 
@@ -129,7 +129,7 @@ class WatchedBench(Bench, Protocol):
         """Record the state of contact for the next command. Raises RecordError."""
         ...
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """Record the zero of the force sensor for the next command; None: its readings have a new, unknown one."""
         ...
 

@@ -103,7 +103,7 @@ class BenchMemory:
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact.
+        """Record the known state of contact.
 
         Only a confirmed lift clears a finger that may have been touched, and only a motion below clearance or a force
         makes a clear one doubtful. Raises RecordError if the file would still record a clear finger.

@@ -19,7 +19,7 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
-"""Time between two looks at the stop inputs, and at stage and force sensor, during a wait at clearance (s)."""
+"""Poll intervals of the stop inputs, and of stage and force sensor, during a wait at clearance (s)."""
 _LOOK_TAKES_S = 0.25  # No look begins so shortly before the end of a rest.
 
 
@@ -216,7 +216,7 @@ def look_at_devices(engine: Engine) -> None:
 
 
 class LooksAtClearance:
-    """Looks at stop inputs and devices during a wait of any length; call it as often as you like.
+    """Checks of stop inputs and devices during a wait of any length; each call checks only what is due.
 
     While a person handles the indentor or the finger, only the participant's button counts: nothing trips, and lifts,
     by a force from a hand. The next step asks the devices.
@@ -233,7 +233,7 @@ class LooksAtClearance:
         self._devices_s = self._inputs_s + REST_LOOK_S if asked else math.inf
 
     def __call__(self) -> None:
-        """Look at what is due. Raises as `look_at_devices`."""
+        """Check the inputs and devices that are due. Raises the errors of `look_at_devices`."""
         engine, now_s = self._engine, self._clock.monotonic_s()
         if engine.state is not State.READY:
             return

@@ -56,7 +56,7 @@ class Handler(Protocol):
 
 
 class Rig:
-    """The verbs of a protocol script.
+    """Verbs of a protocol script.
 
     The program runs a script several times: to check it while nothing moves, and to carry it out. Each verb makes a
     step, checks it, and passes it to a handler. A script receives its `Rig` from the program.
@@ -90,7 +90,7 @@ class Rig:
 
     @property
     def parameters(self) -> Any:
-        """The script's own `Parameters`, with the values of `--set`."""
+        """Parameters of the script, with the values of `--set`."""
         return self._parameters
 
     def mark(self, marks: Mapping[str, Any]) -> None:

@@ -14,7 +14,7 @@ from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
-from rig.manual.owner_process import HandOwner
+from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
@@ -104,7 +104,7 @@ class HandBench:
             self.memory.zeroed(zero)
         if lifted:
             self.memory.touched(KnownContact("lifted", 0.0, 0.0, above_mm))
-        self.owner = HandOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
+        self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
         self.presses, self.worst_gwt = 0, 0.0
         self.refused: list[str] = []
 

@@ -325,11 +325,11 @@ class CampaignBench:
         """The journal gets no truth here."""
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A timer of the virtual clock looks at it."""
         return looked_after_by(self.clock, heartbeat)
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """As a real bench remembers it."""
         if zero is None:
             self.memory.forget_zero()

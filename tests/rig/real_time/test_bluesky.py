@@ -165,7 +165,7 @@ REFUSED_ORDERS = {
 
 def _stopped_elsewhere(bench: BlueskyBench, engine: Engine) -> None:
     (one,) = (one for one in announced() if one.run == str(bench.folder.path))
-    one.say_stop()(60.0)
+    one.post_stop()(60.0)
 
 
 def _aborted(bench: BlueskyBench, engine: Engine) -> None:
@@ -273,7 +273,7 @@ def test_a_run_that_ends_by_itself_is_not_terminated(
             during.start()
             bench.press.set({"force_gwt": 2.33, "hold_s": 60.0})
             during.join()
-            monkeypatch.setattr(Announced, "say_stop", _no_answer)
+            monkeypatch.setattr(Announced, "post_stop", _no_answer)
         else:
             _ended_unseen(bench, engine)
         monkeypatch.setattr(Announced, "ask", _no_answer)
@@ -284,7 +284,7 @@ def test_a_run_that_ends_by_itself_is_not_terminated(
 
 def _ended_unseen(bench: BlueskyBench, engine: Engine) -> None:
     (one,) = (one for one in announced() if one.run == str(bench.folder.path))
-    one.say_stop()
+    one.post_stop()
 
 
 def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
