@@ -24,9 +24,7 @@ class Parameters(ScheduledParameters, RangeParameters):
     """Parameters that `--set` can change."""
 
     step: Literal["1", "3", "5"] = "1"
-    force_gwt: float = Field(
-        2.33, gt=0, le=50, description="in gwt: 2.33 as simulated in the source, 8 as recorded"
-    )
+    force_gwt: float = Field(2.33, gt=0, le=50, description="in gwt: 2.33 as simulated in the source, 8 as recorded")
     hold_s: float = Field(1.0, ge=0, le=60)
 
 

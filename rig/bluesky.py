@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,6 +28,8 @@ REPORT_S = 60.0
 """Longest time that a run writes its report after its last answer (s)."""
 GONE = ("ended", "broken_off")
 """Codes of a control socket that is closed."""
+NO_REPLY = "no_reply"
+"""Code of a process that does not reply in time."""
 PROGRAM = ["-m", "rig"]
 
 ROWS = {
@@ -382,13 +385,19 @@ class BlueskyBench:
         return status
 
     def _refusal(self, order: Mapping[str, Any]) -> PressFailedError | None:
-        """Send an order, again while the last one is about to end; return why it is refused."""
+        """Send an order, again while the last one is about to end; return why it is refused.
+
+        An order without a reply may have begun, and nothing could stop it as one: the stage is stopped.
+        """
         deadline_s = self._clock.monotonic_s() + ANSWER_S
         while True:
             try:
                 self._owner.ask("order", **order)
                 return None
             except ControlError as error:
+                if error.code == NO_REPLY and order["what"] != "leave":
+                    with suppress(ControlError):  # The first error is reported.
+                        self._stop()
                 if error.code != "busy" or self._clock.monotonic_s() >= deadline_s:
                     return PressFailedError("{reason}", code=error.code, reason=str(error))
             self._clock.wait_s(LOOK_S)

@@ -583,6 +583,22 @@ class CalibrationSettings(Settings):
         """
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
+    def to_come(self, day: datetime.date) -> list[str]:
+        """Return the calibrations of a later day: their date is wrong, or the clock, which would show none expired.
+
+        Parameters
+        ----------
+        day : datetime.date
+            The present day; in another time zone it may be the next one.
+
+        Returns
+        -------
+        list of str
+            Their keys.
+        """
+        latest = day + datetime.timedelta(days=1)
+        return [name for name, calibration in self.measured() if calibration.date > latest]
+
 
 T = TypeVar("T", bound=Settings)
 

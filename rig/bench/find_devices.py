@@ -13,7 +13,7 @@ from rig.clock import Clock
 from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError
 from rig.devices.make_drivers import probe
-from rig.devices.registry import KINDS, DeviceKind, KindError, find, names
+from rig.devices.registry import KINDS, DeviceKind, KindError, NumberedIdentity, find, names
 from rig.errors import RigError
 from rig.transport import PortOwner, TransportError, port_owner
 from rig.transport.ownership import DATAGRAMS
@@ -31,7 +31,7 @@ class PortFound:
 
     kind and identity: device that answered. problem: why the port could not be asked, or what is wrong with the
     device. owner: process that uses the port, which was then not asked. own: keys of the kind's own table, without
-    which the device does not answer.
+    which the device does not answer. serial: serial number of the device, if its settings may name it.
     """
 
     port: str
@@ -40,6 +40,7 @@ class PortFound:
     problem: RigError | None = None
     owner: PortOwner | None = None
     own: Mapping[str, Any] = field(default_factory=dict)
+    serial: int | None = None
 
     @property
     def words(self) -> str:
@@ -109,7 +110,8 @@ def look_at_port(port: str, clock: Clock) -> PortFound:
             except (StageError, ForceError) as problem:
                 return PortFound(port, kind, problem=problem, own=own)
             if identity is not None:
-                return PortFound(port, kind, identity, own=own)
+                serial = identity.serial if isinstance(identity, NumberedIdentity) else None
+                return PortFound(port, kind, identity, own=own, serial=serial)
     return PortFound(port, problem=unopened)
 
 

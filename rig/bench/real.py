@@ -9,7 +9,7 @@ from rig.clock import WallClock
 from rig.control.stop import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Pause, monitored
+from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Meanwhile, Pause, monitored
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -29,10 +29,14 @@ class PortError(TransportError):
 
 @dataclass(frozen=True)
 class Request:
-    """Request to the person at the bench; `indentor` is the one to mount, if that is the request."""
+    """Request to the person at the bench.
+
+    indentor: the one to mount, if that is the request. meanwhile: called while the answer is waited for.
+    """
 
     text: str
     indentor: str | None = None
+    meanwhile: Meanwhile = lambda: None
 
 
 @dataclass(frozen=True)
@@ -54,9 +58,9 @@ class RealBench:
         """Operator of the bench."""
         return self
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Ask for an indentor and return the mounted one: Enter confirms, a name replaces it."""
-        return self.ask(Request(f"mount {indentor}", indentor)).strip() or indentor
+        return self.ask(Request(f"mount {indentor}", indentor, meanwhile)).strip() or indentor
 
     def confirm(self, request: str) -> None:
         """Return when the operator confirms a request."""
@@ -75,8 +79,10 @@ class RealBench:
         self.memory.touched(known)
 
     def record_zero(self, zero: ForceZero | None) -> None:
-        """Record the zero for the next command."""
-        if zero is not None:
+        """Record the zero for the next command; None: it is not known."""
+        if zero is None:
+            self.memory.forget_zero()
+        else:
             self.memory.zeroed(zero)
 
     def close(self) -> None:

@@ -22,7 +22,7 @@ from rig.devices.registry import (
     moves_along,
     stage_ports,
 )
-from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
+from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Meanwhile, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -300,7 +300,7 @@ class VirtualBench:
         """Operator, which is the bench itself."""
         return self
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Mount an indentor; the virtual operator makes no mistakes."""
         self.plant.mount(indentor if self.shape_files is None else with_stored_file(self.shape_files, indentor))
         return indentor

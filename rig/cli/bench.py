@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.live import Live
 
-from rig.bench.checks import contact, in_one_line, look, position, titled
+from rig.bench.checks import in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
@@ -86,18 +86,20 @@ def zero(
     """Zero the force sensor; refused if the last recorded zero indicates a contact."""
     with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
-        with closing(open_force(settings, clock)) as force:
+        with busy("zeroing the force sensor …", quick=True), closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
             name = home_and_zero.zero(settings, sensing, anyway=anyway)
-            print_entries({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
+            force_n = sensing.raw().force_n
+        print_entries({"identity": name, "force_n": force_n}, as_json=as_json)
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Print the state of both devices; skip a port that another process owns."""
     with one_line_errors(as_json=as_json):
         settings = load_config(config)
-        found = look(settings)
-        print_entries({**found, "contact": contact(settings)}, as_json=as_json)
+        with busy("asking the devices …", quick=True):
+            found = look_and_contact(settings)
+        print_entries(found, as_json=as_json)
         problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
         for problem in problems:
             complain(problem)
@@ -153,9 +155,10 @@ def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensi
 
 @contextmanager
 def live_line(settings: Config) -> Iterator[Show]:
-    """Show stage position and force on one line that is updated on a terminal."""
+    """Show stage position and force on one line that is updated on a terminal; in a pipe, name the work."""
     if not err.is_terminal:
-        yield lambda at, force_gwt: None
+        with busy("asking the devices, then moving the axis …", quick=True):
+            yield lambda at, force_gwt: None
         return
     with resting(), Live(console=err, transient=True, refresh_per_second=10) as live:
         yield _shown(live.update, settings)

@@ -13,7 +13,7 @@ from rig.cli.bench import by_hand, live_line
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import err, one_line_errors, out, print_json
+from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
@@ -21,6 +21,7 @@ from rig.data.journal import NoJournal
 from rig.devices.base import ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, unit
@@ -78,10 +79,13 @@ def force(
     with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as sensor:
-            sensor.connect()
-            sensor.zero()
+            with busy("zeroing the force sensor …", quick=True):
+                sensor.connect()
+                sensor.zero()
+                BenchMemory(settings).forget_zero()  # Readings now have a new zero.
             _wait_for_enter(f"put {mass_g:g} g on the sensor, then press Enter")
-            read_n = _mean_n(sensor, clock)
+            with busy("reading the force sensor …", quick=True):
+                read_n = _mean_n(sensor, clock)
         before = settings.calibration.value("force_scale", 1.0)
         _print_calibration("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
 
@@ -110,15 +114,16 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
         closing(open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)) as bench,
     ):
         engine = Engine(settings, bench, NoJournal())
-        engine.keep_contact = bench.touched
+        engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
         with bench.monitor(engine.heartbeat), stopped_at_once(engine):
             bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)
             verbs.mount(engine, "flat")
-            verbs.home(engine)
-            verbs.zero(engine)
-            verbs.move_to(engine, 0.0)
-            return measure_compliance(engine, to_gwt)
+            with busy("homing, zeroing, then pressing the block …", quick=True):
+                verbs.home(engine)
+                verbs.zero(engine)
+                verbs.move_to(engine, 0.0)
+                return measure_compliance(engine, to_gwt)
 
 
 def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:

@@ -93,13 +93,14 @@ def _checked(
     *,
     as_json: bool,
 ) -> tuple["Choosing", Plan]:
-    """Return the inputs of a choice, and the plan of all presses that may be chosen."""
-    from threadpoolctl import threadpool_limits
+    """Return what a choice needs, and the plan of every press that may be chosen."""
+    with busy("preparing the choice …", quick=True):
+        from threadpoolctl import threadpool_limits
 
-    from rig.cli.design import ShownProgress
-    from rig.design import design
-    from rig.design.adaptive_run import approved, counted_in, presses_in
-    from rig.design.chooser import Choosing
+        from rig.cli.design import ShownProgress
+        from rig.design import design
+        from rig.design.adaptive_run import approved, counted_in, presses_in
+        from rig.design.chooser import Choosing
 
     with ShownProgress(as_json=as_json) as shown, threadpool_limits(1):
         table, times, _ = design.bench_of(

@@ -191,7 +191,8 @@ def command(
             if path is not None:
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
-        found = [read_run(path) for path in runs]
+        with busy("reading the runs …", quick=True, size=len(runs)):
+            found = [read_run(path) for path in runs]
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
                 group,
@@ -223,7 +224,8 @@ def command(
             write_sidecar(report, time.perf_counter() - began)
             return
         plausible = None if fingers is None else read_plausible(fingers)
-        recordings = read_recordings(recorded or [], mirror or [], found, reading)
+        with busy("reading the recordings …", quick=True):
+            recordings = read_recordings(recorded or [], mirror or [], found, reading)
         if place and not recordings:
             raise BadInputError(
                 "{option} requires recordings; add {needs}",
@@ -265,6 +267,8 @@ def command(
             "--silent-at-rest": silent_at_rest,
             "--place": place,
         }
+        with busy(THE_MAPS, as_json=as_json, size=len(answered)):
+            maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
         with busy("writing the report …", as_json=as_json):
             write_comparison(
                 report,
@@ -273,7 +277,7 @@ def command(
                 answered[0].finger,
                 _remade_by(runs, options, flags | {"--exact": exact}),
                 [*map(place_section, at), *fingers_sections(comparison), *beside],
-                maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
+                maps=maps,
                 pdf=pdf,
                 answers=verdicts,
             )
@@ -308,6 +312,7 @@ def _refuse_with_example(context: typer.Context, example: str) -> None:
             )  # fmt: skip
 
 
+THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
 THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
 
 

@@ -54,7 +54,8 @@ def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
 
 def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
-    found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
+    with busy("reading the recordings …", quick=True):
+        found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
     judged: dict[str, tuple[CandidatePool, AfferentVerdict]] = {}
     left_out: dict[str, str] = {}
     compared: list[Comparison] = []

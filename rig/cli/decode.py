@@ -27,7 +27,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
+from rig.cli.output import busy, one_line_errors, out, print_json, renamed
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from rig.printable import either
@@ -464,10 +464,12 @@ def decode_command(
         source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
         whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        with busy(THE_FINGER if whole else "building the plane-strain section …", as_json=as_json):
+        model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
+        with busy(f"{model}, then estimating the pressures …", as_json=as_json):
             found = _decoded(task)
         if picture is not None:
-            draw(found, picture)
+            with busy("drawing the figure …", quick=True):
+                draw(found, picture)
         if as_json:
             print_json({"decoder": name, **as_json_object(finger, found)})
         else:

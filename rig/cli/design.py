@@ -22,7 +22,7 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
-from rig.design.design import DEPTHS_MM, DesignRequest, design, judged
+from rig.design.design import DEPTHS_MM, DesignRequest, design, finger_of, judged
 from rig.design.design_text import (
     about_the_design,
     headline,
@@ -153,9 +153,7 @@ def command(
         settings = with_finger(load_config(config), finger_file, force=force)
         plausible = None if fingers is None else read_plausible(fingers)
         with busy(THE_FINGER, as_json=as_json):
-            from sim.models.fingertip import Fingertip
-
-            finger = Fingertip.load(settings.finger)
+            finger = finger_of(request, settings.finger)
         with ShownProgress(as_json=as_json) as shown:
             if counts is not None:
                 verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
@@ -168,7 +166,8 @@ def command(
         with busy("checking and rehearsing the script …", as_json=as_json):
             script = checked_script(found, settings, finger, plausible, about_the_design(found), words)
         found = script.design
-        rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
+        with busy("computing the power …", quick=True):
+            rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
         with busy("writing the script and the page …", as_json=as_json):
             replace_text(to, script.text)
             write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))
@@ -227,9 +226,9 @@ class ShownProgress:
         if what != self._what or self._now is None:
             self._close()
             self._what = what
-            self._busy = busy(what, as_json=self._quiet, total=total)
+            self._busy = busy(what, as_json=self._quiet, total=total if total > 1 else 0)
             self._now = self._busy.__enter__()
-        self._now.at(done, total)
+        self._now.at(done, total if total > 1 else 0)
 
     def _close(self) -> None:
         if self._busy is not None:

@@ -126,11 +126,12 @@ def encode_command(
         else:
             assert pressure is not None
             source = pressures_of(pressure)
-        with busy("building the plane-strain section …", as_json=as_json):
+        with busy("plane-strain section: building it, then computing the readings …", as_json=as_json):
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
-            _draw(found, picture, receptor=receptor is not None)
+            with busy("drawing the figure …", quick=True):
+                _draw(found, picture, receptor=receptor is not None)
         if as_json:
             print_json(_as_json(found, receptor, at))
         else:
@@ -209,10 +210,11 @@ def impulse_command(
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
         finger = load_config(config).finger
-        with busy("building two plane-strain sections …", as_json=as_json):
+        with busy("two plane-strain sections: building them, then computing the responses …", as_json=as_json):
             found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
         if picture is not None:
-            _draw_impulse(found, picture)
+            with busy("drawing the figure …", quick=True):
+                _draw_impulse(found, picture)
         if as_json:
             print_json({"energy": kind, **{axes: _as_json_impulse(*both) for axes, both in found.items()}})
         else:

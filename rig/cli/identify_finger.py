@@ -346,7 +346,8 @@ def identify_command(
         owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
         process = None if dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
-        goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
+        with busy("checking the script …", quick=True):
+            goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
         options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
         prior = Prior(kinds=KINDS if dry or is_virtual(settings) else REAL_KINDS)
         predicted = PredictedForces.over(settings.finger, prior, *scope_of(options))
@@ -369,7 +370,9 @@ def identify_command(
             lines = page_lines(settings, options, expected)
             confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage, mounted)
-        _written(done, identification, settings, to, as_json=as_json)
+        with busy("writing the finger file and the page …", quick=True):
+            _write(done, identification, settings, to)
+        _print(done, identification, to, as_json=as_json)
     _leave(done, identification, to)
 
 
@@ -436,8 +439,8 @@ def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoRet
     leave(done)
 
 
-def _written(done: FinishedRun, identification: Identification, settings: Config, to: Path, *, as_json: bool) -> None:
-    """Write the finger file and the page if there was a press, and print the results."""
+def _write(done: FinishedRun, identification: Identification, settings: Config, to: Path) -> None:
+    """Write the finger file and the page if there was a press, and the checksums."""
     if identification.measured:
         file = finger_file(identification, settings, [done.folder.events])
         replace_text(to, file.as_toml())
@@ -446,6 +449,10 @@ def _written(done: FinishedRun, identification: Identification, settings: Config
         page = IdentificationPage(*course, *rows, identification.not_learned, identification.mismatch)
         write_identification_page(done.folder.path / IDENTIFICATION_PAGE, page)
     done.folder.write_checksums()
+
+
+def _print(done: FinishedRun, identification: Identification, to: Path, *, as_json: bool) -> None:
+    """Print the results."""
     if as_json:
         print_json(_as_json(done, identification, to))
         return
@@ -469,10 +476,12 @@ def find_command(
 ) -> None:
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with one_line_errors(as_json=as_json):
-        recorded, settings = read_run(run), load_config(run / "config.toml")
+        with busy("reading the run …", quick=True):
+            recorded, settings = read_run(run), load_config(run / "config.toml")
         with busy(THE_FINGER, quick=True):
             finger = Fingertip.load(settings.finger)
-        lie = find(recorded, settings, finger)
+        with busy("fitting the pad to the touches …", quick=True):
+            lie = find(recorded, settings, finger)
         if as_json:
             found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
             print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})

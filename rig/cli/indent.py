@@ -334,7 +334,8 @@ def indent_command(
             assert force is not None
             with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
-            loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
+            with busy("pressing a point …", quick=True, kind="press"):
+                loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _print_point_load(loaded, pressed, finger.build_s, as_json=as_json)
             return
         request.refuse(settings.finger, receptors)
@@ -358,7 +359,8 @@ def indent_command(
         with busy(f"pressing {shape} …", quick=True, kind="press"):
             result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
-            _draw(result, picture)
+            with busy("drawing the figure …", quick=True):
+                _draw(result, picture)
         beside = None if measured is None else compared_deflection(result, measured)
         if as_json:
             answer = chosen.described(result.as_json())

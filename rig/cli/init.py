@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, out, print_json
+from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
@@ -271,9 +271,11 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
         return []
     tell(f"looking for devices on {', '.join(ports)}; a silent port takes about 10 s …")
     found: list[PortFound] = []
-    for one in find_devices(ports, WallClock()):
-        tell(f"{one.port}: {one.words}")
-        found.append(one)
+    with busy("ports asked", as_json=True, total=len(ports)) as now:
+        for one in find_devices(ports, WallClock()):
+            tell(f"{one.port}: {one.words}")
+            found.append(one)
+            now.at(len(found), len(ports))
     return sorted(found, key=lambda one: ports.index(one.port))
 
 
@@ -284,10 +286,10 @@ def _choose(room: Room, given: _DeviceOptions, found: Sequence[PortFound], draft
     def take(kind: str, port: str) -> None:
         _refuse_unknown_kind(room, kind)
         there = next((one for one in found if one.port == port and one.kind is not None), None)
-        table: dict[str, Any] = {"kind": kind, "port": port, **_further_ports(room, kind, port, found)}
+        own = _several_ports(room, kind, port, found)
         if there is not None and there.kind is not None and there.own and there.kind.name == kind:
-            table[there.kind.place] = dict(there.own)
-        draft.put(of_port, {room: table})
+            own.setdefault(there.kind.place, {}).update(there.own)
+        draft.put(of_port, {room: {"kind": kind, "port": port, **own}})
         if there is not None and there.identity is not None:
             draft.identities[room] = there.identity
 
@@ -329,17 +331,23 @@ def _choose(room: Room, given: _DeviceOptions, found: Sequence[PortFound], draft
         talk.ask(of_port, f"port of the {device}", usual, lambda word: take(kind or DEFAULTS[room], word))
 
 
-def _further_ports(room: Room, kind: str, port: str, found: Sequence[PortFound]) -> dict[str, Any]:
-    """Return the table with the further port of a stage, if one other port has a device of its kind."""
+def _several_ports(room: Room, kind: str, port: str, found: Sequence[PortFound]) -> Tables:
+    """Return the table with the further ports of a stage, if as many others have its kind, and its serial numbers."""
     entry = find(StageKind, kind) if room == "stage" else None
-    if entry is None or not entry.further_ports:
+    if entry is None:
         return {}
-    others = [one.port for one in found if one.port != port and one.kind is not None and one.kind.name == kind]
+    mine = {one.port: one for one in found if one.kind is not None and one.kind.name == kind}
+    others = [one for one in mine if one != port] if entry.further_ports else []
     if len(others) != len(entry.further_ports):
         keys = " and ".join(f"{room}.{entry.place}.{key}" for key in entry.further_ports)
         complain(f"warning: the stage has further ports; set {keys} in the file")
-        return {}
-    return {entry.place: dict(zip(entry.further_ports, others, strict=True))}
+        others = []
+    own: dict[str, Any] = dict(zip(entry.further_ports, others, strict=False))
+    for key, name in zip(entry.serial_keys, [port, *others], strict=False):
+        if name in mine and mine[name].serial is not None:
+            axis, _, number = key.partition(".")
+            own[axis] = {number: mine[name].serial}
+    return {entry.place: own} if own else {}
 
 
 def _kinds_of(room: Room) -> str:

@@ -15,10 +15,10 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.bench.checks import as_words, bench_problems, contact, in_one_line, look, today
+from rig.bench.checks import as_words, bench_problems, in_one_line, look_and_contact, today
 from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
-from rig.cli.output import err, one_line_errors, out, print_json
+from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
@@ -205,7 +205,8 @@ def doctor_command(
 ) -> None:
     """Print the contents of a bug report."""
     with one_line_errors(as_json=as_json):
-        found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
+        with busy("writing the bug report …" if bundle else "asking ports and devices …", quick=True):
+            found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
         if as_json:
             print_json(found)
             return
@@ -282,7 +283,7 @@ def _bench(settings: Config) -> dict[str, Any]:
     """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
     left = left_on_record(Path("runs"), settings)
-    return look(settings, closely=True) | {
+    return look_and_contact(settings, closely=True) | {
         "calibrated": [
             {
                 "name": name,
@@ -293,7 +294,6 @@ def _bench(settings: Config) -> dict[str, Any]:
             }
             for name, one in settings.calibration.measured()
         ],
-        "contact": contact(settings),
         "last_run_text": left or "clear of the finger, according to the record",
     }
 
@@ -346,7 +346,10 @@ def speed_command(
         for found in counted(found_one, len(candidates), "candidates", quiet=as_json):
             measured.append(found)
             err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
-        table, unit_s = list(rows(measured, reference)), reference_s()
+        with busy("reference computation …", quick=True):
+            table, unit_s = list(rows(measured, reference)), reference_s()
+        with busy("comparing with CalculiX …", quick=True):
+            calculix = _calculix(quick=quick)
         text = page(
             table,
             machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
@@ -357,7 +360,7 @@ def speed_command(
             reference_s=unit_s,
             steps=_STEPS,
             breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
-            **_calculix(quick=quick),
+            **calculix,
         )
         page_file.write_text(text, encoding="utf-8")
         if as_json:

@@ -82,7 +82,7 @@ else:
         """Return whether a line is waiting at the keyboard, or True if that is unknown."""
         try:
             return bool(select.select([sys.stdin], [], [], within_s)[0])
-        except (OSError, ValueError):  # not a file
+        except (OSError, ValueError, TypeError):  # not a file
             return True
 
     def text_waits(file: int) -> bool:

@@ -41,7 +41,8 @@ def nerve_command(
     """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
     with one_line_errors(as_json=as_json):
         wanted = spike_request(afferents, seed, path_m)
-        found = read_run(run)
+        with busy("reading the run …", quick=True):
+            found = read_run(run)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
             with busy(THE_FINGER, as_json=as_json):
@@ -49,17 +50,14 @@ def nerve_command(
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
-            begun = visits_of(found, settings), wanted.drawn(finger)
+            with busy("drawing the afferents …", quick=True):
+                begun = visits_of(found, settings), wanted.drawn(finger)
             with found.folder.owned():
-                before = found.folder.files
                 answer = _add(finger, found, wanted, *begun, as_json=as_json)
-                with busy("writing the report …", as_json=as_json):
-                    from rig.cli.runs import ending_lines  # `rig run` does without
-                    from rig.report.run_report import write_report
+                from rig.cli.runs import renewed_report  # `rig run` does without
 
-                    report = write_report(found, finger, None, ending_lines(found))
-                written = {Path(name).name for name in answer["files"]}
-                found.folder.add_checksums((found.folder.files - before) | written | _renewed(found))
+                renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=as_json)
+        report = found.folder.report
         if as_json:
             print_json({**answer, "report": str(report)})
         else:
@@ -143,11 +141,6 @@ def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
         }
         for one in record.trains
     ]
-
-
-def _renewed(run: Run) -> set[str]:
-    """Return the files that a new report replaces."""
-    return {name for name in run.folder.files if name.startswith("model_") or name == run.folder.report.name}
 
 
 def _print(answer: dict[str, Any], report: Path) -> None:

@@ -6,9 +6,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -47,8 +47,8 @@ _REFRESH_PER_S = 8
 class Activity:
     """Work in progress, with its description, its progress, and an estimate from earlier durations.
 
-    A part of the work, such as the build of a model within a check, has a kind and an estimate of its own. Work
-    without a kind has no estimate.
+    A build of a model within the work has a description, a kind and an estimate of its own, until it ends or the work
+    goes on. Work without a kind, and what remains after a build, has no estimate.
     """
 
     def __init__(
@@ -59,10 +59,11 @@ class Activity:
         total: int = 0,
         now: Callable[[], float] | None = None,
     ) -> None:
-        self.what, self._counted, self._in_parts = what, total > 0, False
+        self.what = self._own = what
+        self._counted, self._builds = total > 0, False
         self._now = now or time.monotonic
         self._began_s = self._now()
-        self._done, self._total = 0, total
+        self._done, self._total = self._pieces = 0, total
         self._begin(kind, size)
 
     def _begin(self, kind: str | None, size: float) -> None:
@@ -71,21 +72,36 @@ class Activity:
 
     def say(self, what: str) -> None:
         """Change the description of the work."""
-        self.what = what
-
-    def turn_to(self, what: str, kind: str, size: float) -> None:
-        """Begin a part of the work. Work with parts has no kind of its own."""
-        if self._in_parts:
-            self.end()
-        self._in_parts, self.what = True, what
-        self._begin(kind, size)
+        self._own = what
+        self.turn_back()
 
     def at(self, done: int, total: int) -> None:
-        """Set how many pieces are done."""
-        self._done, self._total = done, total
+        """Set how many pieces of the work are done."""
+        self._pieces = done, total
+        self.turn_back()
+
+    def builds(self, what: str, done: int = 0, total: int = 0) -> None:
+        """Show a step of a build within the work."""
+        self.what, self._done, self._total = what, done, total
+
+    def turn_to(self, what: str, kind: str, size: float, done: int = 0, total: int = 0) -> None:
+        """Begin a long step of a build."""
+        if self._builds:
+            self.end()
+        self._builds = True
+        self.builds(what, done, total)
+        self._begin(kind, size)
+
+    def turn_back(self) -> None:
+        """Continue with the work after a build."""
+        if self._builds:
+            self.end()
+            self._builds = False
+            self._begin(None, 1.0)
+        self.what, (self._done, self._total) = self._own, self._pieces
 
     def end(self) -> None:
-        """Record how long the work took, or its last part."""
+        """Record how long the work took, or the step of a build."""
         if self._kind is not None:
             durations.took(self._kind, self._size, self._now() - self._part_began_s)
 
@@ -109,6 +125,15 @@ class Activity:
             pieces = number_of(self._total, self.what)
             what = pieces if self._total == 1 else f"{self._done} of {pieces}"
         return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
+
+    @property
+    def state(self) -> tuple[object, ...]:
+        """What it is and how far, without times; only a new state has a line of its own."""
+        return self.what, self._done, self._total
+
+    @property
+    def _counts(self) -> bool:
+        return self._counted and self.what == self._own
 
     @property
     def _left(self) -> str:
@@ -135,7 +160,7 @@ class _Activities:
         self._changed = threading.Condition()
         self._all: list[tuple[Activity | None, bool]] = []  # and whether a live line shows it; None while people act
         self._said_s = self._began_s = 0.0
-        self._said: Activity | None = None
+        self._said: tuple[Activity, tuple[object, ...]] | None = None
         self._printer: threading.Thread | None = None
         self.silent = False  # nobody reads progress: a program started the command, or it only prints its help
 
@@ -174,16 +199,20 @@ class _Activities:
                     self._said_s = time.monotonic()
 
     def look(self) -> None:
-        """Print a line of the innermost activity if nothing was printed for a while."""
+        """Print a line of the innermost activity if nothing was printed for a while, and it is not the last line."""
         activity, first = self.current, self._said_s < self._began_s
-        if activity is None or self.live:
+        if activity is None or self.live or self._said == (activity, activity.state):
             return
         if time.monotonic() - max(self._said_s, self._began_s) >= (FIRST_S if first else EVERY_S):
             self._say(activity)
 
+    def said(self, activity: Activity) -> None:
+        """Record that the state of an activity was printed."""
+        self._said, self._said_s = (activity, activity.state), time.monotonic()
+
     def _say(self, activity: Activity) -> None:
-        new = activity is not self._said and activity.elapsed_s < EVERY_S
-        self._said, self._said_s = activity, time.monotonic()
+        new = (self._said is None or activity is not self._said[0]) and activity.elapsed_s < EVERY_S
+        self.said(activity)
         with suppress(OSError, ValueError):  # nobody reads it any more, which costs the work nothing
             print(printable(activity.title if new else activity.line), file=err.file, flush=True)
 
@@ -281,6 +310,7 @@ def say_now(what: str) -> None:
     """Change the description of the current activity, and print it unless a live line shows it."""
     if (now := _activities.current) is not None:
         now.say(what)
+        _activities.said(now)
     if not _activities.live:
         err.print(what)
 
@@ -297,13 +327,14 @@ class _Builds(logging.Handler):
             err.print(message)
         if now is None:
             return
-        if record.levelno < logging.INFO:
-            now.say(message)
+        pieces = (getattr(record, "done", 0), getattr(record, "total", 0))
+        if hasattr(record, "made"):
+            now.turn_back()
+        elif record.levelno < logging.INFO:
+            now.builds(message, *pieces)
         else:
             size = next((float(one) for one in record.args or () if isinstance(one, int | float)), 1.0)
-            now.turn_to(message, str(record.msg), size)
-        if hasattr(record, "total"):
-            now.at(getattr(record, "done", 0), record.total)
+            now.turn_to(message, str(record.msg), size, *pieces)
 
 
 def show_builds() -> None:
@@ -365,10 +396,14 @@ class ExitCode(IntEnum):
     ABORTED = 130
 
 
+_stdout: list[TextIO] = []
+"""Standard output of a command with --json; `sys.stdout` is standard error meanwhile."""
+
+
 def print_json(result: Mapping[str, Any]) -> None:
     """Print one JSON object on standard output; raise ValueError for NaN."""
     try:
-        print(json.dumps(result, allow_nan=False), flush=True)
+        print(json.dumps(result, allow_nan=False), file=_stdout[-1] if _stdout else sys.stdout, flush=True)
     except BrokenPipeError:
         out.on_broken_pipe()  # as for tables: the reader has gone, and there is nothing left to print
 
@@ -430,10 +465,21 @@ def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
 
 
 @contextmanager
+def _only_json() -> Iterator[None]:
+    """Send to standard error what a script, or a package that it uses, prints beside the JSON object."""
+    _stdout.append(sys.stdout)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield
+    finally:
+        _stdout.pop()
+
+
+@contextmanager
 def one_line_errors(*, as_json: bool, beginning: Beginning | None = None) -> Iterator[None]:
     """Turn expected errors into one line and the right exit code, and break long silences."""
     try:
-        with working():
+        with working(), _only_json() if as_json else nullcontext():
             yield
     except KeyboardInterrupt:
         line = "stopped at once by the operator"

@@ -50,7 +50,7 @@ COMMANDS = {
     "watch": Command("watch.watch_command", "Monitor a running protocol.", "Experiment"),
     "stream": Command("stream.stream_command", "Stream runs to the Lab Streaming Layer (LSL).", "Experiment"),
     "panel": Command("panel.panel_command", "Open the browser panel to monitor or move the rig.", "Experiment"),
-    "export": Command("runs.export_command", "Export a run to HDF5 and CSV, or to NWB.", "Results"),
+    "export": Command("runs.export_command", "Export a run to HDF5 and CSV, to NWB, or as a report.", "Results"),
     "study": Command("study.command", "Simulate all combinations of a parameter study.", "Simulation"),
     "indent": Command("indent.indent_command", "Simulate one indentation.", "Simulation"),
     "impulse": Command("encode.impulse_command", "Compute strains in the skin under a point load.", "Coding"),

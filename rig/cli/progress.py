@@ -89,6 +89,11 @@ class _Between(Activity):
         run = self._run
         return f"{len(run.finished)} of {run.total}, {run.now or run.where}, {run.left}"
 
+    @property
+    def state(self) -> tuple[object, ...]:
+        """The same without the time left."""
+        return len(self._run.finished), self._run.now or self._run.where
+
 
 def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iterator[T]:
     """Yield the results of tasks, with a progress bar on a terminal, else with lines.

@@ -28,6 +28,7 @@ from rig.data.run_state import Course, TimeLeft
 from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
+from rig.engine.bench import Meanwhile
 from rig.errors import BadInputError, code_of
 from rig.plan.config import Config
 from rig.plan.finger_model import Predictions, about_model
@@ -237,10 +238,10 @@ class AtTheTerminal:
             with suppress(OSError):
                 self._course.save(folder)
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return whether to continue, from the answer typed below the screen."""
         with screen_aside():
-            return self._pause.go_on()
+            return self._pause.go_on(meanwhile)
 
 
 def new_run(out_dir: Path, subject: str | None) -> NewRun:

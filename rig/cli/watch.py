@@ -84,7 +84,8 @@ def _line_by_line(shown: RunScreen) -> None:
     clock = WallClock()
     for documents in followed(shown.folder, lambda: clock.wait_s(LOOK_S)):
         shown.take(documents)
-        out.print("\n".join(line for document in documents for line in _line(document)))
+        for line in (line for document in documents for line in _line(document)):
+            out.print(line)
 
 
 def _line(document: Document) -> list[str]:

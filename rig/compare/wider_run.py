@@ -119,7 +119,8 @@ def _ours(path: Path, name: str) -> Path:
         return shipped
     real = path.resolve()
     refuse_if_changeable(real.parent, this_account())
-    open_trusted(real, this_account()).close()
+    for code in real.parent.glob("*.py"):  # the script, and what it imports
+        open_trusted(code, this_account()).close()
     return real
 
 

@@ -7,7 +7,7 @@ import os
 import secrets
 import shutil
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import datetime
@@ -104,7 +104,7 @@ class RunFolder:
 
     def add_checksums(self, made: set[str]) -> None:
         """Update SHA256SUMS for new files, and leave the other lines unchanged."""
-        known = self._known_sums()
+        known = self._known_sums() if (self.path / _SUMS).exists() else {}
         new = made | (self.files - set(known))
         if new:
             self._write_sums(known | {name: _digest(self.path / name) for name in new})
@@ -121,13 +121,19 @@ class RunFolder:
     def changed(self) -> list[str]:
         """Return the copied inputs that have changed since the run began. Raises OSError."""
         known = self._known_sums()
-        copies = [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY))]
-        return [name for name in copies if known.get(name) != _digest(self.path / name)]
+        return [name for name in self._inputs(known) if known.get(name) != _digest(self.path / name)]
 
     def copies(self) -> dict[str, bytes]:
         """Return the copied inputs by file name. Raises OSError."""
-        names = [*_COPIES, *(name for name in self.files if name.startswith(SHAPE_COPY))]
-        return {name: read_bytes(self.path / name) for name in names}
+        return {name: read_bytes(self.path / name) for name in self._inputs(self.files)}
+
+    def _inputs(self, known: Iterable[str]) -> list[str]:
+        """Return the names of the copied inputs, among these names of files."""
+        about: Any = None
+        with contextlib.suppress(OSError, ValueError):  # the provenance itself is one of them
+            about = json.loads(read_text(self.provenance))
+        beside = about.get("beside", ()) if isinstance(about, dict) else ()
+        return [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY) or name in beside)]
 
     @property
     def busy(self) -> bool:
@@ -173,12 +179,12 @@ def new_run_folder(
     protocol: Path,
     config_toml: str,
     provenance: Mapping[str, Any],
-    shape_files: Mapping[str, bytes] | None = None,
+    more_files: Mapping[str, bytes] | None = None,
 ) -> RunFolder:
     """Create the folder of a run with copies of the protocol, the configuration and the versions.
 
-    shape_files: contents of the files that shapes name, by the names of their copies. The folder appears with all
-    of them, hashed, or not at all.
+    more_files: contents of the files that shapes and the script name, by the names of their copies. The folder
+    appears with all of them, hashed, or not at all.
     """
     name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
     partial = parent / f".{name}.part"
@@ -187,7 +193,7 @@ def new_run_folder(
         replace_bytes(partial / "protocol.py", read_bytes(protocol))
         replace_text(partial / "config.toml", config_toml)
         replace_text(partial / "provenance.json", json.dumps(provenance, indent=2) + "\n")
-        for copy, content in (shape_files or {}).items():
+        for copy, content in (more_files or {}).items():
             replace_bytes(partial / copy, content)
         RunFolder(partial).write_checksums()
         partial.rename(parent / name)

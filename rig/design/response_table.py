@@ -5,8 +5,9 @@ locations between its nodes are interpolated by cubic splines.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -152,6 +153,16 @@ def response_table(
     return ResponseTable(tuple(presses), values, x_mm, below_mm, about)
 
 
+def finger_with_nodes(config: FingertipConfig, x_mm: Array, below_mm: Array) -> Fingertip:
+    """Return the configured finger with the receptors of a table, which reads their strains instead of solving again.
+
+    Raises DesignError.
+    """
+    task = _task(config, (), x_mm, below_mm)
+    with _finger_problems():
+        return Fingertip.load(config, receptor_x_mm=task.x_mm, receptor_depth_mm=task.depth_mm)
+
+
 def _task(config: FingertipConfig, presses: Sequence[PossiblePress], x_mm: Array, below_mm: Array) -> _Task:
     depth = (config.tissue.epidermis_mm + below_mm).round(6)
     return _Task(config.model_dump_json(), tuple(x_mm.round(6).tolist()), tuple(depth.tolist()), tuple(presses))
@@ -167,19 +178,31 @@ def _parts(task: _Task) -> list[_Task]:
 
 
 def _loaded(task: _Task) -> Fingertip:
-    config = FingertipConfig.model_validate_json(task.config_json)
-    return Fingertip.load(config, receptor_x_mm=task.x_mm, receptor_depth_mm=task.depth_mm)
+    return _finger(task.config_json, task.x_mm, task.depth_mm)
+
+
+@lru_cache(maxsize=1)
+def _finger(config_json: str, x_mm: tuple[float, ...], depth_mm: tuple[float, ...]) -> Fingertip:
+    """Return a finger, which all parts in a process share: each load reads the strains of every receptor."""
+    config = FingertipConfig.model_validate_json(config_json)
+    return Fingertip.load(config, receptor_x_mm=x_mm, receptor_depth_mm=depth_mm)
 
 
 def _prepared(task: _Task) -> bool:
     """Build the models of a finger, which the parts then read from the cache."""
-    try:
+    with _finger_problems():
         finger = _loaded(task)
         for shape in dict.fromkeys(press.shape for press in task.presses):
             finger.model_for(parse_shape(shape).axes)
+    return True
+
+
+@contextmanager
+def _finger_problems() -> Iterator[None]:
+    try:
+        yield
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
         raise DesignError("finger: {problem}", code="no_finger", problem=str(error)) from None
-    return True
 
 
 def _solved(task: _Task) -> Floats:

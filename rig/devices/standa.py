@@ -27,7 +27,7 @@ from rig.devices.base import (
     StageTimeout,
 )
 from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
-from rig.devices.registry import Evidence, Opener, StageKind
+from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
     EDGES,
@@ -561,7 +561,7 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         clock.wait_s(FORGETS_S)  # The bytes of other probes may be the beginning of a command.
         with suppress(StageError):
             (serial,) = StandaLink(transport, clock).ask("gser", SERIAL, tries=1)
-            return f"Standa controller {serial}"
+            return NumberedIdentity(f"Standa controller {serial}", serial)
     return None
 
 
@@ -572,6 +572,7 @@ DEVICE = StageKind(
     settings=StandaSettings,
     ports=_ports,
     further_ports=("x_port",),
+    serial_keys=("z.serial", "x.serial"),
     axes="xz",
     steps_per_mm=steps_per_mm,
     twin="sim.devices.standa:standa_twin",

@@ -62,12 +62,16 @@ def monitored(heartbeat: Heartbeat) -> Iterator[None]:
         thread.join()
 
 
+Meanwhile = Callable[[], object]
+"""Called again and again while a person is waited for; what it raises ends the wait."""
+
+
 @dataclass(frozen=True)
 class Pause:
     """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether to continue."""
 
     asked: Callable[[], bool] = lambda: False
-    go_on: Callable[[], bool] = lambda: False
+    go_on: Callable[[Meanwhile], bool] = lambda meanwhile: False
 
 
 NO_PAUSE = Pause()
@@ -81,7 +85,7 @@ class Operator(Protocol):
         """Pause, polled at safe points."""
         ...
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Ask for this indentor to be mounted; return the name of the mounted one."""
         ...
 
@@ -126,7 +130,7 @@ class WatchedBench(Bench, Protocol):
         ...
 
     def record_zero(self, zero: ForceZero | None) -> None:
-        """Record the zero of the force sensor for the next command."""
+        """Record the zero of the force sensor for the next command; None: its readings have a new, unknown one."""
         ...
 
     def close(self) -> None:

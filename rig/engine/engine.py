@@ -29,7 +29,7 @@ from rig.engine.motion import (
     TouchError,
     insist,
 )
-from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
 from rig.records import NO_PRESS, Phase, PressId, SineMotion, as_fine
 from rig.settings import RigSettings
@@ -103,6 +103,7 @@ class Engine:
         self.may_touch = self._touch_ends_it = False
         self._each: EachReading | None = None  # of this motion
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
+        self.keep_zero: Callable[[ForceZero | None], None] = lambda zero: None  # for the next command
         # last measured state, and whether the stage has been at rest since
         self._known, self._measured, self._measured_s = KnownContact(), False, -math.inf
         self._unread: NoReadingError | None = None  # why the last force at rest is missing

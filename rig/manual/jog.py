@@ -59,6 +59,8 @@ class ByHand:
 
     def set_placed(self, *, placed: bool) -> None:
         """Record that the stage was homed or has lost its position; earlier touches are forgotten."""
+        if self.placed and not placed:
+            self.may_touch = True  # The carriage may have been moved, too.
         self.placed = placed
         if self._guard is not None:
             self._guard.forget()
@@ -72,7 +74,6 @@ class ByHand:
         direction, at = held(), self._stage.status()
         if self.placed and not at.referenced:
             self.set_placed(placed=False)
-            self.may_touch = True  # The carriage may have been moved, too.
         if direction is None:
             return Moved(at, None)
         if direction == DOWN and by_mm is not None:

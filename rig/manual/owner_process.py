@@ -187,6 +187,7 @@ class ManualOwner:
             self._set_placed(placed=False)
             at_hand.home(self._settings, self._bench, self._sensing)
             self._set_placed(placed=True)
+            self._hand.may_touch = not BenchMemory(self._settings).read().is_lifted
             self._orders.homed()
             self._lost = False
             self._show(self._stage.status(), None)

@@ -24,6 +24,7 @@ from rig.protocol.steps import (
     Vibrate,
     Zero,
 )
+from rig.protocol.turns import Turns
 from rig.records import Indentation
 
 E = TypeVar("E")
@@ -85,6 +86,7 @@ class Rig:
     def __init__(self, parameters: ProtocolParameters, walk: Walk, handler: Handler) -> None:
         self._parameters, self._walk, self._handler = parameters, walk, handler
         self._marks: dict[str, Any] = {}
+        self._turns = Turns()
 
     @property
     def parameters(self) -> Any:
@@ -105,7 +107,8 @@ class Rig:
 
     def _do(self, step: Step[E, A]) -> A:
         marked = replace(step, **self._marks)
-        return self._handler.handle(marked, marked.check(self._walk))
+        with self._turns.verb(step.verb):
+            return self._handler.handle(marked, marked.check(self._walk))
 
     def mount(self, indentor: str) -> None:
         """Ask the operator to mount an indentor.

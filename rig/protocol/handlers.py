@@ -14,6 +14,7 @@ from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
 from rig.protocol.steps import Journalled, Owed, Step
+from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -125,11 +126,12 @@ class Patience:
 
 @contextmanager
 def impatient() -> Iterator[None]:
-    """Raise SilentScriptError if the script makes no step for LONGEST_SILENCE_S."""
+    """Take the steps of a script, and raise SilentScriptError if it makes none for LONGEST_SILENCE_S."""
     if threading.current_thread() is not threading.main_thread():
-        yield
+        with script_under_way():
+            yield
         return
-    with _alarms():
+    with script_under_way(), _alarms():
         _alarm_in(LONGEST_SILENCE_S)
         try:
             yield

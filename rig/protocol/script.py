@@ -1,14 +1,15 @@
 """Find and load protocol scripts, and set their parameters."""
 
-import importlib.util
 import inspect
 import re
 import sys
 import traceback
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
-from importlib.machinery import SourceFileLoader
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, SourceFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any
@@ -16,8 +17,10 @@ from typing import Any
 from pydantic import ValidationError
 
 import rig
+from rig.data.schema import STREAMS
 from rig.errors import BadInputError, Coded, around, first_problem
 from rig.protocol.api import ProtocolParameters, Rig
+from rig_shared.user_files import read_bytes
 
 
 @dataclass(frozen=True)
@@ -31,6 +34,7 @@ class Script:
     parameters: ProtocolParameters
     run: Callable[[Rig], None]
     design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
+    beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
 
 
 def shipped_protocols() -> Path:
@@ -61,7 +65,7 @@ def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
 
 def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     """Load the protocol in a file, under a name and with these parameters. Raises BadInputError."""
-    module = _import(path)
+    module, imported = _import(path)
     run = getattr(module, "run", None)
     if not callable(run):
         raise BadInputError("protocol {path}: has no run(rig)", code="no_run", path=str(path))
@@ -84,7 +88,31 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
     design = getattr(module, "DESIGN", None)
     blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
-    return Script(path, name, title, source, checked, run, blocks)
+    beside = imported | _files(path, metadata.get("files", ()) if isinstance(metadata, Mapping) else ())
+    return Script(path, name, title, source, checked, run, blocks, beside)
+
+
+def _files(path: Path, names: Any) -> dict[str, bytes]:
+    """Return the files that a script names in METADATA["files"]. Raises BadInputError."""
+    if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
+        raise BadInputError('protocol {path}: METADATA["files"] must be a list of file names', code="wrong_files",
+                            path=str(path))  # fmt: skip
+    found = {}
+    for name in names:
+        if Path(name).name != name or _of_a_run(name):
+            raise BadInputError(
+                'protocol {path}: METADATA["files"] names {name!r}; give a file beside the script, without a folder, '
+                "whose name no file of a run has",
+                code="wrong_files",
+                path=str(path),
+                name=name,
+            )
+        try:
+            found[name] = read_bytes(path.parent / name)
+        except OSError as error:
+            raise BadInputError('protocol {path}: METADATA["files"] names {name!r}: {problem}', code="wrong_files",
+                                path=str(path), name=name, problem=error.strerror) from None  # fmt: skip
+    return found
 
 
 def where_in_script(path: Path, error: BaseException) -> str:
@@ -108,6 +136,9 @@ def failed_in_script(error: BaseException) -> BadInputError:
         names = [f"{p.name}=" if p.kind is p.KEYWORD_ONLY else p.name for p in signature.parameters.values()][1:]
         return BadInputError("{exception}: {problem}: expected rig.{verb}({arguments})", code="wrong_arguments",
                              verb=called[1], arguments=", ".join(names), **fields)  # fmt: skip
+    if isinstance(error, FileNotFoundError):
+        advice = 'name the file in METADATA["files"] and open it as Path(__file__).parent / NAME'
+        return BadInputError("{exception}: {problem}; {advice}", code="exception_in_script", advice=advice, **fields)
     return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
 
 
@@ -131,6 +162,18 @@ def script_error(
     return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 
 
+_RUN_FILES = {"protocol.py", "config.toml", "data.h5", "run.nwb", "report.html", "choice.csv", "sha256sums"}
+_RUN_PREFIXES = (".", "shape_", "model_", "synthetic_", "identification", "finger_after")
+
+
+def _of_a_run(name: str) -> bool:
+    """Return whether a run folder may have a file of this name, which a copy would replace."""
+    name = name.lower()
+    stem, _, suffix = name.partition(".")
+    table = suffix == "csv" and stem in STREAMS
+    return table or suffix in ("json", "jsonl") or name in _RUN_FILES or name.startswith(_RUN_PREFIXES)
+
+
 class _ScriptLoader(SourceFileLoader):
     def get_code(self, fullname: str) -> CodeType:
         """Compile the text; bytecode beside it, which another account may have written, is not used."""
@@ -138,18 +181,43 @@ class _ScriptLoader(SourceFileLoader):
         return self.source_to_code(self.get_data(path), path)
 
 
-def _import(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"protocol_{path.stem}", path)
+class _Beside(MetaPathFinder):
+    """Finder of the modules beside a script. It comes last, so that `random.py` there hides no library."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder, self.found = folder, dict[str, Path]()
+
+    def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
+        """Return the spec of a single file; packages are not looked for."""
+        file = self._folder / f"{fullname}.py"
+        if path is not None or not file.is_file():
+            return None
+        if _of_a_run(file.name):
+            raise ImportError(f"rename {file.name}: a run has a file of this name")
+        self.found[fullname] = file
+        return spec_from_file_location(fullname, file, loader=_ScriptLoader(fullname, str(file)))
+
+
+def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
+    """Import a script; return its module and the modules beside it that it imported, by file name."""
+    spec = spec_from_file_location(f"protocol_{path.stem}", path)
     if spec is None or spec.loader is None:
         raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
-    loader = _ScriptLoader(spec.name, str(path))
-    module = importlib.util.module_from_spec(spec)
+    loader, finder = _ScriptLoader(spec.name, str(path)), _Beside(path.parent)
+    module = module_from_spec(spec)
     sys.modules[spec.name] = module  # pydantic resolves postponed annotations there.
+    sys.meta_path.append(finder)
     try:
         loader.exec_module(module)
+        return module, {file.name: read_bytes(file) for file in finder.found.values()}
     except SyntaxError as error:
-        raise BadInputError("protocol {path}, line {line}: {problem}", code="no_python", path=str(path),
-                            line=error.lineno or 1, problem=error.msg) from None  # fmt: skip
+        raise BadInputError(
+            "protocol {path}, line {line}: {problem}",
+            code="no_python",
+            path=error.filename or str(path),
+            line=error.lineno or 1,
+            problem=error.msg,
+        ) from None
     except (Exception, SystemExit) as error:
         raise BadInputError(
             "protocol {place}: {exception}: {problem}",
@@ -158,7 +226,10 @@ def _import(path: Path) -> ModuleType:
             exception=type(error).__name__,
             problem=str(error),
         ) from None
-    return module
+    finally:
+        sys.meta_path.remove(finder)
+        for name in finder.found:  # another script, as of another run, has a module of this name
+            sys.modules.pop(name, None)
 
 
 def _assigned(assignments: Sequence[str]) -> dict[str, Any]:

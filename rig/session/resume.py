@@ -200,6 +200,7 @@ def provenance(
         "command": ["rig", *sys.argv[1:]],
         "protocol": script.path.name,
         "parameters": script.parameters.model_dump(mode="json"),
+        **({"beside": sorted(script.beside)} if script.beside else {}),
         "subject": subject,
         "virtual": virtual,
         "python": platform.python_version(),

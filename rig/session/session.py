@@ -21,6 +21,7 @@ from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
 from rig.data.schema import STREAMS, streams_with
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
+from rig.engine.bench import Meanwhile
 from rig.errors import LostRecordError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
@@ -59,7 +60,7 @@ class Attendant(Protocol):
     def interrupted(self) -> bool:
         """Return whether a pause is requested for the next safe point."""
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return whether to continue after the pause."""
 
 
@@ -85,7 +86,7 @@ class NoAttendant:
         """Return False."""
         return False
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return False."""
         return False
 
@@ -251,7 +252,8 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     if isinstance(into, StoppedRun):
         return into.folder
     about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
-    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, session.plan.shape_files)
+    files = {**script.beside, **session.plan.shape_files}
+    return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, files)
 
 
 def _on_a_bench(
@@ -268,7 +270,7 @@ def _on_a_bench(
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
-            engine.keep_contact = bench.touched
+            engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
@@ -287,13 +289,14 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             with bench.monitor(engine.heartbeat):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
+            if session.attendant.stopped():  # The script has swallowed the interrupt.
+                raise KeyboardInterrupt
             journal.stop("done")
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
-        bench.record_zero(engine.sensing.lasting_zero)
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
@@ -399,7 +402,7 @@ def record_before(
     if isinstance(into, NewRun):
         now = datetime.now(UTC)
         about = provenance(script, config, None, now, virtual=virtual, subject=into.subject)
-        folder = new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about)
+        folder = new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, script.beside)
     else:
         folder = into.folder
     before = None if isinstance(into, NewRun) else into.run

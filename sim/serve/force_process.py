@@ -4,12 +4,12 @@ import contextlib
 import math
 import multiprocessing
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -23,6 +23,11 @@ from sim.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
 
 if TYPE_CHECKING:  # the process that serves the bytes never solves
     from sim.plant import PressedFinger, RelaxingPress
+
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection as Connection
+    else:
+        from multiprocessing.connection import Connection
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 _WARM_MM = 0.1

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from rig.cli.json_schemas import FORMATS, OUTPUTS, SUFFIXES, UNIT_FIELDS, schema_of
+from rig.cli.output import one_line_errors, print_json
 from rig.cli.program import COMMANDS
 from tests.program import as_in_its_schema
 from tests.rig.test_frozen import commands_with
@@ -103,3 +104,13 @@ def test_maps_are_only_of_settings() -> None:
 @pytest.mark.parametrize("command", OUTPUTS)
 def test_the_example_is_as_its_schema_says(command: str) -> None:
     as_in_its_schema(command, json.loads((EXAMPLES / f"{command}.json").read_text(encoding="utf-8")))
+
+
+def test_what_a_script_prints_is_not_beside_the_object(capsys: pytest.CaptureFixture[str]) -> None:
+    for as_json in (True, False):
+        with one_line_errors(as_json=as_json):
+            print("asked")
+            if as_json:
+                print_json({"run": "r"})
+        there = capsys.readouterr()
+        assert (there.out, there.err) == (('{"run": "r"}\n', "asked\n") if as_json else ("asked\n", ""))

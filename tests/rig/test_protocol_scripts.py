@@ -139,6 +139,45 @@ def test_annotations_may_be_postponed(tmp_path: Path) -> None:
     assert load_script(str(_write(tmp_path, text + RUN)), ["step=3"]).parameters.model_dump() == {"step": "3"}
 
 
+# --- what lies beside a script ---
+
+
+def test_modules_and_files_beside_a_script_are_its_own(tmp_path: Path) -> None:
+    """Two scripts may import modules of one name, and a module hides no library."""
+    found = []
+    for name in ("one", "two"):
+        (tmp_path / name).mkdir()
+        _write(tmp_path / name, f"from more import TIMES\nWHERE = {name!r}\n", "places.py")
+        _write(tmp_path / name, "TIMES = 3\n", "more.py")
+        _write(tmp_path / name, "raise ValueError\n", "random.py")
+        _write(tmp_path / name, "x_mm\n1\n", "trials.csv")
+        text = f"import random\nimport places\nMETADATA = {{'title': places.WHERE, 'files': ['trials.csv']}}\n{RUN}"
+        found.append(load_script(str(_write(tmp_path / name, text))))
+    assert [script.title for script in found] == ["one", "two"]
+    assert [set(script.beside) for script in found] == 2 * [{"places.py", "more.py", "trials.csv"}]
+    assert found[1].beside["places.py"] == (tmp_path / "two" / "places.py").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("text", "code"),
+    [
+        ("METADATA = {'files': 'trials.csv'}\n", "wrong_files"),
+        ("METADATA = {'files': [3]}\n", "wrong_files"),
+        ("METADATA = {'files': ['missing.csv']}\n", "wrong_files"),
+        ("METADATA = {'files': ['../trials.csv']}\n", "wrong_files"),
+        *(
+            (f"METADATA = {{'files': ['{name}']}}\n", "wrong_files")
+            for name in ("Sample.csv", "config.toml", ".lock")
+        ),
+        ("import protocol\n", "exception_in_script"),
+    ],
+)
+def test_a_file_beside_a_script_that_a_run_cannot_copy(tmp_path: Path, text: str, code: str) -> None:
+    for name in ("trials.csv", "Sample.csv", "config.toml", ".lock", "protocol.py"):
+        _write(tmp_path, "", name)
+    has_code(_not_loaded(_write(tmp_path, text + RUN)), code)
+
+
 # --- parameters ---
 
 

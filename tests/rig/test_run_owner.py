@@ -15,7 +15,9 @@ import pytest
 
 import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
+from rig.bench.real import Request
 from rig.cli.keyboard import line_waits
+from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
 from rig.cli.signals import (
     STOP_SIGNAL,
@@ -31,10 +33,12 @@ from rig.control.client import RefusedError, announced
 from rig.control.owner_socket import ControlSocket
 from rig.control.stop import EndedError, OwnedStage, StopSwitch
 from rig.data import RunFolder
+from rig.engine import RunAborted
 from rig.plan.config import Config
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import NewRun
 from rig.transport import TransportError
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 if STOP_SIGNAL is None:
@@ -227,6 +231,22 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
     said = screen.getvalue()
     assert "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run" in said
     assert ("continuing, as the panel requested" in said) is (answered == "elsewhere")
+
+
+@pytest.mark.parametrize("wait", ["a pause", "a request"])
+def test_what_is_looked_at_meanwhile_may_end_the_wait(terminal: Terminal, wait: str) -> None:
+    """The participant's button, say. Nobody types anything."""
+    terminal()
+    pause, looks = PauseRequest(), [1, 2, 3]
+    pause.ask()
+
+    def meanwhile() -> None:
+        if not looks:
+            raise RunAborted("pressed", code="stop_button")
+        looks.pop()
+
+    with raises(RunAborted, "stop_button"):
+        pause.go_on(meanwhile) if wait == "a pause" else ask_at_the_bench(Request("mount it", "bar:3.0", meanwhile))
 
 
 def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:

@@ -112,7 +112,7 @@ def test_contact_far_above_where_it_is_expected_trips(spring: Make) -> None:
 def test_a_wrong_indentor_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = spring()
     engine = bench.ready()
-    monkeypatch.setattr(bench, "mount", lambda indentor: "step:3")
+    monkeypatch.setattr(bench, "mount", lambda indentor, meanwhile: "step:3")
     with raises(NotReadyError, "wrong_indentor", mounted="step:3", indentor="step:1"):
         verbs.mount(engine, "step:1")
     with raises(NotReadyError, "no_indentor"):
@@ -123,7 +123,7 @@ def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, mon
     bench = spring()
     engine = bench.ready()
 
-    def nobody(indentor: str) -> str:
+    def nobody(indentor: str, meanwhile: object) -> str:
         raise NotReadyError("nobody answered", code="nobody")
 
     monkeypatch.setattr(bench, "mount", nobody)

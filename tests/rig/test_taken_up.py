@@ -17,9 +17,10 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import Spot
 from rig.protocol.handlers import ResumeHandler
+from rig.protocol.script import load_script
 from rig.protocol.steps import Checkpoint, Home, Indent, MoveTo, Note, Owed, Rest, Retract, Step, Touch, Zero
 from rig.records import Hold, Indentation, PressId, Target
-from rig.session.resume import first_reference_gwt, read_stopped
+from rig.session.resume import first_reference_gwt, provenance, read_stopped
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -175,6 +176,25 @@ def stopped(tmp_path: Path) -> Callable[..., Path]:
         return folder.path
 
     return make
+
+
+def test_a_run_brings_the_modules_and_files_of_its_script(tmp_path: Path) -> None:
+    """A copy that has changed is refused as that of the script is."""
+    beside = {"places.py": b"TIMES = 3", "trials.csv": b"x_mm,1"}
+    path = tmp_path / "mine.py"
+    for name, content in beside.items():
+        (tmp_path / name).write_bytes(content)
+    path.write_text(f"import places\nMETADATA = {{'files': ['trials.csv']}}\n{SCRIPT}", encoding="utf-8")
+    script, now = load_script(str(path)), datetime.now(UTC)
+    about = provenance(script, Config(), None, now, virtual=True)
+    folder = new_run_folder(tmp_path / "runs", "mine", now, path, Config().as_toml(), about, script.beside)
+    for name in beside:
+        (tmp_path / name).unlink()
+    assert read_stopped(folder.path).script.beside == beside
+    assert beside.items() <= folder.copies().items()
+    for name in beside:
+        (folder.path / name).write_bytes(b"TIMES = 4")
+    assert set(folder.changed()) == set(beside)
 
 
 @pytest.mark.parametrize(

@@ -581,8 +581,8 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
         assert ask_at_the_bench(Request("mount it")) == "yes\n"
         assert live.is_started
         pause = PauseRequest()
-        monkeypatch.setattr(pause, "go_on", lambda: shown.append(live.is_started) or True)
-        assert AtTheTerminal(pause, print, print, None).go_on()  # type: ignore[arg-type]
+        monkeypatch.setattr(pause, "go_on", lambda meanwhile: shown.append(live.is_started) or True)
+        assert AtTheTerminal(pause, print, print, None).go_on(print)  # type: ignore[arg-type]
     assert shown == [False, False]
     assert not output._screens
     with screen_aside():

@@ -70,9 +70,8 @@ def test_what_is_heard_is_above_silence_or_above_noise() -> None:
     assert observation(rate, receptor=receptor).responding.tolist() == (rate > 0).tolist()
     assert observation(rate, receptor=receptor, noise=None).responding.tolist() == (rate > 0).tolist()
     noisy = ReadingNoise(np.full(M, 0.5), "given", "output")
-    assert (
-        observation(rate, receptor=receptor, noise=noisy).responding.tolist() == (rate > 1.5).tolist()
-    )  # of three sd
+    exceeding = observation(rate, receptor=receptor, noise=noisy).responding.tolist()
+    assert exceeding == (rate > 1.5).tolist()  # three sd
 
 
 @pytest.mark.parametrize(("receptor", "unit"), [(None, 1.0), (through(4.0, 0.0), 4.0)])

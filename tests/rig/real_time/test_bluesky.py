@@ -304,6 +304,30 @@ with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[
 """
 
 
+@pytest.mark.parametrize(("code", "stops"), [("no_reply", 1), ("not_confirmed", 0), ("ended", 0)])
+def test_an_order_without_a_reply_is_stopped_since_it_may_have_begun(code: str, stops: int) -> None:
+    """And none that was refused. Its status has ended, so that no stop of an order would reach it any more."""
+    said: list[str] = []
+
+    class Owner:
+        def ask(self, do: str, **order: Any) -> None:
+            raise ControlError("no", code=code)
+
+        def post_stop(self) -> Callable[[float], object]:
+            said.append("stop")
+            return lambda within_s: {}
+
+    class Process:
+        def poll(self) -> None:
+            """It lives."""
+
+    bench = BlueskyBench(**PRESS)
+    bench._owner, bench._process = Owner(), Process()  # type: ignore[assignment]
+    status = bench.press.set({"force_gwt": 1.0})
+    problem = status.exception()
+    assert (getattr(problem, "code", None), len(said)) == (code, stops)
+
+
 def test_a_run_ends_with_the_program_that_orders(tmp_path: Path) -> None:
     process = subprocess.Popen([sys.executable, "-c", GIVES_ORDERS, tmp_path], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
