@@ -9,16 +9,15 @@ from rig.cli import program
 _HEAD = """\
 # Commands
 
-What `rig COMMAND --help` prints, on one page.
+The output of `rig COMMAND --help` for all commands.
 
-Exit codes: 0 done; 1 stopped by a limit, a trip or a device, or nobody read the output; 2 bad input or a file
+Exit codes: 0 done; 1 stopped by a limit, a trip or a device, or closed output; 2 bad input or a file
 that cannot be written (one line: what, where, what was expected); 130 stopped by Ctrl-C. `--json` prints
 exactly one JSON object on standard output; all else goes to standard error.
 
-In `rig dry-run`, `run` and `resume` Ctrl-C stops at the next safe point and lifts (so does a terminal that
-goes away), and a second one stops at once; every other command it ends at once, and `rig serve` with 0. They
-say how much time is left from the first second on; in a pipe they say one line for each indentation, and
-beside `--json` nothing.
+In `rig dry-run`, `run` and `resume`, Ctrl-C (or a closed terminal) stops at the next safe point and lifts; a second
+Ctrl-C stops at once. It ends every other command at once, `rig serve` with 0. These three commands print the time
+left from the first second on, in a pipe one line per indentation, and with `--json` nothing.
 """
 
 

@@ -13,7 +13,7 @@ POSITIONS = {"1.5": 25, "3.0": 34}
 
 
 class Parameters(RangeParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     width_mm: Literal["1.5", "3.0"] = "3.0"
     doi_mm: float = Field(1.0, gt=0, le=1.5)
@@ -22,7 +22,7 @@ class Parameters(RangeParameters):
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then four recorded holds at each position: 170 µm apart, or over a range."""
+    """Mount, home, zero; then make four recorded holds at each position, 170 µm apart or over a range."""
     p = rig.parameters
     rig.mount(f"bar:{p.width_mm}")
     rig.home()

@@ -1,11 +1,11 @@
-"""A cylinder along the finger, pressed at one place or over a range, to a series of depths or to one force."""
+"""A cylinder along the finger, pressed at one position or over a range, to a series of depths or to one force."""
 
 from typing import Literal
 
 from rig.protocol import Field, RangeParameters, Rig
 
 METADATA = {
-    "title": "Cylinder on the pad's centre",
+    "title": "Cylinder on the center of the pad",
     "source": "Raju 1998, ch. 4: cylinders 3 and 9 mm in diameter at DOI 0.33, 1.0 and 1.33, and at equal force",
 }
 
@@ -13,16 +13,16 @@ DEPTHS_MM = (0.33, 1.0, 1.33)
 
 
 class Parameters(RangeParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     diameter_mm: Literal["3", "9"] = "9"
-    x_mm: float = Field(0.0, ge=-3, le=3, description="where no range is given")
-    force_gwt: float | None = Field(None, gt=0, le=50, description="this force instead of the depths")
+    x_mm: float = Field(0.0, ge=-3, le=3, description="position if no range is given, in mm")
+    force_gwt: float | None = Field(None, gt=0, le=50, description="force that replaces the depths, in gwt")
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then at each position one indentation for each depth, or one to a force."""
+    """Mount, home, zero; then press at each position to every depth, or once to a force."""
     p = rig.parameters
     rig.mount(f"cylinder:{p.diameter_mm}")
     rig.home()
@@ -33,7 +33,7 @@ def run(rig: Rig) -> None:
 
 
 def press(rig: Rig, p: Parameters) -> None:
-    """To the force where one is given, to the depths otherwise."""
+    """Press to the force if one is given, else to each depth."""
     if p.force_gwt is not None:
         rig.indent(force_gwt=p.force_gwt, hold_s=p.hold_s)
         return

@@ -1,4 +1,4 @@
-"""A sphere touches the pad at several places, so that `rig find` can tell where the finger is; then a light press."""
+"""Touches of a sphere at several positions, from which `rig find` locates the finger; then a light press."""
 
 from rig.protocol import Field, ProtocolParameters, Rig
 
@@ -6,18 +6,18 @@ METADATA = {"title": "Finding the finger", "source": "docs/first_light.md"}
 
 
 class Parameters(ProtocolParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     radius_mm: float = Field(2.0, ge=0.25, le=5)
-    across: int = Field(5, ge=3, le=15, description="places across the finger")
-    along: int = Field(5, ge=1, le=15, description="places along it; 1 where the stage has no axis there")
+    across: int = Field(5, ge=3, le=15, description="number of positions across the finger")
+    along: int = Field(5, ge=1, le=15, description="number of positions along it; 1 if the stage has no such axis")
     half_width_mm: float = Field(2.0, gt=0, le=4)
     half_length_mm: float = Field(2.0, gt=0, le=3)
     force_gwt: float = Field(1.0, gt=0, le=5)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; touch a grid of places, and press where the pad's centre is believed to be."""
+    """Mount, home, zero; touch a grid of positions, then press at the expected center of the pad."""
     p = rig.parameters
     rig.mount(f"sphere:{p.radius_mm:g}")
     rig.home()

@@ -10,19 +10,19 @@ METADATA = {
 
 
 class Parameters(RangeParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     ridge_mm: float = Field(0.75, ge=0.15, le=10)
     pitch_mm: float = Field(1.5, ge=0.2, le=20)
     periods: float = Field(
-        3.0, gt=0, le=10, description="of the pitch, about the pad's centre, where no range is given"
+        3.0, gt=0, le=10, description="number of pitches about the center of the pad, if no range is given"
     )
     force_gwt: float = Field(8.0, gt=0, le=50)
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then one force-controlled indentation at each position."""
+    """Mount, home, zero; then make one force-controlled indentation at each position."""
     p = rig.parameters
     rig.mount(f"grating:{p.ridge_mm:g},{p.pitch_mm:g}")
     rig.home()

@@ -11,14 +11,16 @@ DEPTHS_MM = (0.5, 1.0, 1.5, 2.0)
 
 
 class Parameters(ProtocolParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
-    deepest_mm: float = Field(1.5, ge=0.5, le=2.0, description="2.0 needs limits.max_doi_mm = 2.0, too")
+    deepest_mm: float = Field(
+        1.5, ge=0.5, le=2.0, description="largest depth, in mm; 2.0 also requires limits.max_doi_mm = 2.0"
+    )
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then one indentation for each depth."""
+    """Mount, home, zero; then make one indentation to each depth."""
     p = rig.parameters
     rig.mount("line")
     rig.home()

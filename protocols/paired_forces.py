@@ -11,7 +11,7 @@ POSITIONS_MM = (2.0, -1.63, -2.25, -3.69)
 
 
 class Parameters(ProtocolParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     low_gwt: float = Field(2.33, gt=0, le=50)
     high_gwt: float = Field(8.0, gt=0, le=50)
@@ -19,7 +19,7 @@ class Parameters(ProtocolParameters):
 
 
 def run(rig: Rig) -> None:
-    """Mount, home, zero; then the low and the high force at each position."""
+    """Mount, home, zero; then press to the low and the high force at each position."""
     p = rig.parameters
     rig.mount("step:1")
     rig.home()

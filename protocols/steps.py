@@ -6,7 +6,7 @@ from rig.protocol import Field, RangeParameters, Rig, ScheduledParameters
 
 METADATA = {
     "title": "Step moved laterally across the pad",
-    "source": "Raju 1998, ch. 5: about 20 positions, 170 µm apart while the flank is near the pad's centre",
+    "source": "Raju 1998, ch. 5: about 20 positions, 170 µm apart while the flank is near the center of the pad",
 }
 
 # Fine where the flank passes under the pad, wide outside; step 5 is long, so its schedule is wider.
@@ -21,15 +21,15 @@ POSITIONS_MM = {
 
 
 class Parameters(ScheduledParameters, RangeParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     step: Literal["1", "3", "5"] = "1"
-    force_gwt: float = Field(2.33, gt=0, le=50, description="2.33 as the source simulated, 8 as recorded")
+    force_gwt: float = Field(2.33, gt=0, le=50, description="in gwt: 2.33 as simulated in the source, 8 as recorded")
     hold_s: float = Field(1.0, ge=0, le=60)
 
 
 def run(rig: Rig) -> None:
-    """Mount, home; then one force-controlled indentation at each position, by the schedule."""
+    """Mount, home; then make one force-controlled indentation at each position of the schedule."""
     p = rig.parameters
     rig.mount(f"step:{p.step}")
     rig.home()

@@ -1,4 +1,4 @@
-"""`python -m rig`: the program, where its folder is not among those that are looked through for commands."""
+"""`python -m rig`: the program, for a system whose PATH does not contain its folder."""
 
 from rig.cli import main
 

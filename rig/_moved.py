@@ -1,4 +1,4 @@
-"""Modules under their old names: they answer for one release, with a warning; pickled results for good."""
+"""Old module names, which work for one release with a warning, and for good in pickled results."""
 
 import sys
 import warnings
@@ -346,7 +346,7 @@ class _Moved(ModuleType):
 
 
 def answer() -> None:
-    """Have the old names answer; nothing is imported before one of them is asked for something."""
+    """Install the old names; a module is imported only when an attribute of its old name is used."""
     package = __name__.rpartition(".")[0]
     shells = dict[str, _Moved]()
     for row in _NEW.splitlines():

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -27,6 +28,8 @@ REPORT_S = 60.0
 """Longest time that a run writes its report after its last answer (s)."""
 GONE = ("ended", "broken_off")
 """Codes of a control socket that is closed."""
+NO_REPLY = "no_reply"
+"""Code of a process that does not reply in time."""
 PROGRAM = ["-m", "rig"]
 
 ROWS = {
@@ -59,7 +62,7 @@ class BlueskyMissingError(RigError):
 
 
 class PressFailedError(RigError):
-    """Error of an order that was refused, or that a trip, a stop or a failure ended; `code` says which."""
+    """Error of an order that was refused, or ended by a trip, a stop or a failure; `code` names the cause."""
 
     default_code = "not_pressed"
 
@@ -80,7 +83,7 @@ class OrderStatus:
 
     @property
     def success(self) -> bool:
-        """Whether it was carried out."""
+        """Whether the order succeeded."""
         return self.done and self._problem is None
 
     def exception(self, timeout: float | None = 0.0) -> BaseException | None:
@@ -118,7 +121,7 @@ class _Readable:
         self._unix_s = 0.0
 
     def show(self, row: Mapping[str, Any], unix_s: float) -> None:
-        """Set what the next reading returns."""
+        """Set the values of the next reading."""
         self._row, self._unix_s = row, unix_s
 
     def read(self) -> Reading:
@@ -130,7 +133,7 @@ class _Readable:
         }
 
     def describe(self) -> dict[str, dict[str, Any]]:
-        """Return what the values are."""
+        """Return the data keys of the readings."""
         return {
             f"{self.name}_{key}": {
                 "source": self._source,
@@ -170,7 +173,7 @@ class _Movable(_Readable):
 
 
 class StageDevice(_Movable):
-    """The stage: a position is x at clearance (mm)."""
+    """Bluesky device of the stage; its position is x at clearance (mm)."""
 
     def set(self, value: float) -> OrderStatus:
         """Move to a confirmed position."""
@@ -178,7 +181,7 @@ class StageDevice(_Movable):
 
 
 class PressDevice(_Movable):
-    """The press: its value is a mapping of the arguments of `press`."""
+    """Bluesky device of the press; its value is a mapping of the arguments of `press`."""
 
     def set(self, value: Mapping[str, Any]) -> OrderStatus:
         """Press once."""
@@ -186,7 +189,7 @@ class PressDevice(_Movable):
 
 
 class BlueskyBench:
-    """The rig, homed and zeroed by its own process, as devices of Bluesky.
+    """Bluesky devices of a rig, which a process of its own homes and zeroes.
 
     Parameters
     ----------
@@ -369,11 +372,11 @@ class BlueskyBench:
         with self._guard:
             problem: Exception | None = self._ended
             if problem is None and self._status is not None:
-                problem = PressFailedError("an order is being carried out", code="busy")
+                problem = PressFailedError("another order is still running", code="busy")
             if problem is None:
                 self._status, self._what = status, order["what"]
         if problem is None:
-            problem = self._asked(order)
+            problem = self._refusal(order)
             if problem is not None:
                 with self._guard:
                     self._status, self._what = None, ""
@@ -381,14 +384,20 @@ class BlueskyBench:
             status.end(problem)
         return status
 
-    def _asked(self, order: Mapping[str, Any]) -> PressFailedError | None:
-        """Send an order, again while the last one is about to end; return why it is refused."""
+    def _refusal(self, order: Mapping[str, Any]) -> PressFailedError | None:
+        """Send an order, again while the last one is about to end; return why it is refused.
+
+        An order without a reply may have begun, and nothing could stop it as one: the stage is stopped.
+        """
         deadline_s = self._clock.monotonic_s() + ANSWER_S
         while True:
             try:
                 self._owner.ask("order", **order)
                 return None
             except ControlError as error:
+                if error.code == NO_REPLY and order["what"] != "leave":
+                    with suppress(ControlError):  # The first error is reported.
+                        self._stop()
                 if error.code != "busy" or self._clock.monotonic_s() >= deadline_s:
                     return PressFailedError("{reason}", code=error.code, reason=str(error))
             self._clock.wait_s(LOOK_S)
@@ -396,16 +405,16 @@ class BlueskyBench:
     def _stop(self) -> None:
         """Stop the stage at once if an order is being carried out. Raises ControlError."""
         if self._status is not None and self._process.poll() is None:
-            answer = self._owner.say_stop()
-            threading.Thread(target=_heard, args=(answer,), name="answer", daemon=True).start()
+            answer = self._owner.post_stop()
+            threading.Thread(target=_wait_for_reply, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:
-        """End the run; one that answers no more is about to end by itself, and gets the time to write its report."""
+        """End the run; if it no longer answers, wait while it ends by itself and writes its report."""
         code = ""
         try:
             if self._status is not None:
                 self._stop()
-            elif problem := self._asked({"what": "leave"}):
+            elif problem := self._refusal({"what": "leave"}):
                 code = problem.code
         except ControlError as error:
             code = error.code
@@ -417,7 +426,7 @@ class BlueskyBench:
             self._process.terminate()  # pauses at the next safe point, and ends there
 
 
-def _heard(answer: Callable[[float], Any]) -> None:
+def _wait_for_reply(answer: Callable[[float], Any]) -> None:
     try:
         answer(ANSWER_S)
     except ControlError:  # The status of the order reports the end.

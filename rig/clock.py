@@ -1,4 +1,4 @@
-"""The one source of time for drivers and engine."""
+"""Source of time for drivers and engine."""
 
 import time
 from collections.abc import Callable
@@ -9,44 +9,46 @@ _TRIES, _AT_ONCE_S = 10, 0.01
 
 
 class Clock(Protocol):
-    """What everything in the controller asks for the time, and waits with."""
+    """Source of time and waits for the whole controller."""
 
     def monotonic_s(self) -> float:
-        """Seconds that never run backwards; the origin is arbitrary."""
+        """Return a time that never runs backwards (s); the origin is arbitrary."""
         ...
 
     def run_s(self, at_s: float | None = None) -> float:
-        """Seconds since the start of the run (`t_s`), now or when monotonic_s() was at_s."""
+        """Return the time since the start of the run (`t_s`, s), now or when monotonic_s() was at_s."""
         ...
 
     def unix_s(self) -> float:
-        """Wall time, seconds since 1970-01-01 UTC."""
+        """Return the wall time (s since 1970-01-01 UTC)."""
         ...
 
     def suspended_s(self) -> float:
-        """Seconds for which the computer was suspended, which monotonic_s() leaves out; the origin is arbitrary."""
+        """Return the time during which the computer was suspended (s), which monotonic_s() omits; the origin is
+        arbitrary.
+        """
         ...
 
     def wait_s(self, seconds: float) -> None:
-        """Let this many seconds pass."""
+        """Wait for a number of seconds."""
         ...
 
     def wait_until(self, ready: Callable[[], bool], deadline_s: float) -> bool:
-        """Wait for ready(), at most until monotonic_s() is deadline_s; return what ready() said last."""
+        """Wait until ready() is true or monotonic_s() reaches deadline_s; return the last value of ready()."""
         ...
 
 
 class WallClock:
-    """The clock of a real run. Outside of a run, run_s() counts from the creation of the clock."""
+    """Clock of a real run. Outside of a run, run_s() counts from the creation of the clock."""
 
     def __init__(self, run_s: float = 0.0) -> None:
-        """run_s: present time of the run."""
+        """Set the present time of the run (s)."""
         self._began_s = time.monotonic() - run_s
 
     def begin_run(self, run_s: float = 0.0) -> float:
         """Begin a run, or its next part at run_s; return by how much earlier times of the run are ahead (s).
 
-        monotonic_s(), and with it every deadline, goes on.
+        monotonic_s() and all deadlines are unaffected.
         """
         before_s, self._began_s = self._began_s, time.monotonic() - run_s
         return self._began_s - before_s
@@ -61,7 +63,7 @@ class WallClock:
         return time.time()
 
     def suspended_s(self) -> float:
-        """Return 0 where the system has no clock that goes on, or a monotonic one that does (Windows)."""
+        """Return the suspended time; 0 if no clock counts it, or if the monotonic clock does (Windows)."""
         read: Callable[[int], float] | None = getattr(time, "clock_gettime", None)
         goes_on: int | None = getattr(time, "CLOCK_BOOTTIME", None)
         if read is None or goes_on is None:

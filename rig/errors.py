@@ -213,7 +213,7 @@ def _table(annotation: Any) -> type[BaseModel] | None:
 
 
 class EngineError(RigError):
-    """The engine could not carry out a command."""
+    """Error of a command that the engine could not carry out."""
 
     default_code = "engine_failed"
 
@@ -225,7 +225,7 @@ class LimitError(EngineError):
 
 
 class NotReadyError(EngineError):
-    """The command is not allowed in the present state."""
+    """Error of a command that is not allowed in the present state."""
 
     default_code = "not_allowed"
 
@@ -237,25 +237,25 @@ class TripError(EngineError):
 
 
 class RecordError(EngineError):
-    """The journal cannot be written, so the run must not continue."""
+    """Error of a journal that cannot be written, so that the run must not continue."""
 
     default_code = "not_recorded"
 
 
 class LostRecordError(RecordError):
-    """The journal or the byte log is no longer at its path."""
+    """Error of a journal or byte log that is no longer at its path."""
 
     default_code = "record_lost"
 
 
 class PressPaused(EngineError):  # noqa: N818
-    """The operator paused during an indentation and resumed: it is repeated from clearance."""
+    """Exception for a pause during an indentation, which is then repeated from clearance."""
 
     default_code = "press_paused"
 
 
 class RunAborted(EngineError):  # noqa: N818
-    """The operator asked to stop; the indentor was lifted at the next safe point."""
+    """Exception for a stop by the operator; the indentor was lifted at the next safe point."""
 
     default_code = "run_aborted"
 
@@ -267,6 +267,6 @@ class CountError(EngineError):
 
 
 class ScriptError(EngineError):
-    """The protocol failed while it ran."""
+    """Error of a protocol that failed while it ran."""
 
     default_code = "script_failed"

@@ -1,4 +1,4 @@
-"""Records of an indentation: what is asked, what the model expects, what was done."""
+"""Records of an indentation: target, prediction, and result."""
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping
@@ -10,13 +10,13 @@ from rig.units import GWT_N
 
 @dataclass(frozen=True)
 class Target:
-    """A depth in mm past first contact, or a force in gwt."""
+    """Target of a press: a depth in mm past first contact, or a force in gwt."""
 
     kind: Literal["doi_mm", "force_gwt"]
     value: float
 
     def part(self, hold: int, increments: int) -> "Target":
-        """The target of one of several equal increments, the first being 1."""
+        """Return the target of one of several equal increments, numbered from 1."""
         return Target(self.kind, self.value * hold / increments)
 
 
@@ -36,7 +36,7 @@ _FORCE_DIGITS = 6
 
 
 def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
-    """An event as it is journalled: no force (a key that ends in _gwt) finer than a millionth of a gram-weight."""
+    """Round the forces of an event (keys that end in _gwt) to a millionth of a gram-weight, for the journal."""
     return {
         key: round(value, _FORCE_DIGITS) if key.endswith("_gwt") and isinstance(value, float) else value
         for key, value in data.items()
@@ -46,21 +46,21 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
 Phase = Literal[
     "clearance", "moving", "approach", "back off", "touch", "press", "ramp", "vibrate", "hold", "compliance"
 ]
-"""What was being done when the force was read."""
+"""Activity during which the force was read."""
 
 Purpose = Literal["data", "precondition", "reference", "find"]
 
 
 @dataclass(frozen=True)
 class PressId:
-    """Which press it is: its number among those of its purpose, in the order of the script; and in its schedule."""
+    """Identity of a press: its number among those of its purpose, in script order, and its place in the schedule."""
 
     index: int
     purpose: Purpose = "data"
     marks: Mapping[str, Any] = field(default_factory=dict, compare=False)  # block, repeat and condition
 
     def stream(self, name: str) -> str:
-        """Where its events go: what is no data has streams of its own."""
+        """Return the stream of its events; presses that are not data have streams of their own."""
         return name if self.purpose == "data" else f"{self.purpose}_{name}"
 
 
@@ -69,7 +69,7 @@ NO_PRESS = PressId(-1)
 
 @dataclass(frozen=True)
 class ContactFit:
-    """Where contact was found: heights above the nominal apex in mm, forces in gwt."""
+    """Fitted contact: heights above the nominal apex in mm, forces in gwt."""
 
     threshold_gwt: float
     height_at_threshold_mm: float
@@ -79,13 +79,13 @@ class ContactFit:
 
     @property
     def doi_bias_mm(self) -> float:
-        """DOI already reached when the threshold was crossed."""
+        """DOI already reached when the force crossed the threshold (mm)."""
         return self.contact_height_mm - self.height_at_threshold_mm
 
 
 @dataclass(frozen=True)
 class Hold:
-    """A finished hold: mean force and depth as delivered."""
+    """Finished hold: mean force and depth as delivered."""
 
     target: Target
     doi_mm: float
@@ -95,7 +95,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class Indentation:
-    """A finished indentation."""
+    """Finished indentation."""
 
     index: int
     x_mm: float
@@ -103,11 +103,11 @@ class Indentation:
 
 
 BETWEEN_INCREMENTS_S = 0.1
-"""Besides the move itself: to stop and to read (virtual GRBL board and MT-SICS balance, `sample.csv` of a run)."""
+"""Time per increment besides the move, to stop and to read (virtual GRBL and MT-SICS, `sample.csv` of a run)."""
 
 
 class Pace(NamedTuple):
-    """Of a press in so many ramps, each with a hold at its end."""
+    """Pace of a press in several ramps, each followed by a hold."""
 
     speed_mm_s: float
     increment_mm: float
@@ -115,13 +115,13 @@ class Pace(NamedTuple):
     hold_s: float
 
     def ramp_s(self, doi_mm: float) -> float:
-        """All ramps together, down to a depth."""
+        """Return the duration of all ramps to a depth (s)."""
         return doi_mm / self.speed_mm_s + math.ceil(doi_mm / self.increment_mm) * BETWEEN_INCREMENTS_S
 
 
 @dataclass(frozen=True)
 class PredictionBand:
-    """Between which force and depth an identified finger answers, nine times of ten, in the last hold."""
+    """90 % bands of force and depth in the last hold of a press on an identified finger."""
 
     force_gwt: tuple[float, float]
     doi_mm: tuple[float, float]
@@ -130,7 +130,7 @@ class PredictionBand:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What the model says of a press at a place to a target; of an identified finger, with a band."""
+    """Prediction of the finger model for a press; with a band if the finger was identified."""
 
     indentor: str
     x_mm: float
@@ -144,23 +144,23 @@ class Prediction:
 
     @property
     def highest_gwt(self) -> float:
-        """What limits go by: the highest force, the upper end of its band where there is one."""
+        """Force that is compared with the limits (gwt): the prediction, or the upper end of its band."""
         return self.predicted_force_gwt if self.band is None else self.band.highest_gwt
 
     @property
     def deepest_mm(self) -> float:
-        """The same of depth."""
+        """Depth that is compared with the limits (mm): the prediction, or the upper end of its band."""
         return self.predicted_doi_mm if self.band is None else self.band.doi_mm[1]
 
     @property
     def mean_pressure_kpa(self) -> float:
-        """Highest force over contact area."""
+        """Highest force over contact area (kPa)."""
         return self.highest_gwt * GWT_N / self.contact_area_mm2 * 1000
 
 
 @dataclass(frozen=True)
 class SineMotion:
-    """A sine about a preload: amplitude is half of the way from the highest to the lowest position."""
+    """Sine about a preload; the amplitude is half the distance from the highest to the lowest position."""
 
     amplitude_mm: float
     period_s: float  # in steps of 0.1 ms
@@ -168,7 +168,7 @@ class SineMotion:
 
     @classmethod
     def of(cls, frequency_hz: float, amplitude_um: float, duration_s: float) -> "SineMotion":
-        """Of whole cycles, as many as come nearest to the duration, and no faster than asked."""
+        """Return the sine with the whole number of cycles nearest to the duration, no faster than `frequency_hz`."""
         period_s = math.ceil(10_000 / frequency_hz - 1e-9) / 10_000
         return cls(amplitude_um / 1000, period_s, max(round(duration_s / period_s), 1))
 
@@ -184,18 +184,18 @@ class SineMotion:
 
     @property
     def duration_s(self) -> float:
-        """Of all cycles."""
+        """Duration of all cycles."""
         return self.cycles * self.period_s
 
     @property
     def speed_mm_s(self) -> float:
-        """Highest speed, half-way."""
+        """Highest speed, in the middle of the sine (mm/s)."""
         return 2 * math.pi * self.amplitude_mm / self.period_s
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedIndentation(Prediction):
-    """One press of a script, and what the model expects of it."""
+    """Press of a script, with its prediction."""
 
     increments: int
     hold_s: float

@@ -358,13 +358,13 @@ class TmclSettings(Settings):
         return self
 
 
-def _said(text: str) -> str:
+def _not_empty(text: str) -> str:
     if not text.strip():
         raise RuleError("the name is empty; give a name", code="no_name")
     return text
 
 
-Name = Annotated[str, AfterValidator(_said)]
+Name = Annotated[str, AfterValidator(_not_empty)]
 
 
 class StopSettings(Settings):
@@ -583,6 +583,22 @@ class CalibrationSettings(Settings):
         """
         return [name for name, calibration in self.measured() if calibration.expires < day]
 
+    def to_come(self, day: datetime.date) -> list[str]:
+        """Return the calibrations of a later day: their date is wrong, or the clock, which would show none expired.
+
+        Parameters
+        ----------
+        day : datetime.date
+            The present day; in another time zone it may be the next one.
+
+        Returns
+        -------
+        list of str
+            Their keys.
+        """
+        latest = day + datetime.timedelta(days=1)
+        return [name for name, calibration in self.measured() if calibration.date > latest]
+
 
 T = TypeVar("T", bound=Settings)
 
@@ -591,7 +607,7 @@ class DeviceSettings(Settings):
     """Base class of [stage] and [force]; the registry adds the table of a package's kind."""
 
     room: ClassVar[Literal["stage", "force"]]
-    kind: str = Field(description="which device it is")
+    kind: str = Field(description="kind of the device")
     _place: str = PrivateAttr("")  # of the kind's own table; the registry says it
 
     def own(self, table: type[T]) -> T:
@@ -967,7 +983,7 @@ class BenchSettings(Settings):
 
     @property
     def bounds(self) -> StageBounds | None:
-        """Bounds that the stage's controller may enforce; None where no limits are known."""
+        """Bounds that the stage's controller may enforce; None if there are no limits."""
         return None
 
 

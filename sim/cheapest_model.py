@@ -220,7 +220,7 @@ def bundled() -> Expected:
 
 
 def from_json(text: str) -> Expected:
-    """Read what `studies/choice/table.py` wrote."""
+    """Read the table that `studies/choice/table.py` wrote."""
     content = json.loads(text)
     largest = {
         Cell(row["family"], row["depth_mm"], row["place_mm"]): {
@@ -242,7 +242,7 @@ AT_RECEPTORS = frozenset({"sed", "ep1"})
 
 
 class NoModelError(ModelRangeError):
-    """Error of a tolerance that no model is known to hold."""
+    """Error for a tolerance that no model is known to meet."""
 
     default_code = "no_model"
 
@@ -412,7 +412,7 @@ class Choice:
         return load(self.model, config, slopes=self.axes, **locations.as_options())
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `rig indent --json` prints under `choice`.
+        """Return the object `choice` of `rig indent --json`.
 
         Returns
         -------

@@ -28,7 +28,7 @@ class Work(Protocol):
 
 
 def one_by_one(what: str, function: Callable[[Item], Answer], items: Sequence[Item], /) -> Iterable[Answer]:
-    """Work in this process, without messages."""
+    """Apply the function to the items in this process, without messages."""
     return map(function, items)
 
 

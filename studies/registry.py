@@ -109,14 +109,21 @@ def show(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def tables_in(text: str) -> Iterator[Rows]:
-    """Yield every Markdown table of a text, such as a study prints."""
+    """Yield every Markdown table of a text, such as a study prints.
+
+    A rule ends the table above its header, so that tables without a line between them stay apart.
+    """
     rows: Rows = []
     for line in [*text.splitlines(), ""]:
-        if line.startswith("|"):
-            rows.append([cell.strip() for cell in _CELL.split(line.strip()[1:-1])])
-        elif rows:
-            yield [row for row in rows if not all(re.fullmatch(r":?-+:?", cell) for cell in row)]
+        row = [cell.strip() for cell in _CELL.split(line.strip()[1:-1])] if line.startswith("|") else []
+        if not row and rows:
+            yield rows
             rows = []
+        elif row and not all(re.fullmatch(r":?-+:?", cell) for cell in row):
+            rows.append(row)
+        elif len(rows) > 1:
+            yield rows[:-1]
+            rows = rows[-1:]
 
 
 # --- pages ---

@@ -5,7 +5,7 @@ from typing import Any
 
 from rig.devices.base import LOOK_S, ForceReading, StageNotHomed, StageStatus
 from rig.engine import Engine, Pause, verbs
-from rig.engine.bench import Heartbeat
+from rig.engine.bench import Heartbeat, Meanwhile
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -133,7 +133,7 @@ class StubBench:
         self.at_event: Callable[[str], object] = lambda stream: None
         self.engine = Engine(self.settings, self, self, soft_trip_n, **before)
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         return indentor
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:

@@ -5,12 +5,13 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing
+from dataclasses import replace
 from typing import Any
 
 import tomlkit
 
 from rig.clock import WallClock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
@@ -68,12 +69,12 @@ def today() -> datetime.date:
 
 
 def expired_calibrations(config: Config) -> list[str]:
-    """Return a line per expired calibration: refused on hardware, a warning in a dry run."""
+    """Return a line per calibration out of date: refused on hardware, a warning in a dry run."""
     return [str(problem) for problem in _expired(config)]
 
 
 def refuse_expired(config: Config) -> None:
-    """Raise BadInputError for an expired calibration."""
+    """Raise BadInputError for a calibration out of date: expired, or of a day to come."""
     for problem in _expired(config):
         raise problem
 
@@ -86,6 +87,15 @@ def _expired(config: Config) -> Iterator[BadInputError]:
             code="expired",
             key=f"calibration.{name}",
             expires=expires,
+        )
+    for name in config.calibration.to_come(today()):
+        measured = getattr(config.calibration, name).date
+        yield BadInputError(
+            "{key} was measured on {date}, but today is {today}; correct the date or the clock of this computer",
+            code="of_a_day_to_come",
+            key=f"calibration.{name}",
+            date=measured,
+            today=today(),
         )
 
 
@@ -120,19 +130,33 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
 
     closely: also identify a stage at rest, and compare its settings with the configuration.
     """
+    return _look(settings, closely=closely)[0]
+
+
+def look_and_contact(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
+    """Return the same state, and the contact on record."""
+    found, at = _look(settings, closely=closely)
+    return {**found, "contact": contact(settings, at)}
+
+
+def _look(settings: Config, *, closely: bool) -> tuple[dict[str, dict[str, Any]], StageStatus | None]:
     stage, force = settings.stage, settings.force
+    found, at = _look_at_stage(settings, closely=closely)
     return {
-        "stage": {"kind": stage.kind, "ports": list(stage_ports(stage)), **_look_at_stage(settings, closely=closely)},
+        "stage": {"kind": stage.kind, "ports": list(stage_ports(stage)), **found},
         "force": {"kind": force.kind, "ports": [force.port], **_look_at_force(settings)},
-    }
+    }, at
 
 
-def contact(settings: Config) -> dict[str, Any]:
-    """Return the recorded state of contact."""
-    known = BenchMemory(settings).read().contact
+def contact(settings: Config, at: StageStatus | None = None) -> dict[str, Any]:
+    """Return the recorded state of contact; a lift counts no longer if the stage (at) is not where it was left."""
+    record = BenchMemory(settings).read()
+    known = record.contact
     if known is None:
         nothing = dict.fromkeys(("contact", "may_touch", "force_gwt"))
         return {**nothing, "where_text": "nothing on record", "to_do_text": None}
+    if at is not None and record.left_at_mm is not None and not known.may_touch and not record.is_where_left(at):
+        known = replace(known, kind="unknown", force_gwt=None)  # switched off, or moved by something else
     return known.as_json()
 
 
@@ -162,19 +186,20 @@ def position(at: StageStatus) -> dict[str, Any]:
     return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
 
 
-def _look_at_stage(settings: Config, *, closely: bool) -> dict[str, Any]:
+def _look_at_stage(settings: Config, *, closely: bool) -> tuple[dict[str, Any], StageStatus | None]:
     owner = first_owner(stage_ports(settings.stage))
     if owner is not None:
-        return _owned(owner)
-    found: dict[str, Any] = {}
+        return _owned(owner), None
+    found, at = dict[str, Any](), None
     try:
         with closing(open_stage(settings, WallClock())) as stage:
-            found |= position(stage.look())
+            at = stage.look()
+            found |= position(at)
             if closely and found["state"] in _AT_REST:
                 found["identity"] = stage.connect()
     except (StageError, TransportError) as error:
         found |= {"problem_text": str(error), "code": code_of(error)}
-    return found
+    return found, at
 
 
 def _look_at_force(settings: Config) -> dict[str, Any]:
@@ -191,7 +216,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:
-    """Return the owner of a port, by process id if known, and what it does."""
+    """Return the process that owns a port, if known, and its activity."""
     if owner.pid is None:
         return {"owner": None, "owner_text": str(owner)}
-    return {"owner": owner.pid, **at_work(owner.pid)}
+    return {"owner": owner.pid, **activity_of(owner.pid)}

@@ -10,10 +10,10 @@ from typing import Any
 from serial.tools import list_ports
 
 from rig.clock import Clock
-from rig.control.client import at_work
+from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError
 from rig.devices.make_drivers import probe
-from rig.devices.registry import KINDS, DeviceKind, KindError, find, names
+from rig.devices.registry import KINDS, DeviceKind, KindError, NumberedIdentity, find, names
 from rig.errors import RigError
 from rig.transport import PortOwner, TransportError, port_owner
 from rig.transport.ownership import DATAGRAMS
@@ -31,7 +31,7 @@ class PortFound:
 
     kind and identity: device that answered. problem: why the port could not be asked, or what is wrong with the
     device. owner: process that uses the port, which was then not asked. own: keys of the kind's own table, without
-    which the device does not answer.
+    which the device does not answer. serial: serial number of the device, if its settings may name it.
     """
 
     port: str
@@ -40,10 +40,11 @@ class PortFound:
     problem: RigError | None = None
     owner: PortOwner | None = None
     own: Mapping[str, Any] = field(default_factory=dict)
+    serial: int | None = None
 
     @property
     def words(self) -> str:
-        """The finding in one line, without the port."""
+        """Result in one line, without the port."""
         if self.owner is not None:
             return f"in use by {self.owner}{_does(self.owner)}; not asked"
         if self.problem is not None:
@@ -66,7 +67,7 @@ class PortFound:
 
 
 def _does(owner: PortOwner) -> str:
-    does = None if owner.pid is None else at_work(owner.pid).get("does_text")
+    does = None if owner.pid is None else activity_of(owner.pid).get("does_text")
     return f" ({does})" if does else ""
 
 
@@ -89,7 +90,7 @@ def find_devices(ports: Iterable[str], clock: Clock) -> Iterator[PortFound]:
 
 
 def look_at_port(port: str, clock: Clock) -> PortFound:
-    """Ask a port for each known kind in turn, the default stage first; leave it alone if another process uses it.
+    """Probe a port for each known kind in turn, the default stage first; skip it if another process uses it.
 
     The order matters: a board, which acts on single bytes, answers before bytes for other devices reach it.
     """
@@ -109,12 +110,13 @@ def look_at_port(port: str, clock: Clock) -> PortFound:
             except (StageError, ForceError) as problem:
                 return PortFound(port, kind, problem=problem, own=own)
             if identity is not None:
-                return PortFound(port, kind, identity, own=own)
+                serial = identity.serial if isinstance(identity, NumberedIdentity) else None
+                return PortFound(port, kind, identity, own=own, serial=serial)
     return PortFound(port, problem=unopened)
 
 
 def _tables(kind: DeviceKind, port: str) -> Iterator[Mapping[str, Any]]:
-    """Yield keys of a kind's own table to ask with: the defaults, then the page of a virtual device."""
+    """Yield keys of a kind's own table to search with: the defaults, then the page of a virtual device."""
     yield {}
     number = port.rpartition(":")[2]
     if kind.page_port and port.startswith(DATAGRAMS) and number.isdecimal():

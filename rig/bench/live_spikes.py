@@ -116,7 +116,7 @@ class LiveSpikes:
         self._store(made)
 
     def advance(self) -> tuple[NDArray[np.intp], Array]:
-        """Return the afferents and times (s, clock of the poses) of the spikes that are now known."""
+        """Return the afferents and times (s, clock of the poses) of the spikes that the known poses determine."""
         who, times = [np.empty(0, dtype=np.intp)], [np.empty(0)]
         while len(self._poses) > 1 or self._done < 0 < len(self._poses):
             block = self._block(self._poses[:_LONGEST])

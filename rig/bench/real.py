@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import ForceError, ForceSensor, Stage, StageAlarm, StageError, StageHeld, StageReset
 from rig.devices.make_drivers import open_force, open_stage
-from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Pause, looked_after
+from rig.engine.bench import NO_PAUSE, Bench, Heartbeat, Meanwhile, Pause, monitored
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
@@ -29,10 +29,14 @@ class PortError(TransportError):
 
 @dataclass(frozen=True)
 class Request:
-    """Request to the person at the bench; `indentor` is the one to mount, if that is the request."""
+    """Request to the person at the bench.
+
+    indentor: the one to mount, if that is the request. meanwhile: called while the answer is waited for.
+    """
 
     text: str
     indentor: str | None = None
+    meanwhile: Meanwhile = lambda: None
 
 
 @dataclass(frozen=True)
@@ -51,32 +55,34 @@ class RealBench:
 
     @property
     def operator(self) -> Self:
-        """The operator."""
+        """Operator of the bench."""
         return self
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Ask for an indentor and return the mounted one: Enter confirms, a name replaces it."""
-        return self.ask(Request(f"mount {indentor}", indentor)).strip() or indentor
+        return self.ask(Request(f"mount {indentor}", indentor, meanwhile)).strip() or indentor
 
     def confirm(self, request: str) -> None:
         """Return when the operator confirms a request."""
         self.ask(Request(request))
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
-        """Return nothing: a real bench knows no more than its devices."""
+        """Return nothing, because a real bench has no simulated truth."""
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat from a thread."""
-        return looked_after(heartbeat)
+        return monitored(heartbeat)
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact for the next command. Raises RecordError."""
+        """Record the known state of contact for the next command. Raises RecordError."""
         self.memory.touched(known)
 
-    def left_with(self, zero: ForceZero | None) -> None:
-        """Record the zero for the next command."""
-        if zero is not None:
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Record the zero for the next command; None: it is not known."""
+        if zero is None:
+            self.memory.forget_zero()
+        else:
             self.memory.zeroed(zero)
 
     def close(self) -> None:
@@ -94,7 +100,7 @@ def open_bench(
     byte_log: Sink,
     ask: Callable[[Request], str],
     pause: Pause = NO_PAUSE,
-    in_hand: StageInHand | None = None,
+    in_hand: OwnedStage | None = None,
 ) -> RealBench:
     """Open both ports; the bytes go to `byte_log`, and `ask` prompts the operator.
 

@@ -27,16 +27,16 @@ from rig.settings import ForceSettings, StageSettings
 from sim.carriage import Carriage
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
-from sim.serve.force_process import FingerNotLoadedError, PressProcess, WayProcess
+from sim.serve.force_process import FingerNotLoadedError, PressProcess, TrajectoryProcess
 from sim.serve.ports import HOST, PortBusyError, PtyPort, TcpPort, UdpPort, bound
-from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, WayAhead
+from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
 
 if TYPE_CHECKING:  # slow to import, and for simulated afferents only
     from rig.bench.served_spikes import ServedSpikes, SpikeStatistics
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
 
-Process = TypeVar("Process", PressProcess, WayProcess)
+Process = TypeVar("Process", PressProcess, TrajectoryProcess)
 
 
 class ServedBench:
@@ -53,12 +53,15 @@ class ServedBench:
         stage: str | None,
         force: str | None,
         tcp: int | None = None,
-        spikes: "WantedSpikes | None" = None,
+        spikes: "SpikeRequest | None" = None,
         lsl: bool = False,
         complain: Callable[[str], object] = print,
     ) -> None:
-        """stage, force: types of the devices, None for none. tcp: number of the first port; None: pseudo-terminals,
-        or free TCP ports on Windows. spikes: simulated afferents, whose spikes get a TCP port; lsl: and a stream.
+        """Start the devices; return when all of them respond. Raises BadInputError.
+
+        stage, force: kinds of device, None for none. tcp: number of the first port; None: pseudo-terminals, or free
+        TCP ports on Windows. spikes: simulated afferents, whose spikes get a TCP port; lsl: also stream them over
+        LSL.
 
         Returns when all devices respond. Raises BadInputError.
         """
@@ -178,8 +181,8 @@ class ServedBench:
         carriage: Carriage = true_carriage(board, config)
         indentor, terms, period_s = config.virtual.indentor, relaxation(config), config.force.sample_period_s
         if terms:
-            way = self._closed_with_it(WayProcess(config.finger, indentor, terms, truth(config)))
-            self.press = WayAhead(self.scheduler, carriage, way, period_s, complain)
+            way = self._closed_with_it(TrajectoryProcess(config.finger, indentor, terms, truth(config)))
+            self.press = TrajectoryPrefetcher(self.scheduler, carriage, way, period_s, complain)
         else:
             press = self._closed_with_it(PressProcess(config.finger, indentor, truth(config)))
             self.press = PressAhead(self.scheduler, carriage, press, period_s, complain)

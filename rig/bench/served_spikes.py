@@ -25,7 +25,7 @@ from rig.bench.live_spikes import SAMPLE_S, IndentorPlace, LiveSpikes, PlaceTabl
 from rig.data.lsl import open_spikes
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.nerve import WantedSpikes
+from rig.plan.nerve import SpikeRequest
 from sim.carriage import STRAIGHT, Carriage, Truth
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
@@ -118,16 +118,16 @@ class IndentorFeed:
             pass
         except OSError:
             self.close()
-            self._complain("the process of the simulated afferents ended; the bench goes on without spikes")
+            self._complain("the process of the simulated afferents ended; the bench continues without spikes")
 
 
 class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPopulation]):
-    """Process that presses the finger for tables; None asks for the afferents."""
+    """Process that computes tables by pressing the finger; the request None returns the afferents."""
 
     nice = 3
 
     def __init__(
-        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
     ) -> None:
         """Load the finger, draw the afferents, and wait. Raises FingerNotLoadedError."""
         super().__init__(partial(_pressing, config, indentor, truth, wanted, deepest_mm))
@@ -141,7 +141,7 @@ class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPo
 
 
 def _pressing(
-    config: FingertipConfig, indentor: str, truth: Truth, wanted: WantedSpikes, deepest_mm: float
+    config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
 ) -> Answering[IndentorPlace | None, PlaceTable | AfferentPopulation]:
     from sim.models.fingertip import Fingertip
 
@@ -190,7 +190,7 @@ class ServedSpikes:
         self,
         config: Config,
         truth: Truth,
-        wanted: WantedSpikes,
+        wanted: SpikeRequest,
         server: socket.socket,
         *,
         lsl: bool,
@@ -226,7 +226,7 @@ class ServedSpikes:
         self._feed = IndentorFeed(scheduler, carriage, pulses_after, self._near, self._complain)
 
     def close(self) -> SpikeStatistics:
-        """End both processes; return what was delivered."""
+        """End both processes and return the delivery statistics."""
         if self._feed is not None:
             self._feed.close()
         self._near.close()
@@ -238,7 +238,7 @@ class ServedSpikes:
 
     def _heard(self, within_s: float) -> Any:
         try:
-            return self._said.recv() if self._said.poll(within_s) else "no answer of their process"
+            return self._said.recv() if self._said.poll(within_s) else "their process does not answer"
         except (EOFError, OSError):
             return "their process ended"
 
@@ -258,10 +258,10 @@ def refuse_turned(truth: Truth) -> None:
 
 @dataclass(frozen=True)
 class _Given:
-    """What the delivering process needs."""
+    """Arguments of the process that delivers the spikes."""
 
     afferents: AfferentPopulation
-    wanted: WantedSpikes
+    wanted: SpikeRequest
     lsl: bool
     complain: Callable[[str], object]
 
@@ -308,7 +308,7 @@ def _greeting(given: _Given) -> bytes:
 
 
 def warm(afferents: AfferentPopulation) -> None:
-    """Load what the first spikes need."""
+    """Compute a few unused spikes, so that the first real ones are not late."""
     spikes = LiveSpikes(afferents, lambda place: None)
     for k in range(3):
         spikes.known(k * SAMPLE_S, 0.0, 1.0, 0.0)
@@ -341,7 +341,7 @@ class Delivery:
         heapq.heappush(self._waiting, (rise_s, _SYNC))
 
     def go(self) -> None:
-        """Deliver what is due, and set the timer for the next."""
+        """Deliver the spikes that are due, and set the timer for the next one."""
         now_s, lines = time.monotonic(), []
         while self._waiting and self._waiting[0][0] <= now_s:
             due_s, afferent = heapq.heappop(self._waiting)

@@ -22,13 +22,13 @@ from rig.devices.registry import (
     moves_along,
     stage_ports,
 )
-from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Pause
+from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Meanwhile, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.errors import BadInputError, around, first_problem
 from rig.plan.config import Config
-from rig.plan.finger_model import kept_in
+from rig.plan.finger_model import with_stored_file
 from rig.settings import DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
 from rig.transport.stop_gate import StopGate
 from rig.transport.wire import LoggedTransport, LoopbackTransport, Sink, Transport
@@ -297,12 +297,12 @@ class VirtualBench:
 
     @property
     def operator(self) -> Self:
-        """The bench itself."""
+        """Operator, which is the bench itself."""
         return self
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Mount an indentor; the virtual operator makes no mistakes."""
-        self.plant.mount(indentor if self.shape_files is None else kept_in(self.shape_files, indentor))
+        self.plant.mount(indentor if self.shape_files is None else with_stored_file(self.shape_files, indentor))
         return indentor
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> dict[str, float]:
@@ -315,7 +315,7 @@ class VirtualBench:
             return {"true_doi_bias_mm": round(pose.doi_mm - data["doi_mm"], 6)}
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat from a timer of the virtual clock."""
         return looked_after_by(self.clock, heartbeat)
 
@@ -327,7 +327,7 @@ class VirtualBench:
     def touched(self, known: KnownContact) -> None:
         """Do nothing: a virtual bench keeps no record."""
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """Do nothing: every virtual bench is new."""
 
     def close(self) -> None:

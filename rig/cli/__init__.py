@@ -35,7 +35,7 @@ def main() -> None:
 
 
 def _flush(*, quietly: bool) -> None:
-    """Write what standard output still holds; at the exit of the interpreter an error would be no line."""
+    """Flush standard output here, because an error at interpreter exit would print a traceback."""
     try:
         if sys.stdout is not None:
             sys.stdout.flush()
@@ -46,7 +46,7 @@ def _flush(*, quietly: bool) -> None:
 
 
 def _write_nowhere() -> None:
-    """Let what standard output still holds go nowhere; it would fail again at exit."""
+    """Redirect standard output to the null device, because another flush at exit would fail again."""
     with suppress(OSError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 

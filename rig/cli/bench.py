@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from rich.live import Live
 
-from rig.bench.checks import contact, in_one_line, look, position, titled
+from rig.bench.checks import in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
@@ -28,7 +28,7 @@ from rig.transport import TransportError
 
 
 @contextmanager
-def stage_at_hand(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
+def connected_stage(settings: Config) -> Iterator[tuple[Stage, WallClock]]:
     """Yield the connected stage; any interruption stops it ahead of all queued commands."""
     clock = WallClock()
     with at_once(), key_interrupting(settings, interrupt_main), closing(open_stage(settings, clock)) as stage:
@@ -50,14 +50,14 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
 
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
-    with at_once(), key_interrupting(settings, interrupt_main), closing(_bench_at_hand(settings)) as bench:
+    with at_once(), key_interrupting(settings, interrupt_main), closing(_opened_bench(settings)) as bench:
         sensing = Sensing(settings, bench.clock, bench.force)
         sensing.zero = bench.memory.read().zero
         known = home_and_zero.home(settings, bench, sensing)
         return bench.stage.status(), known
 
 
-def _bench_at_hand(settings: Config) -> RealBench:
+def _opened_bench(settings: Config) -> RealBench:
     """Open both ports; distinguish a missing sensor from a missing stage."""
     try:
         return open_bench(settings, WallClock(), io.StringIO(), ask=lambda request: "")
@@ -67,7 +67,7 @@ def _bench_at_hand(settings: Config) -> RealBench:
 
 def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
     memory = BenchMemory(settings)
-    with stage_at_hand(settings) as (stage, clock):
+    with connected_stage(settings) as (stage, clock):
         memory.moves()
         stage.home()
         at = stage.status()
@@ -86,18 +86,20 @@ def zero(
     """Zero the force sensor; refused if the last recorded zero indicates a contact."""
     with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
-        with closing(open_force(settings, clock)) as force:
+        with busy("zeroing the force sensor …", quick=True), closing(open_force(settings, clock)) as force:
             sensing = Sensing(settings, clock, force)
             name = home_and_zero.zero(settings, sensing, anyway=anyway)
-            print_entries({"identity": name, "force_n": sensing.raw().force_n}, as_json=as_json)
+            force_n = sensing.raw().force_n
+        print_entries({"identity": name, "force_n": force_n}, as_json=as_json)
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
     """Print the state of both devices; skip a port that another process owns."""
     with one_line_errors(as_json=as_json):
         settings = load_config(config)
-        found = look(settings)
-        print_entries({**found, "contact": contact(settings)}, as_json=as_json)
+        with busy("asking the devices …", quick=True):
+            found = look_and_contact(settings)
+        print_entries(found, as_json=as_json)
         problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
         for problem in problems:
             complain(problem)
@@ -118,7 +120,7 @@ def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
 
 
 def _for_people(found: dict[str, Any]) -> dict[str, Any]:
-    """Return the entries with contact in one sentence, followed by what to do."""
+    """Replace the contact entries by one sentence and the next step for the operator."""
     if "words" not in found:
         return found
     rest = {name: value for name, value in found.items() if name not in ("contact", "may_touch", "words", "to_do")}
@@ -130,7 +132,7 @@ def by_hand(settings: Config, show: Show, *, without_force: bool) -> Iterator[tu
     """Yield manual control on the ports of the configuration; raise BadInputError if no force sensor answers."""
     known = BenchMemory(settings).read()
     with (
-        stage_at_hand(settings) as (stage, clock),
+        connected_stage(settings) as (stage, clock),
         _sensing(settings, clock, without=without_force) as sensing,
         at_hand(settings, stage, clock, sensing, show, known) as hand,
     ):
@@ -153,9 +155,10 @@ def _sensing(settings: Config, clock: Clock, *, without: bool) -> Iterator[Sensi
 
 @contextmanager
 def live_line(settings: Config) -> Iterator[Show]:
-    """Show stage position and force on one line that is updated on a terminal."""
+    """Show stage position and force on one line that is updated on a terminal; in a pipe, name the work."""
     if not err.is_terminal:
-        yield lambda at, force_gwt: None
+        with busy("asking the devices, then moving the axis …", quick=True):
+            yield lambda at, force_gwt: None
         return
     with resting(), Live(console=err, transient=True, refresh_per_second=10) as live:
         yield _shown(live.update, settings)

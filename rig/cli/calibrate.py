@@ -13,7 +13,7 @@ from rig.cli.bench import by_hand, live_line
 from rig.cli.help import PlainCommand, PlainGroup
 from rig.cli.jog import way
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
-from rig.cli.output import err, one_line_errors, out, print_json
+from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
@@ -21,6 +21,7 @@ from rig.data.journal import NoJournal
 from rig.devices.base import ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
+from rig.engine.bench_memory import BenchMemory
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, unit
@@ -61,9 +62,11 @@ def steps(
                 "{ended_by}; nothing was measured, nothing was changed", code=end.problem.code, ended_by=end.ended_by
             )
         moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
-        measured_mm = _asked(f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm")
+        measured_mm = _typed_number(
+            f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
+        )
         value = now_per_mm * _ratio(moved_mm, measured_mm)
-        _tell(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)
+        _print_calibration(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)
 
 
 def force(
@@ -76,12 +79,15 @@ def force(
     with one_line_errors(as_json=as_json), at_once():
         settings, clock = load_config(config), WallClock()
         with closing(open_force(settings, clock)) as sensor:
-            sensor.connect()
-            sensor.zero()
+            with busy("zeroing the force sensor …", quick=True):
+                sensor.connect()
+                sensor.zero()
+                BenchMemory(settings).forget_zero()  # Readings now have a new zero.
             _wait_for_enter(f"put {mass_g:g} g on the sensor, then press Enter")
-            read_n = _mean_n(sensor, clock)
+            with busy("reading the force sensor …", quick=True):
+                read_n = _mean_n(sensor, clock)
         before = settings.calibration.value("force_scale", 1.0)
-        _tell("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
+        _print_calibration("force_scale", before * _ratio(mass_g * GWT_N, read_n), valid_days, as_json=as_json)
 
 
 def compliance(
@@ -99,7 +105,7 @@ def compliance(
         refuse_approach("calibrate compliance", 0.0, settings)
         found = _on_a_block(settings, to_gwt)
         name, sd = "compliance_mm_per_n", found.sd_mm_per_n
-        _tell(name, found.mm_per_n, valid_days, as_json=as_json, sd=sd)
+        _print_calibration(name, found.mm_per_n, valid_days, as_json=as_json, sd=sd)
 
 
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
@@ -108,15 +114,16 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
         closing(open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)) as bench,
     ):
         engine = Engine(settings, bench, NoJournal())
-        engine.keep_contact = bench.touched
-        with bench.look_after(engine.heartbeat), stopped_at_once(engine):
+        engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
+        with bench.monitor(engine.heartbeat), stopped_at_once(engine):
             bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)
             verbs.mount(engine, "flat")
-            verbs.home(engine)
-            verbs.zero(engine)
-            verbs.move_to(engine, 0.0)
-            return measure_compliance(engine, to_gwt)
+            with busy("homing, zeroing, then pressing the block …", quick=True):
+                verbs.home(engine)
+                verbs.zero(engine)
+                verbs.move_to(engine, 0.0)
+                return measure_compliance(engine, to_gwt)
 
 
 def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
@@ -145,7 +152,7 @@ def _wait_for_enter(question: str) -> str:
     return answer.strip()
 
 
-def _asked(question: str) -> float:
+def _typed_number(question: str) -> float:
     answer = _wait_for_enter(question)
     try:
         return float(answer)
@@ -155,7 +162,7 @@ def _asked(question: str) -> float:
         ) from None
 
 
-def _tell(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
+def _print_calibration(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
     table = as_table(name, value, valid_days, sd)
     if as_json:
         print_json({"name": name, "value": value, "sd": sd, "unit": unit(name) or "1", "toml": table})

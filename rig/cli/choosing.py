@@ -25,7 +25,7 @@ ChooseOption = Annotated[
     str | None,
     typer.Option(
         metavar="COUNTS",
-        help="Choose each press after the count: COUNTS.csv, lsl:STREAM, virtual:SA1 or virtual:MEASURE.",
+        help="Choose each press by the counts so far: COUNTS.csv, lsl:STREAM, virtual:SA1 or virtual:MEASURE.",
         rich_help_panel=_PANEL,
     ),
 ]
@@ -40,7 +40,7 @@ _MOST_WITHIN_S = 3600.0
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
-    """Return what a designed script says; raise an error for a wrong script or source before anything is computed."""
+    """Return the design that a script carries. Raises an error for a wrong script or source before computing."""
     from rig.design.counts_from.opened import refuse_source, virtual_name
     from rig.design.designed import Designed
 
@@ -74,12 +74,12 @@ def adaptive_run(
     Raises DesignError, BadInputError.
     """
     from rig.design.adaptive_run import AdaptiveRun
-    from rig.design.chooser import ChooserHere, ChooserProcess
+    from rig.design.chooser import ChooserProcess, InProcessChooser
 
     designed = refuse_choose(script, source, within_s, virtual=virtual)
     before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
     choosing, plan = _checked(designed, source, config, finger, before, folder, as_json=as_json)
-    opener = ChooserHere if virtual else ChooserProcess
+    opener = InProcessChooser if virtual else ChooserProcess
     return AdaptiveRun(script, designed, choosing, within_s, opener, before, plan)
 
 
@@ -94,12 +94,13 @@ def _checked(
     as_json: bool,
 ) -> tuple["Choosing", Plan]:
     """Return what a choice needs, and the plan of every press that may be chosen."""
-    from threadpoolctl import threadpool_limits
+    with busy("preparing the choice …", quick=True):
+        from threadpoolctl import threadpool_limits
 
-    from rig.cli.design import ShownProgress
-    from rig.design import design
-    from rig.design.adaptive_run import approved, counted_in, presses_in
-    from rig.design.chooser import Choosing
+        from rig.cli.design import ShownProgress
+        from rig.design import design
+        from rig.design.adaptive_run import approved, counted_in, presses_in
+        from rig.design.chooser import Choosing
 
     with ShownProgress(as_json=as_json) as shown, threadpool_limits(1):
         table, times, _ = design.bench_of(

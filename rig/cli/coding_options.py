@@ -1,4 +1,4 @@
-"""Options of the commands of encoding and decoding: sampling, noise, pressures, and how each is checked."""
+"""Options of the commands of encoding and decoding, with their checks: sampling, noise, pressures."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -22,7 +22,7 @@ from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.profile_shape_test import chance_rows
-from rig.compare.receptor_place import Sought, places, sought_in
+from rig.compare.receptor_place import RequestedRanges, common_range, places
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
@@ -170,7 +170,7 @@ def command(
     with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         if example is not None:
-            _refuse_beside_example(context, example)
+            _refuse_with_example(context, example)
             compare_example(out_file or Path(f"{example}.html"), pdf, as_json=as_json)
             return
         if not runs:
@@ -191,7 +191,8 @@ def command(
             if path is not None:
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
-        found = [read_run(path) for path in runs]
+        with busy("reading the runs …", quick=True, size=len(runs)):
+            found = [read_run(path) for path in runs]
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
                 group,
@@ -223,7 +224,8 @@ def command(
             write_sidecar(report, time.perf_counter() - began)
             return
         plausible = None if fingers is None else read_plausible(fingers)
-        recordings = read_recordings(recorded or [], mirror or [], found, reading)
+        with busy("reading the recordings …", quick=True):
+            recordings = read_recordings(recorded or [], mirror or [], found, reading)
         if place and not recordings:
             raise BadInputError(
                 "{option} requires recordings; add {needs}",
@@ -235,7 +237,7 @@ def command(
             beside = _along_the_finger(answered, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         if any(left_out(overlay).any() for overlay in comparison.overlays):
-            with busy("positions left out: asking the planner how far a run may go …", as_json=as_json):
+            with busy("positions left out: checking how far a run may reach …", as_json=as_json):
                 by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
                 comparison = with_wider_runs(comparison, by_run)
         form = Form(saturating, silent_at_rest)
@@ -265,6 +267,8 @@ def command(
             "--silent-at-rest": silent_at_rest,
             "--place": place,
         }
+        with busy(THE_MAPS, as_json=as_json, size=len(answered)):
+            maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
         with busy("writing the report …", as_json=as_json):
             write_comparison(
                 report,
@@ -273,7 +277,7 @@ def command(
                 answered[0].finger,
                 _remade_by(runs, options, flags | {"--exact": exact}),
                 [*map(place_section, at), *fingers_sections(comparison), *beside],
-                maps=[m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)],
+                maps=maps,
                 pdf=pdf,
                 answers=verdicts,
             )
@@ -295,7 +299,7 @@ def command(
 _BESIDE_EXAMPLE = ("example", "out_file", "pdf", "as_json")
 
 
-def _refuse_beside_example(context: typer.Context, example: str) -> None:
+def _refuse_with_example(context: typer.Context, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError("--example {example}: must be one of {examples}", code="no_such_example", example=example,
                             examples=", ".join(EXAMPLES))  # fmt: skip
@@ -308,6 +312,7 @@ def _refuse_beside_example(context: typer.Context, example: str) -> None:
             )  # fmt: skip
 
 
+THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
 THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
 
 
@@ -405,7 +410,7 @@ def _sought(
             )  # fmt: skip
         return None
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
-    return sought_in(runs, Sought((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
+    return common_range(runs, RequestedRanges((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
 
 
 def _window(text: str) -> tuple[float, float]:

@@ -9,7 +9,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.group import group_verdict
 from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import Laid, afferents, answers, laid
+from rig.compare.make_verdict import CandidatePool, afferents, answers, candidate_pool
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
 from rig.compare.stimuli import StimulusRow
@@ -54,8 +54,9 @@ def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
 
 def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
-    found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
-    judged: dict[str, tuple[Laid, AfferentVerdict]] = {}
+    with busy("reading the recordings …", quick=True):
+        found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
+    judged: dict[str, tuple[CandidatePool, AfferentVerdict]] = {}
     left_out: dict[str, str] = {}
     compared: list[Comparison] = []
     with busy("comparing every measure with every afferent …", as_json=as_json, size=len(found)):
@@ -63,7 +64,7 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
             comparison = compare(of.stimuli, recordings)
             compared.append(comparison)
             (overlays,) = afferents(comparison)
-            pool, verdict = laid(overlays, Form()), answers(comparison)
+            pool, verdict = candidate_pool(overlays, Form()), answers(comparison)
             if pool is None or not verdict:
                 left_out[name] = _TOO_FEW
             elif verdict[0].outcome == "silent":

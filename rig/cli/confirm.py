@@ -47,7 +47,7 @@ def _rehearsed(session: Session, *, as_json: bool) -> Page:
 
 
 def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) -> None:
-    """Refuse what would stop a real run, before anything is planned or a port is opened.
+    """Check the conditions of a real run before planning and before opening a port.
 
     Raises BadInputError, TransportError, OSError.
     """
@@ -96,7 +96,7 @@ def at_the_page(
     asking: Callable[[], AbstractContextManager[None]] = nullcontext,
     button: StopButton | None = None,
 ) -> Confirm:
-    """Return what prints the page and waits for the answer.
+    """Return a function that prints the confirmation page and waits for the answer.
 
     `before` describes a run that needs caution; `asking` is entered during the prompt; `button` is the participant's
     button, shown and tested. The result raises NotConfirmedError.

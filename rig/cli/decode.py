@@ -27,7 +27,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
+from rig.cli.output import busy, one_line_errors, out, print_json, renamed
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from rig.printable import either
@@ -236,7 +236,7 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
     else:
         out.print(f"  1 pseudo-unit = {pa_per_pseudo(finger):.4g} Pa")
     for problem in found.problems:
-        out.print(f"  beware: {problem}")
+        out.print(f"  warning: {problem}")
     if isinstance(operator, SheetOperator):
         solid = classify_solid(operator.skin, found.pressure)
         out.print(
@@ -293,7 +293,7 @@ def draw(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_sheet(operator: SheetOperator, found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnSheet as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import SheetPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import sheet_figure
 
     grid = operator.skin.grid
@@ -318,7 +318,7 @@ def _draw_search(found: DecodeResult, picture: Path) -> None:
 
 
 def _draw_pressures(found: DecodeResult, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnDecoding as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import DecodingPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import decoded_figure
 
     band = None if found.profile is None else found.profile.band()
@@ -446,7 +446,7 @@ def decode_command(
     picture: PictureOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Print the decoded pressures, their uncertainty and, if the true ones are known, their error."""
+    """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
     with one_line_errors(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
         if decoder == "ours":
@@ -464,10 +464,12 @@ def decode_command(
         source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
         whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
-        with busy(THE_FINGER if whole else "building the plane-strain section …", as_json=as_json):
+        model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
+        with busy(f"{model}, then estimating the pressures …", as_json=as_json):
             found = _decoded(task)
         if picture is not None:
-            draw(found, picture)
+            with busy("drawing the figure …", quick=True):
+                draw(found, picture)
         if as_json:
             print_json({"decoder": name, **as_json_object(finger, found)})
         else:

@@ -1,4 +1,4 @@
-"""`rig design`: which presses would distinguish candidate measures in the minutes available."""
+"""`rig design`: choose presses that distinguish candidate measures within a session."""
 
 import shlex
 import time
@@ -22,7 +22,7 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
-from rig.design.design import DEPTHS_MM, DesignRequest, design, judged
+from rig.design.design import DEPTHS_MM, DesignRequest, design, finger_of, judged
 from rig.design.design_text import (
     about_the_design,
     headline,
@@ -56,7 +56,7 @@ def command(
         typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
     ] = None,
     shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3",
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Number of minutes of the session, 1 to 240.")] = 20.0,
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0,
     depths_mm: Annotated[
         str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
     ] = None,
@@ -71,20 +71,26 @@ def command(
     ] = None,
     to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py"),
     out_file: Annotated[
-        Path | None, typer.Option("--out", metavar="HTML", help="Page. Default: beside the script.")
+        Path | None, typer.Option("--out", metavar="HTML", help="HTML page to write. Default: beside the script.")
     ] = None,
     counts: Annotated[
-        Path | None, typer.Option(metavar="CSV", help="Counts of the session: judge them instead of designing.")
+        Path | None,
+        typer.Option(metavar="CSV", help="Spike counts of the session to evaluate, instead of designing one."),
     ] = None,
     seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1,
-    quick: Annotated[bool, typer.Option("--quick", help="Choose more coarsely, in a sixth of the time.")] = False,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Use a coarser search, which takes a sixth of the time.")
+    ] = False,
     power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False,
     rate_per_s: Annotated[
         str,
         typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
     ] = "20,100",
     threshold: Annotated[
-        str, typer.Option(metavar="LOW,HIGH", help="Threshold, in % of ε there.", rich_help_panel=_FIBER)
+        str,
+        typer.Option(
+            metavar="LOW,HIGH", help="Threshold ε₀, in % of ε at the strongest press.", rich_help_panel=_FIBER
+        ),
     ] = "0,50",
     receptor_x_mm: Annotated[
         str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)
@@ -147,9 +153,7 @@ def command(
         settings = with_finger(load_config(config), finger_file, force=force)
         plausible = None if fingers is None else read_plausible(fingers)
         with busy(THE_FINGER, as_json=as_json):
-            from sim.models.fingertip import Fingertip
-
-            finger = Fingertip.load(settings.finger)
+            finger = finger_of(request, settings.finger)
         with ShownProgress(as_json=as_json) as shown:
             if counts is not None:
                 verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
@@ -162,7 +166,8 @@ def command(
         with busy("checking and rehearsing the script …", as_json=as_json):
             script = checked_script(found, settings, finger, plausible, about_the_design(found), words)
         found = script.design
-        rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
+        with busy("computing the power …", quick=True):
+            rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
         with busy("writing the script and the page …", as_json=as_json):
             replace_text(to, script.text)
             write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))
@@ -221,9 +226,9 @@ class ShownProgress:
         if what != self._what or self._now is None:
             self._close()
             self._what = what
-            self._busy = busy(what, as_json=self._quiet, total=total)
+            self._busy = busy(what, as_json=self._quiet, total=total if total > 1 else 0)
             self._now = self._busy.__enter__()
-        self._now.at(done, total)
+        self._now.at(done, total if total > 1 else 0)
 
     def _close(self) -> None:
         if self._busy is not None:

@@ -1,4 +1,4 @@
-"""`rig config --devices`: every kind of device, what it was tested with, and how fast its virtual twin is."""
+"""`rig config --devices`: every kind of device, the evidence of its tests, and the speed of its virtual twin."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
@@ -88,7 +88,7 @@ Entry = tuple[dict[str, Any], str, Evidence, Sequence[DeviceTimes]]
 
 
 def _entries() -> Iterator[Entry]:
-    """Yield each kind with what its entry says; of a package that cannot be used, what is wrong with it."""
+    """Yield each kind of device with its entry; for a package that cannot be used, with the problem instead."""
     by_room = {of.room: of for of in registry.KINDS}
     for one in kinds():
         try:

@@ -1,4 +1,4 @@
-"""How long kinds of work took before, kept beside the cache of models, for the estimates of later commands."""
+"""Durations of earlier work by kind, stored beside the cache of models, for the estimates of later commands."""
 
 import json
 import os

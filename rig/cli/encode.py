@@ -32,7 +32,7 @@ from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoiseP
 from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
-from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, kept_sites
+from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, cached_sites
 from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
 from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
@@ -126,11 +126,12 @@ def encode_command(
         else:
             assert pressure is not None
             source = pressures_of(pressure)
-        with busy("building the plane-strain section …", as_json=as_json):
+        with busy("plane-strain section: building it, then computing the readings …", as_json=as_json):
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
         if picture is not None:
-            _draw(found, picture, receptor=receptor is not None)
+            with busy("drawing the figure …", quick=True):
+                _draw(found, picture, receptor=receptor is not None)
         if as_json:
             print_json(_as_json(found, receptor, at))
         else:
@@ -138,7 +139,7 @@ def encode_command(
 
 
 def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
-    from rig.report.coding_figures import DrawnEncoding as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import EncodingPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import encoding_figure
 
     load = found.load
@@ -209,10 +210,11 @@ def impulse_command(
         samplings = [sampling_of(spacing_mm, half_length, receptor_depth_mm, axes) for axes in AXES]
         checked_picture(picture)
         finger = load_config(config).finger
-        with busy("building two plane-strain sections …", as_json=as_json):
+        with busy("two plane-strain sections: building them, then computing the responses …", as_json=as_json):
             found = {sampling.axes: _found(finger, sampling, kind) for sampling in samplings}
         if picture is not None:
-            _draw_impulse(found, picture)
+            with busy("drawing the figure …", quick=True):
+                _draw_impulse(found, picture)
         if as_json:
             print_json({"energy": kind, **{axes: _as_json_impulse(*both) for axes, both in found.items()}})
         else:
@@ -225,7 +227,7 @@ def _found(finger: FingertipConfig, sampling: Sampling, energy: Energy) -> Found
 
 
 def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
-    from rig.report.coding_figures import DrawnImpulse as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import ImpulsePlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import impulse_figure
 
     write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
@@ -310,7 +312,7 @@ def shift_invariance_command(
         checked_picture(picture)
         settings = load_config(config).finger
         with busy(_BUSY, as_json=as_json):
-            found, deformed = kept_sites(settings, sampled, None if as_json else _report_progress)
+            found, deformed = cached_sites(settings, sampled, None if as_json else _report_progress)
             if picture is not None:
                 _draw_shift_invariance(deformed, found.sites[DRAWN], picture)
         if as_json:
@@ -320,7 +322,7 @@ def shift_invariance_command(
 
 
 def _report_progress(done: int, of: int) -> None:
-    """Report progress over the receptors; factorizing the stiffness afterwards takes as long."""
+    """Report progress over the receptors; the factorization that follows takes as long."""
     if err.is_terminal or done % _LINE_EVERY == 0:
         say_now(f"computing strain at {done} of {of} receptors …")
     if done == of >= _LINE_EVERY:
@@ -328,7 +330,7 @@ def _report_progress(done: int, of: int) -> None:
 
 
 def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> None:
-    from rig.report.coding_figures import DrawnPointSpread as Drawn  # matplotlib is slow to import
+    from rig.report.coding_figures import PointSpreadPlot as Drawn  # matplotlib is slow to import
     from rig.report.coding_figures import point_spread_figure
 
     write_picture(point_spread_figure(Drawn(deformed, site)), picture)
@@ -400,8 +402,8 @@ def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:
             ("logarithmic", found.laws(where, "logarithmic")),
             ("printed", found.published(where)),
         ):
-            out.print(f"{name}, {kind:<12}{_said(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
+            out.print(f"{name}, {kind:<12}{_law_text(mean_over(laws), 1.0 if kind == 'printed' else factor)}")
 
 
-def _said(mean: Mean, factor: float) -> str:
+def _law_text(mean: Mean, factor: float) -> str:
     return f"m {mean.m:.3f} ± {mean.m_spread:.1%}, A {factor * mean.a:.2f} ± {mean.a_spread:.1%}"

@@ -42,7 +42,8 @@ def finger_command(
             mesh = build_mesh(settings, surface)
             quality = mesh_quality(mesh.nodes, mesh.hexes)
         if vtk is not None:
-            write_vtk(vtk, mesh, quality)
+            with busy("writing the mesh …", quick=True):
+                write_vtk(vtk, mesh, quality)
         found = {
             "skin": _skin(surface),
             "apex": _apex(surface),
@@ -186,15 +187,17 @@ def export_deck_command(
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         with busy(THE_FINGER):
             finger = Fingertip.load(settings)
-        result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
+        with busy(f"pressing {shape} …", quick=True, kind="press"):
+            result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
         meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
-        if loads:
-            active = result.state.active
-            force = np.zeros((int(active.sum()), 3))
-            force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
-            write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
-        else:
-            write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
+        with busy("writing the deck …", quick=True):
+            if loads:
+                active = result.state.active
+                force = np.zeros((int(active.sum()), 3))
+                force[:, :2] = result.state.force[:, active].T * finger.e_epidermis_mpa
+                write_load_deck(out_file, meshed, meshed.mesh.patch_nodes[active], force)
+            else:
+                write_contact_deck(out_file, meshed, indentor.profile, x_mm, result.touch_height_mm, doi_mm)
         if settings.mesh.element != "full":
             err.print('rig: CalculiX\'s C3D8 is fully integrated; to compare, set mesh.element = "full"')
         out.print(

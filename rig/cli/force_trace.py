@@ -70,7 +70,7 @@ class Screen:
 
     @property
     def lines(self) -> list[str]:
-        """The current lines."""
+        """Current lines."""
         force = self._force
         trace = force.trace
         trace[0] += f" {force.highest_gwt:.2f} gwt"

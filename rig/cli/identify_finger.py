@@ -1,4 +1,4 @@
-"""`rig identify` and `rig find`: identify the finger, and find where it lies."""
+"""`rig identify` and `rig find`: identify the finger, and locate it."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
@@ -22,11 +22,11 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
-from rig.cli.run import asks_for
+from rig.cli.run import prompt_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import RunFolder, read_run
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
@@ -53,6 +53,7 @@ from rig.report.identification_page import IdentificationPage, write_identificat
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
+from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
@@ -136,7 +137,8 @@ def page_lines(config: Config, options: IdentificationOptions, expected: Expecte
     about = "no estimate" if expected is None else f"at most about {expected.total_s:.0f} s"
     stage, force = config.stage, config.force
     return {
-        "presses": f"at most {options.presses} presses, lightest first, predicted below {options.most_gwt:g} gwt",
+        "presses": f"at most {number_of(options.presses, 'presses')}, lightest first, predicted below "
+        f"{options.most_gwt:g} gwt",
         "devices": f"{stage.kind} on {' and '.join(stage_ports(stage))}, {force.kind} on {force.port}",
         "shapes": f"{', '.join(map(with_size, options.shapes))}: the program asks you to mount each one",
         "duration": f"{about}, without the time to mount indentors",
@@ -156,10 +158,14 @@ def print_before_press(identification: Identification, press: PressAt | None) ->
 
 
 def print_after_press(identification: Identification, expected: ExpectedDuration | None, report: PressReport) -> None:
-    """Print one line: measured and predicted force with its band, what is known now, and what remains."""
+    """Print one line on a press: measured and predicted force, present uncertainty, remaining presses."""
     remaining = identification.options.presses - report.number
     about = "" if expected is None else f", about {remaining * expected.press_s:.0f} s,"
-    next_text = "enough" if identification.enough else f"at most {remaining} presses{about} remain"
+    next_text = (
+        "enough"
+        if identification.enough
+        else f"at most {number_of(remaining, 'presses')}{about} remain{'s' if remaining == 1 else ''}"
+    )
     predicted = _in_brackets(report.surprise.predicted, " gwt")
     err.print(
         f"press {report.number}: measured {report.surprise.measured_gwt:.2f} gwt, predicted {predicted}; forces "
@@ -201,7 +207,7 @@ def number_rows(identification: Identification) -> list[tuple[str, ...]]:
 
 
 def final_lines(done: FinishedRun, identification: Identification, to: object) -> dict[str, Any]:
-    """Return the results of the identification, and what was not learned."""
+    """Return the results of the identification, including the parameters that the presses did not determine."""
     lines: dict[str, Any] = {"run": str(done.folder.path), "presses": len(identification.measured)}
     if done.problem is not None and done.ending is not None:
         lines |= {"ended": done.ending.reason}
@@ -319,7 +325,7 @@ def identify_command(
     yes: YesOption = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Press gently, print after each press what was learned, and write the finger file."""
+    """Press gently, print the result of each press, and write the finger file."""
     beginning = Beginning(aloud=not dry)
     with one_line_errors(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = with_reliable_touch(load_config(config))
@@ -340,7 +346,8 @@ def identify_command(
         owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
         process = None if dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
-        goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
+        with busy("checking the script …", quick=True):
+            goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
         options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
         prior = Prior(kinds=KINDS if dry or is_virtual(settings) else REAL_KINDS)
         predicted = PredictedForces.over(settings.finger, prior, *scope_of(options))
@@ -348,8 +355,8 @@ def identify_command(
             refused = predicted.have(options.indentors, _counted)
         options = possible(options, predicted, refused, own_goals=requested is None)
         for name in (name for name in names if name in refused):
-            err.print(f"{name} is left out, since this finger cannot be pressed with it: {refused[name]}")
-        with busy("finding out what the presses must tell …", quick=True, kind="prior"):
+            err.print(f"{name} is left out, because it cannot press this finger: {refused[name]}")
+        with busy("sampling fingers of the prior …", quick=True, kind="prior"):
             identification = Identification(settings, predicted, options)
         with busy("estimating the duration …", quick=True, kind="duration"):
             expected = expected_duration(settings, options, finger)
@@ -363,7 +370,9 @@ def identify_command(
             lines = page_lines(settings, options, expected)
             confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
         done = _carried_out(session, script, owner, beginning, stage, mounted)
-        _written(done, identification, settings, to, as_json=as_json)
+        with busy("writing the finger file and the page …", quick=True):
+            _write(done, identification, settings, to)
+        _print(done, identification, to, as_json=as_json)
     _leave(done, identification, to)
 
 
@@ -389,8 +398,8 @@ def _counted(what: str, function: Callable[[T], A], items: Sequence[T], /) -> It
     return counted(spread(function, items) if items else (), len(items), f"{what}, computed once", quiet=False)
 
 
-def _stage(settings: Config, into: NewRun) -> StageInHand:
-    return StageInHand(settings, WallClock(into.begins_at_s)).open()
+def _stage(settings: Config, into: NewRun) -> OwnedStage:
+    return OwnedStage(settings, WallClock(into.begins_at_s)).open()
 
 
 def _carried_out(
@@ -398,7 +407,7 @@ def _carried_out(
     script: IdentificationScript,
     owner: RunOwner,
     beginning: Beginning,
-    stage: StageInHand | None,
+    stage: OwnedStage | None,
     mounted: str | None,
 ) -> FinishedRun:
     owner.at("running")
@@ -408,7 +417,7 @@ def _carried_out(
         attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
         attendant.script = script
         session = replace(session, attendant=attendant, button=owner.button)
-        done = dry_run(session) if stage is None else real_run(session, asks_for(owner, mounted), stage)
+        done = dry_run(session) if stage is None else real_run(session, prompt_for(owner, mounted), stage)
     owner.at("reporting")
     return done
 
@@ -430,8 +439,8 @@ def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoRet
     leave(done)
 
 
-def _written(done: FinishedRun, identification: Identification, settings: Config, to: Path, *, as_json: bool) -> None:
-    """Write the finger file and the page if there was a press, and print the results."""
+def _write(done: FinishedRun, identification: Identification, settings: Config, to: Path) -> None:
+    """Write the finger file and the page if there was a press, and the checksums."""
     if identification.measured:
         file = finger_file(identification, settings, [done.folder.events])
         replace_text(to, file.as_toml())
@@ -440,6 +449,10 @@ def _written(done: FinishedRun, identification: Identification, settings: Config
         page = IdentificationPage(*course, *rows, identification.not_learned, identification.mismatch)
         write_identification_page(done.folder.path / IDENTIFICATION_PAGE, page)
     done.folder.write_checksums()
+
+
+def _print(done: FinishedRun, identification: Identification, to: Path, *, as_json: bool) -> None:
+    """Print the results."""
     if as_json:
         print_json(_as_json(done, identification, to))
         return
@@ -448,9 +461,9 @@ def _written(done: FinishedRun, identification: Identification, settings: Config
             out.print(f"{about:<12}{line}")
     if done.problem is not None:
         err.print(
-            "the finger file holds what was learned before the end"
+            "the finger file contains the estimate from the presses before the end"
             if identification.measured
-            else "nothing was learned; no finger file was written"
+            else "no press was evaluated; no finger file was written"
         )
 
 
@@ -463,10 +476,12 @@ def find_command(
 ) -> None:
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with one_line_errors(as_json=as_json):
-        recorded, settings = read_run(run), load_config(run / "config.toml")
+        with busy("reading the run …", quick=True):
+            recorded, settings = read_run(run), load_config(run / "config.toml")
         with busy(THE_FINGER, quick=True):
             finger = Fingertip.load(settings.finger)
-        lie = find(recorded, settings, finger)
+        with busy("fitting the pad to the touches …", quick=True):
+            lie = find(recorded, settings, finger)
         if as_json:
             found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
             print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})

@@ -12,9 +12,10 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.compare.recordings.deflection import SkinDeflection, in_words, laid_beside, read_skin_deflection
+from rig.compare.recordings.deflection import SkinDeflection, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.plural import number_of
 from sim.benchmark import QUANTITIES
 from sim.cheapest_model import Aim, Choice, choose
 from sim.config import FingertipConfig, MeshSpec
@@ -45,7 +46,7 @@ class Chosen:
 
     @property
     def why(self) -> str:
-        """The reason for the model, in one line."""
+        """Reason for the choice of the model, in one line."""
         return f"{self.model}, as requested" if self.choice is None else self.choice.why
 
     @property
@@ -135,7 +136,7 @@ class ModelRequest:
             raise BadInputError(
                 "--shape point requires --model finger or section", code="no_point_loads", model=self.model
             )
-        return self._as_asked(self.model)
+        return self._requested(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
         """Refuse options that a choice of model cannot use."""
@@ -165,7 +166,7 @@ class ModelRequest:
     ) -> Chosen:
         """Return the named model, or the cheapest that meets the tolerance; raise NoModelError if none does."""
         if self.model is not None:
-            return self._as_asked(self.model)
+            return self._requested(self.model)
         found = choose(
             indentor,
             x_mm,
@@ -178,7 +179,7 @@ class ModelRequest:
         )
         return Chosen(found.model, found, self.length_mm)
 
-    def _as_asked(self, model: ModelName) -> Chosen:
+    def _requested(self, model: ModelName) -> Chosen:
         return Chosen(model, None, self.length_mm)
 
 
@@ -333,8 +334,9 @@ def indent_command(
             assert force is not None
             with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
-            loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
-            _say_point(loaded, pressed, finger.build_s, as_json=as_json)
+            with busy("pressing a point …", quick=True, kind="press"):
+                loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
+            _print_point_load(loaded, pressed, finger.build_s, as_json=as_json)
             return
         request.refuse(settings.finger, receptors)
         chosen = request.choose(
@@ -357,8 +359,9 @@ def indent_command(
         with busy(f"pressing {shape} …", quick=True, kind="press"):
             result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
-            _draw(result, picture)
-        beside = None if measured is None else laid_beside(result, measured)
+            with busy("drawing the figure …", quick=True):
+                _draw(result, picture)
+        beside = None if measured is None else compared_deflection(result, measured)
         if as_json:
             answer = chosen.described(result.as_json())
             answer["solver"]["build_s"] = finger.build_s
@@ -450,7 +453,7 @@ def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     return force_gwt
 
 
-def _say_point(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
+def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
     if as_json:
         answer = chosen.described(result.as_json())
         answer["solver"]["build_s"] = build_s
@@ -502,8 +505,8 @@ def _friction(result: FrictionResult) -> str:
     """Return a note on how the skin sticks."""
     shear = " and ".join(f"{f:.5f}" for f in result.shear_force_n)
     return (
-        f"{result.friction:g}, {result.increments} increments; {result.sticking_share:.0%} of the force is borne by "
-        f"skin that sticks; shear force {shear} N"
+        f"{result.friction:g}, {number_of(result.increments, 'increments')}; sticking skin carries "
+        f"{result.sticking_share:.0%} of the force; shear force {shear} N"
     )
 
 

@@ -15,7 +15,7 @@ from pydantic import ValidationError
 from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import NotConfirmedError, complain, err, one_line_errors, out, print_json
+from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
@@ -35,7 +35,7 @@ WORDS: Mapping[Room, tuple[str, str, str]] = {
 """Options of a device's kind and port, and its name in sentences."""
 
 NOMINAL_DAYS = 30
-"""Days for which steps per mm that were typed, not measured, may be used."""
+"""Days for which steps per mm that were entered, not measured, may be used."""
 
 Tables = dict[str, dict[str, Any]]
 
@@ -45,7 +45,7 @@ def init_command(
         list[str] | None,
         typer.Option(
             metavar="PORT",
-            help="Port to ask: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
+            help="Port to search: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
             rich_help_panel=_DEVICES,
         ),
     ] = None,
@@ -82,7 +82,9 @@ def init_command(
     travel_mm: Annotated[
         str | None,
         typer.Option(
-            metavar="X,Y,Z", help="Travel of the axes from home, in mm. Default: asked.", rich_help_panel=_ANSWERS
+            metavar="X,Y,Z",
+            help="Travel of the axes from home, in mm. Default: prompted.",
+            rich_help_panel=_ANSWERS,
         ),
     ] = None,
     steps_per_mm: Annotated[
@@ -90,7 +92,7 @@ def init_command(
         typer.Option(
             metavar="X,Y,Z|none",
             help="Motor steps per mm, negative if the motor runs against the axis; none: as set in the controller. "
-            "Default: asked.",
+            "Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
@@ -98,27 +100,29 @@ def init_command(
         str | None,
         typer.Option(
             metavar="GWT",
-            help="Largest force that the sensor measures, in gwt. Default: asked.",
+            help="Largest force that the sensor measures, in gwt. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
     trip_n: Annotated[
         str | None,
         typer.Option(
-            metavar="N", help="Force that trips a run, in N, at most 5. Default: asked.", rich_help_panel=_ANSWERS
+            metavar="N",
+            help="Force that trips a run, in N, at most 5. Default: prompted.",
+            rich_help_panel=_ANSWERS,
         ),
     ] = None,
     finger: Annotated[
         str | None,
         typer.Option(
             metavar="none|default|human",
-            help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: asked.",
+            help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
     ] = None,
     to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml"),
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Ask nothing: take all answers from options.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False,
     as_json: JsonOption = False,
 ) -> None:
     """Find the devices on the ports, ask for the rest, and write a configuration file.
@@ -174,7 +178,7 @@ class _Talk:
     missing: list[str] = field(default_factory=list)
 
     def ask(self, option: str, what: str, default: str | None, take: Callable[[str], None]) -> None:
-        """Ask until an answer is accepted; an empty line is the default.
+        """Prompt until an answer is accepted; an empty line selects the default.
 
         Raises NotConfirmedError at the end of input.
         """
@@ -194,10 +198,10 @@ class _Talk:
                 complain(str(error))
 
     def refuse_missing(self) -> None:
-        """Raise BadInputError for questions that nobody could be asked."""
+        """Raise BadInputError for prompts that have no answer in a non-interactive session."""
         if self.missing:
             raise BadInputError(
-                "init: nobody is asked without a terminal or with --yes; add {missing}",
+                "init: cannot prompt without a terminal or with --yes; add {missing}",
                 code="answers_missing", missing=", ".join(self.missing),
             )  # fmt: skip
 
@@ -251,7 +255,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
 
 
 def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str]:
-    """Return the ports to ask: those of the options, and all serial ports unless the options name enough."""
+    """Return the ports to search: those of the options, and all serial ports unless the options name enough."""
     named = [one.port for one in given.values() if one.port is not None]
     for port in (*(ports or ()), *named):
         _Draft().put("init", {"stage": {"port": port}})
@@ -260,30 +264,32 @@ def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str
 
 
 def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
-    """Ask the ports, and print each answer as it comes."""
+    """Probe the ports, and print each result as it arrives."""
     tell: Callable[[str], object] = str if quiet else err.print
     if not ports:
         tell("no serial port is connected; name ports with --port, such as --port tcp://192.168.0.7:502")
         return []
     tell(f"looking for devices on {', '.join(ports)}; a silent port takes about 10 s …")
     found: list[PortFound] = []
-    for one in find_devices(ports, WallClock()):
-        tell(f"{one.port}: {one.words}")
-        found.append(one)
+    with busy("ports asked", as_json=True, total=len(ports)) as now:
+        for one in find_devices(ports, WallClock()):
+            tell(f"{one.port}: {one.words}")
+            found.append(one)
+            now.at(len(found), len(ports))
     return sorted(found, key=lambda one: ports.index(one.port))
 
 
 def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft, talk: _Talk) -> None:
-    """Put a device into the draft: the one of the options, the only one found, or the one that is asked for."""
+    """Add a device to the draft: from the options, the only one found, or the one that the user names."""
     of_kind, of_port, device = WORDS[room]
 
     def take(kind: str, port: str) -> None:
         _refuse_unknown_kind(room, kind)
         there = next((one for one in found if one.port == port and one.kind is not None), None)
-        table: dict[str, Any] = {"kind": kind, "port": port, **_further_ports(room, kind, port, found)}
+        own = _several_ports(room, kind, port, found)
         if there is not None and there.kind is not None and there.own and there.kind.name == kind:
-            table[there.kind.place] = dict(there.own)
-        draft.put(of_port, {room: table})
+            own.setdefault(there.kind.place, {}).update(there.own)
+        draft.put(of_port, {room: {"kind": kind, "port": port, **own}})
         if there is not None and there.identity is not None:
             draft.identities[room] = there.identity
 
@@ -325,17 +331,23 @@ def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft
         talk.ask(of_port, f"port of the {device}", usual, lambda word: take(kind or DEFAULTS[room], word))
 
 
-def _further_ports(room: Room, kind: str, port: str, found: Sequence[PortFound]) -> dict[str, Any]:
-    """Return the table with the further port of a stage, if one other port has a device of its kind."""
+def _several_ports(room: Room, kind: str, port: str, found: Sequence[PortFound]) -> Tables:
+    """Return the table with the further ports of a stage, if as many others have its kind, and its serial numbers."""
     entry = find(StageKind, kind) if room == "stage" else None
-    if entry is None or not entry.further_ports:
+    if entry is None:
         return {}
-    others = [one.port for one in found if one.port != port and one.kind is not None and one.kind.name == kind]
+    mine = {one.port: one for one in found if one.kind is not None and one.kind.name == kind}
+    others = [one for one in mine if one != port] if entry.further_ports else []
     if len(others) != len(entry.further_ports):
         keys = " and ".join(f"{room}.{entry.place}.{key}" for key in entry.further_ports)
         complain(f"warning: the stage has further ports; set {keys} in the file")
-        return {}
-    return {entry.place: dict(zip(entry.further_ports, others, strict=True))}
+        others = []
+    own: dict[str, Any] = dict(zip(entry.further_ports, others, strict=False))
+    for key, name in zip(entry.serial_keys, [port, *others], strict=False):
+        if name in mine and mine[name].serial is not None:
+            axis, _, number = key.partition(".")
+            own[axis] = {number: mine[name].serial}
+    return {entry.place: own} if own else {}
 
 
 def _kinds_of(room: Room) -> str:
@@ -349,7 +361,7 @@ def _refuse_another(room: Room, given: _Given, there: PortFound) -> None:
     option, port_option, device = WORDS[room]
     swapped = there.kind.room != room
     raise BadInputError(
-        "{option} {port}: not a {device} but a {other} answers there ({answers}); {advice}",
+        "{option} {port}: a {other} answers there, not a {device} ({answers}); {advice}",
         code="swapped_ports" if swapped else "another_device",
         option=port_option, port=given.port, device=device, answers=there.words,
         other=WORDS[there.kind.room][2] if swapped else there.kind.name,
@@ -381,7 +393,7 @@ class Question:
         return f"--{self.name.replace('_', '-')}"
 
     def settle(self, answer: str | None, draft: _Draft, talk: _Talk) -> None:
-        """Put the answer of the option into the draft, or ask for one."""
+        """Add the value of the option to the draft, or prompt for one."""
         so_far = draft.config()
 
         def take(text: str) -> None:
@@ -513,7 +525,7 @@ def _words(numbers: Sequence[float]) -> str:
 
 NOTES = {
     "frame": "where the finger lies; placeholders in the middle of the travel until you measure them",
-    "calibration": "typed, not measured: calibrate the rig before these expire",
+    "calibration": "entered, not measured: calibrate the rig before these expire",
 }
 """Comments above tables."""
 

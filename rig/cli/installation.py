@@ -15,10 +15,17 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.bench.checks import as_words, bench_problems, contact, expired_calibrations, in_one_line, look, today
+from rig.bench.checks import (
+    as_words,
+    bench_problems,
+    expired_calibrations,
+    in_one_line,
+    look_and_contact,
+    today,
+)
 from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
-from rig.cli.output import err, one_line_errors, out, print_json
+from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
@@ -28,6 +35,7 @@ from rig.printable import either
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
+from rig_shared.plural import number_of
 from sim import benchmark
 from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
 from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
@@ -156,7 +164,7 @@ def cache_command(
             return
         _print(kept, limit_gb)
         if prune_it:
-            out.print(f"removed     {len(removed)} files, {_megabytes(removed)}")
+            out.print(f"removed     {number_of(len(removed), 'files')}, {_megabytes(removed)}")
 
 
 def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
@@ -165,9 +173,9 @@ def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
         them = [entry for entry in kept if entry.kind == kind]
         if them:
             last = f"read last on {_read(them[0]):%Y-%m-%d}, least recently on {_read(them[-1]):%Y-%m-%d}"
-            out.print(f"{kind:<12}{len(them)} files, {_megabytes(them)}: {_ABOUT[kind]}; {last}")
+            out.print(f"{kind:<12}{number_of(len(them), 'files')}, {_megabytes(them)}: {_ABOUT[kind]}; {last}")
     out.print(
-        f"in all      {_megabytes(kept)}; above {limit_gb:g} GB (RIG_CACHE_GB) the least recently read "
+        f"total       {_megabytes(kept)}; above {limit_gb:g} GB (RIG_CACHE_GB) the least recently read "
         "entries are deleted"
     )
 
@@ -204,7 +212,8 @@ def doctor_command(
 ) -> None:
     """Print the contents of a bug report."""
     with one_line_errors(as_json=as_json):
-        found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
+        with busy("writing the bug report …" if bundle else "asking ports and devices …", quick=True):
+            found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
         if as_json:
             print_json(found)
             return
@@ -213,7 +222,7 @@ def doctor_command(
 
 
 def _bundled(run: Path, settings: Config) -> dict[str, Any]:
-    """Write the file for a bug report to the current folder, and return what it contains and leaves out."""
+    """Write the file for a bug report to the current folder, and return its contents and omissions."""
     here = _installation(settings)
     about = ("python", "system", "machine", "cores", "versions", "devices", "protocols")
     contents = {name: here[name] for name in about}
@@ -286,7 +295,7 @@ def _bench(settings: Config) -> dict[str, Any]:
     """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
     expired = settings.calibration.expired(today())
     left = left_on_record(Path("runs"), settings)
-    return look(settings, closely=True) | {
+    return look_and_contact(settings, closely=True) | {
         "calibrated": [
             {
                 "name": name,
@@ -297,7 +306,6 @@ def _bench(settings: Config) -> dict[str, Any]:
             }
             for name, one in settings.calibration.measured()
         ],
-        "contact": contact(settings),
         "last_run_text": left or "no run on record left the indentor at the finger",
     }
 
@@ -347,10 +355,13 @@ def speed_command(
         measured = []
         candidates = QUICK if quick else WHOLE
         found_one = measure(candidates, QUICK_SCENES if quick else SCENES)
-        for found in counted(found_one, len(candidates), "candidates measured", quiet=as_json):
+        for found in counted(found_one, len(candidates), "candidates", quiet=as_json):
             measured.append(found)
             err.print(f"{_name(found)}: {found.nodes} nodes, {found.build_s:.1f} s, {found.memory_mb:.0f} MB")
-        table, unit_s = list(rows(measured, reference)), reference_s()
+        with busy("reference computation …", quick=True):
+            table, unit_s = list(rows(measured, reference)), reference_s()
+        with busy("comparing with CalculiX …", quick=True):
+            calculix = _calculix(quick=quick)
         text = page(
             table,
             machine=f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}",
@@ -361,13 +372,13 @@ def speed_command(
             reference_s=unit_s,
             steps=_STEPS,
             breakdown=[_breakdown(found) for found in measured if found.candidate.model == "finger"],
-            **_calculix(quick=quick),
+            **calculix,
         )
         page_file.write_text(text, encoding="utf-8")
         if as_json:
             print_json({"rows": table, "page": str(page_file), "reference_s": unit_s})
         else:
-            out.print(f"{page_file}: {len(measured)} candidates, {time.perf_counter() - start:.0f} s")
+            out.print(f"{page_file}: {number_of(len(measured), 'candidates')}, {time.perf_counter() - start:.0f} s")
             out.print(f"reference computation: {unit_s:.3f} processor seconds")
 
 

@@ -27,7 +27,7 @@ KEYS = {
 _QUIT = ord("q")
 # Held keys repeat about 30 times a second, after a pause that a tap must not outlast.
 RELEASED_S = 0.15
-_IDLE_LOOK_S = 0.02
+_IDLE_LOOK_S, _KEY_LOOK_S = 0.02, 0.005
 
 
 def command(
@@ -127,17 +127,36 @@ def _jog_by_keys(hand: ByHand, clock: Clock, speed_mm_s: float) -> Moved:
 
 
 class HeldKey:
-    """Direction of the key that is held; finished at q or when the input ends."""
+    """Direction of the key that is held; finished at q or when the input ends.
+
+    What was typed while nothing read the keys, since this process stood still or a slow sensor was read, may have
+    been typed long ago: only a key that is repeated now is held then.
+    """
 
     def __init__(self, clock: Clock, read_keys: Callable[[], bytes | None]) -> None:
         """Take a function that returns the bytes typed since its last call, or None at the end of the input."""
         self._held, self._read_keys = HeldDirection(clock, RELEASED_S), read_keys
+        self._clock, self._read_s = clock, clock.monotonic_s()
         self.finished = False
 
     def __call__(self) -> Direction | None:
-        typed = self._read_keys()
-        if typed is None or _QUIT in typed:
-            self.finished = True
-        elif typed:
+        now_s = self._clock.monotonic_s()
+        late, self._read_s = now_s - self._read_s > RELEASED_S, now_s
+        typed = self._typed()
+        if typed and late:
+            self._held.say(None)
+            while typed:
+                typed = self._typed()
+            while not (typed or self.finished) and self._clock.monotonic_s() < now_s + RELEASED_S:
+                self._clock.wait_s(_KEY_LOOK_S)
+                typed = self._typed()
+            self._read_s = self._clock.monotonic_s()
+        if typed and not self.finished:
             self._held.say(KEYS.get(typed[-1]))
         return None if self.finished else self._held()
+
+    def _typed(self) -> bytes:
+        """Return what was typed since the last call."""
+        typed = self._read_keys()
+        self.finished = self.finished or typed is None or _QUIT in typed
+        return typed or b""

@@ -1,4 +1,4 @@
-"""What each command prints with `--json`: a schema for each, the reference page and the tests are made from it.
+"""Schemas of the JSON output of each command; the reference page and the tests are made from them.
 
 Numbers are numbers. A quantity has its unit at the end of its key (`force_gwt`), or beside it in `unit`. Prose is in
 keys that end in `_text`. Identifiers come from closed lists, or have a format that says whose names they are.
@@ -126,7 +126,7 @@ class FailureJson(Output):
 
 
 class SmallStrainJson(Output):
-    """Deviation of a linear answer from finite strain: least and most; null where nothing was compared."""
+    """Deviation of a linear result from finite strain: smallest and largest; null without a comparison."""
 
     note_text: str
     force: Ends | None
@@ -160,7 +160,7 @@ class DeviceLookJson(Output):
 
 
 class StageLookJson(DeviceLookJson):
-    """The stage; position in machine coordinates."""
+    """State of the stage, with its position in machine coordinates."""
 
     state: NotRequired[Name]
     x_mm: NotRequired[float]
@@ -169,7 +169,7 @@ class StageLookJson(DeviceLookJson):
 
 
 class ForceLookJson(DeviceLookJson):
-    """The force sensor."""
+    """State of the force sensor."""
 
     force_n: NotRequired[float]
     stable: NotRequired[bool]
@@ -201,7 +201,7 @@ class ProbableCandidateJson(Output):
 
 
 class AdaptiveVerdictJson(Output):
-    """The verdict of an adaptive run; `truth` is that of a virtual nerve, `planned_from` where counts stopped."""
+    """Verdict of an adaptive run; `truth`: that of a virtual nerve, `planned_from`: press where counts stopped."""
 
     candidates: list[ProbableCandidateJson]
     ended: Code | None
@@ -227,7 +227,7 @@ class FinishedRunJson(Output):
 
 
 class MarginsJson(Output):
-    """What remains up to the limits."""
+    """Margins to the limits."""
 
     force_gwt: float
     doi_mm: float
@@ -317,7 +317,7 @@ class IdentifiedParameterJson(Output):
     name: Parameter
     unit: Unit
     estimate: float
-    """That of one finger whose parameters all lie within their bands."""
+    """Value of the most likely finger whose parameters all lie within their bands."""
     mean: float
     sd: float
     low: float
@@ -352,7 +352,7 @@ class IdentificationJson(Output):
 
 
 class WatchJson(Output):
-    """The state of a run now."""
+    """Current state of a run."""
 
     run: File
     state: State
@@ -370,7 +370,7 @@ class WatchJson(Output):
 
 
 class PanelJson(Output):
-    """Where the panel is."""
+    """Address of the panel."""
 
     url: Uri
     port: int
@@ -378,7 +378,7 @@ class PanelJson(Output):
 
 
 class FingerFrameJson(Output):
-    """Where the finger lies."""
+    """Position of the finger in machine coordinates."""
 
     pad_centre_x_mm: float
     apex_z_mm: float
@@ -456,7 +456,7 @@ class RunDevicesJson(Output):
 
 
 class RunModelJson(Output):
-    """The finger model of a run."""
+    """Finger model of a run."""
 
     nodes: NotRequired[int]
     e_epidermis_mpa: NotRequired[float]
@@ -525,7 +525,7 @@ class SimulatedAfferentJson(Output):
     depth_mm: float
     sensitivity: Ratio
     delay_s: float
-    """Between a spike at the receptor and the same spike at the electrode."""
+    """Delay from a spike at the receptor to the same spike at the electrode."""
     spikes: int
 
 
@@ -579,7 +579,7 @@ class MeasuresOfGroupJson(Output):
 
 
 class CollinearInGroupJson(Output):
-    """Sets of measures that no recording of a group tells apart."""
+    """Sets of measures that no recording of a group can distinguish."""
 
     group: Name
     sets: list[list[Measure]]
@@ -602,7 +602,7 @@ class JointFitJson(Output):
 
 
 class FitValuesJson(Output):
-    """The same fit on the run's own finger."""
+    """Same fit on the run's own finger."""
 
     unit: Unit
     k: float | None
@@ -621,7 +621,7 @@ class NamedValueJson(Output):
 
 
 class NamedRangeJson(Output):
-    """The range of a parameter of a finger."""
+    """Range of a parameter of a finger."""
 
     name: Name
     low: float
@@ -674,7 +674,7 @@ class MissingPositionsJson(Output):
 
 
 class LeftOutOfRecordingJson(Output):
-    """What is left out of a recording."""
+    """Positions of a recording that are left out."""
 
     shape: Shape
     condition: Name
@@ -728,7 +728,7 @@ class CeilingJson(Output):
 
 
 class SeparateFitJson(Output):
-    """The maximum-likelihood pair fitted to one stimulus."""
+    """Maximum-likelihood pair fitted to one stimulus."""
 
     stimulus: Name
     unit: Unit
@@ -795,7 +795,7 @@ class PairRowJson(Output):
 
 
 class AnswerJson(Output):
-    """The verdict on one afferent; rows are likeliest first."""
+    """Verdict on one afferent; rows in order of descending likelihood."""
 
     stimuli: list[Name]
     recordings: list[File]
@@ -918,9 +918,9 @@ class GroupRowJson(Output):
     """Log-likelihood below that of the most probable candidate."""
     in_set: bool
     wins: int
-    """Afferents whose maximum-likelihood measure it is, each on its own."""
+    """Number of afferents whose own maximum-likelihood measure this is."""
     kept: int
-    """Afferents in whose set it is."""
+    """Number of afferents whose set contains it."""
     gain: float | None
     """Geometric mean over the afferents."""
     gain_interval: Limits
@@ -933,14 +933,14 @@ class GroupRowJson(Output):
 
 
 class GroupVerdictJson(Output):
-    """The verdict on the group; rows are most probable first."""
+    """Verdict on the group; rows in order of descending probability."""
 
     outcome: GroupOutcome
     answer_text: str
     besides_text: list[str]
     afferents: int
     unexplained: int
-    """Afferents whose own verdict rejects every measure."""
+    """Number of afferents whose own verdict rejects every measure."""
     set: list[Candidate]
     rows: list[GroupRowJson]
     method_text: str
@@ -966,7 +966,7 @@ class GroupJson(Output):
 
 
 class LoadingPathJson(Output):
-    """Whether the result depends on the loading path."""
+    """Dependence of the result on the loading path."""
 
     may_depend: bool
     spread: Ratio | None
@@ -1008,7 +1008,7 @@ class ReceptorsJson(Output):
 
 
 class SolverJson(Output):
-    """The model and how its contact was solved."""
+    """Model and solution of its contact."""
 
     model: Name
     nodes: int
@@ -1020,7 +1020,7 @@ class SolverJson(Output):
 
 
 class ExpectedErrorsJson(Output):
-    """Largest measured relative error of each quantity that was asked for."""
+    """Largest measured relative error of each requested quantity."""
 
     force: NotRequired[Ratio]
     width: NotRequired[Ratio]
@@ -1037,7 +1037,7 @@ class ExpectedCostJson(Output):
 
 
 class ChoiceJson(Output):
-    """How the model was chosen; a model that was named has no more than the first three keys."""
+    """Choice of the model; a model named on the command line has only the first three keys."""
 
     level: Level | None
     promised_error: Ratio | None
@@ -1070,7 +1070,7 @@ class FrictionJson(Output):
     coefficient: Ratio
     increments: int
     sticking_share: Ratio
-    """Share of the normal force that is borne by points that stick."""
+    """Share of the normal force that sticking points carry."""
     shear_x_n: float
     shear_z_n: float
     normal_residual: Ratio
@@ -1136,7 +1136,7 @@ class ConfusionJson(Output):
 
 
 class NotSeparatedJson(Output):
-    """A pair between which all presses in an hour choose wrongly too often."""
+    """Pair of candidates that all presses in an hour cannot separate."""
 
     one: Candidate
     other: Candidate
@@ -1216,7 +1216,7 @@ class StudyJson(Output):
 
 
 class SkinJson(Output):
-    """The skin that was fitted."""
+    """Fitted skin."""
 
     source: Literal["points", "published points", "sections"]
     count: int
@@ -1226,7 +1226,7 @@ class SkinJson(Output):
 
 
 class ApexJson(Output):
-    """The highest point of the skin."""
+    """Highest point of the skin."""
 
     position_mm: list[float]
     lateral_radius_mm: float
@@ -1254,7 +1254,7 @@ class MeshQualityJson(Output):
 
 
 class FingerJson(Output):
-    """The finger of a configuration."""
+    """Finger of a configuration."""
 
     skin: SkinJson
     apex: ApexJson
@@ -1360,7 +1360,7 @@ class PressureBandJson(Output):
 
 
 class ShapeEstimateJson(Output):
-    """What touches the skin. size_mm: diameter, half a wavelength of a step, or width of a bar."""
+    """Estimated shape of the indentor. size_mm: diameter, half a wavelength of a step, or width of a bar."""
 
     shape_class: SolidClass
     size_mm: float
@@ -1406,7 +1406,7 @@ class SpectraJson(Output):
 
 
 class OppositeJson(Output):
-    """How nearly g is −h."""
+    """Difference between −g and h."""
 
     relative_l2: Ratio
     largest: Ratio
@@ -1454,7 +1454,7 @@ class ImpulseJson(Output):
 
 
 class SampledSitesJson(Output):
-    """The loads, and where receptors lie."""
+    """Loads and receptor locations."""
 
     spacing_mm: float
     half_width_mm: float
@@ -1472,7 +1472,7 @@ class PowerLawJson(Output):
 
 
 class PrintedLawJson(Output):
-    """The law that the source prints; the unit of its A is not printed."""
+    """Power law printed in the source, which does not state the unit of A."""
 
     a: Ratio
     m: Ratio
@@ -1543,7 +1543,7 @@ class HomedJson(ContactJson):
 
 
 class ZeroedJson(Output):
-    """The force sensor after zeroing."""
+    """Force sensor after zeroing."""
 
     identity: Name
     force_n: float
@@ -1581,7 +1581,7 @@ class JoggedJson(HomedJson):
     """Position after a manual move."""
 
     ended_by_text: str | None
-    """What stopped the stage."""
+    """Cause of the stop."""
     code: NotRequired[Code]
 
 
@@ -1674,7 +1674,7 @@ class ConfiguredJson(Output):
 
 
 class ConfiguredDevicesJson(Output):
-    """The configured devices."""
+    """Configured devices."""
 
     stage: ConfiguredJson
     force: ConfiguredJson
@@ -1703,15 +1703,15 @@ class MeasuredJson(Output):
     samples: int
     rate_hz: float
     age: SpreadJson
-    """Of a reading when the program decides about a trip; of a position, at most."""
+    """Age of a reading when the program decides about a trip, or largest age of a position."""
     stops: int
     to_bytes: SpreadJson | None
-    """From the call of a stop; null for a force sensor."""
+    """Time from the call of a stop to its bytes; null for a force sensor."""
     to_rest: SpreadJson | None
 
 
 class CataloguedDeviceJson(DeviceKindJson):
-    """A kind of device and what it was tested with; a text is null where nothing was."""
+    """Kind of device and the evidence of its tests; a text without evidence is null."""
 
     device_text: str
     manual_text: str | None
@@ -1747,7 +1747,7 @@ class CacheSizeJson(Output):
 
 
 class DoctorJson(Output):
-    """This installation; with --config also what answers on the ports."""
+    """Installation; with --config also the devices that answer on the ports."""
 
     python: Name
     system: Name
@@ -1778,16 +1778,16 @@ class BugReportJson(Output):
 
 
 class PortFoundJson(Output):
-    """What a port answered; role, kind and identity are null if no known device did."""
+    """Reply on a port; role, kind and identity are null if no known device answered."""
 
     port: Port
     role: Literal["stage", "force"] | None
     kind: Name | None
     identity: Name | None
     owner: int | None
-    """Process that uses the port, which was then not asked; null also where the system does not report it."""
+    """Process that uses the port, which was then not searched; null also if the system does not report it."""
     code: Code | None
-    """Why the port was not asked, or the device cannot be used."""
+    """Reason that the port was not searched, or that the device cannot be used."""
     found_text: str
 
 
@@ -1846,7 +1846,7 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "config": (ConfigurationJson, DeviceCatalogueJson),
     "doctor": (DoctorJson, BugReportJson),
 }
-"""What a command with --json prints if it ends in a result; any of them may print a Failure instead."""
+"""Output of each command with --json that succeeds; any command may print a Failure instead."""
 
 
 @cache
@@ -1860,7 +1860,7 @@ def schema_of(command: str) -> dict[str, Any]:
 
 
 def _plain(schema: Any) -> Any:
-    """The schema without titles that only repeat keys; a map has no keys but those of its pattern."""
+    """Return a schema without titles that only repeat keys, and with maps limited to the keys of their pattern."""
     if isinstance(schema, list):
         return [_plain(one) for one in schema]
     if not isinstance(schema, dict):

@@ -52,7 +52,7 @@ if sys.platform == "win32":
         return typed.encode("utf-8", "replace")
 
     def _in_a_thread(file: int) -> ReadKeys:
-        """Return what reads a pipe or a file, which Windows cannot ask for waiting text."""
+        """Return a function that reads a pipe or file in a thread, because Windows cannot poll them."""
         read: queue.SimpleQueue[bytes] = queue.SimpleQueue()
 
         def serve() -> None:
@@ -82,7 +82,7 @@ else:
         """Return whether a line is waiting at the keyboard, or True if that is unknown."""
         try:
             return bool(select.select([sys.stdin], [], [], within_s)[0])
-        except (OSError, ValueError):  # not a file
+        except (OSError, ValueError, TypeError):  # not a file
             return True
 
     def text_waits(file: int) -> bool:

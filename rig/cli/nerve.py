@@ -11,16 +11,17 @@ from rig.data.run import Run, read_run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
     from rig.data.spike_files import SpikeRecord
-    from rig.plan.nerve import Visits, WantedSpikes
+    from rig.plan.nerve import SpikeRequest, Visits
     from sim.models.fingertip import Fingertip
     from sim.nerve.population import AfferentPopulation
 
 AFFERENTS = "3xSA1,5xRA"
 AFFERENTS_HELP = (
-    "Afferents: 3xSA1 at places drawn on the pad, SA1@X or SA1@X:ALONG at a place (mm), separated by commas; "
+    "Afferents: 3xSA1 at random locations on the pad, SA1@X or SA1@X:ALONG at a location (mm), separated by commas; "
     "or a density such as 'monkey fingertip'."
 )
 MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
@@ -29,16 +30,19 @@ MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
 def nerve_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")],
     afferents: Annotated[str, typer.Option(metavar="LIST", help=AFFERENTS_HELP)] = AFFERENTS,
-    seed: Annotated[int, typer.Option(metavar="N", help="Seed of places, sensitivities and noise.")] = 0,
+    seed: Annotated[
+        int, typer.Option(metavar="N", help="Seed of the random locations, sensitivities and noise.")
+    ] = 0,
     path_m: Annotated[
-        float, typer.Option(metavar="M", help="Nerve from the fingertip to the electrode, in m.")
+        float, typer.Option(metavar="M", help="Length of the nerve from the fingertip to the electrode, in m.")
     ] = 0.2,
     as_json: JsonOption = False,
 ) -> None:
-    """Simulate spikes during a run, write them beside it, and renew its report. They are synthetic, not data."""
+    """Simulate spikes during a run, write them to its folder, and update its report. They are synthetic, not data."""
     with one_line_errors(as_json=as_json):
-        wanted = spikes_wanted(afferents, seed, path_m)
-        found = read_run(run)
+        wanted = spike_request(afferents, seed, path_m)
+        with busy("reading the run …", quick=True):
+            found = read_run(run)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
             with busy(THE_FINGER, as_json=as_json):
@@ -46,26 +50,23 @@ def nerve_command(
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
-            begun = visits_of(found, settings), wanted.drawn(finger)
+            with busy("drawing the afferents …", quick=True):
+                begun = visits_of(found, settings), wanted.drawn(finger)
             with found.folder.owned():
-                before = found.folder.files
                 answer = _add(finger, found, wanted, *begun, as_json=as_json)
-                with busy("writing the report …", as_json=as_json):
-                    from rig.cli.runs import ending_lines  # `rig run` does without
-                    from rig.report.run_report import write_report
+                from rig.cli.runs import renewed_report  # `rig run` does without
 
-                    report = write_report(found, finger, None, ending_lines(found))
-                written = {Path(name).name for name in answer["files"]}
-                found.folder.add_checksums((found.folder.files - before) | written | _renewed(found))
+                renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=as_json)
+        report = found.folder.report
         if as_json:
             print_json({**answer, "report": str(report)})
         else:
             _print(answer, report)
 
 
-def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpikes":
-    """Return what a command asks for; raise BadInputError or ModelRangeError before any work."""
-    from rig.plan.nerve import WantedSpikes
+def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeRequest":
+    """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
+    from rig.plan.nerve import SpikeRequest
 
     if not 0 <= seed < MOST_SEED:
         raise BadInputError(
@@ -77,15 +78,15 @@ def spikes_wanted(afferents: str, seed: int, path_m: float = 0.2) -> "WantedSpik
             "{option} {value:g}: must be more than {low:g} and at most {high:g}",
             code="outside_range", option="--path-m", value=path_m, low=0.0, high=MOST_PATH_M,
         )  # fmt: skip
-    wanted = WantedSpikes(afferents, seed, path_m)
+    wanted = SpikeRequest(afferents, seed, path_m)
     wanted.refuse()
     return wanted
 
 
 def add_spikes(
-    finger: "Fingertip", run: Run, config: Config, wanted: "WantedSpikes", *, as_json: bool
+    finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest", *, as_json: bool
 ) -> dict[str, Any]:
-    """Write the spikes of a run into its folder; return what commands print as JSON, without the report."""
+    """Write the spikes of a run into its folder; return the JSON output of the command, without the report."""
     from rig.plan.nerve import visits_of
 
     return _add(finger, run, wanted, visits_of(run, config), wanted.drawn(finger), as_json=as_json)
@@ -94,7 +95,7 @@ def add_spikes(
 def _add(
     finger: "Fingertip",
     run: Run,
-    wanted: "WantedSpikes",
+    wanted: "SpikeRequest",
     found: "Visits",
     afferents: "AfferentPopulation",
     *,
@@ -103,7 +104,11 @@ def _add(
     from rig.data.export import export_spikes
     from rig.plan.nerve import run_spikes
 
-    with busy(f"spikes of {len(afferents)} afferents …", as_json=as_json, size=len(afferents) * run.end_s) as now:
+    with busy(
+        f"simulating the spikes of {number_of(len(afferents), 'afferents')} …",
+        as_json=as_json,
+        size=len(afferents) * run.end_s,
+    ) as now:
         record = run_spikes(
             run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at
         )
@@ -138,11 +143,6 @@ def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
     ]
 
 
-def _renewed(run: Run) -> set[str]:
-    """Return the files that a report writes anew."""
-    return {name for name in run.folder.files if name.startswith("model_") or name == run.folder.report.name}
-
-
 def _print(answer: dict[str, Any], report: Path) -> None:
     for line in spike_lines(answer):
         out.print(line)
@@ -155,5 +155,5 @@ def spike_lines(answer: dict[str, Any]) -> list[str]:
     more = f", and {len(answer['afferents']) - 20} more" if len(answer["afferents"]) > 20 else ""
     lines = [f"spikes  synthetic, electrode {answer['electrode_text']}: {counts}{more}"]
     if answer["left_out"]:
-        lines.append(f"        {answer['left_out']} presses without a contact height are left out")
+        lines.append(f"        left out: {number_of(answer['left_out'], 'presses')} without a contact height")
     return [*lines, *(f"file    {name}" for name in answer["files"])]

@@ -1,4 +1,4 @@
-"""Options that several commands share, and how each is checked."""
+"""Options that several commands share, with their checks."""
 
 import math
 import os

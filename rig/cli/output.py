@@ -18,13 +18,14 @@ from rich.spinner import Spinner
 from rig.cli import durations
 from rig.errors import RigError
 from rig.printable import printable
+from rig_shared.plural import number_of
 
 
 class _Terminal(Console):
-    """Console whose texts do not steer the terminal, in tables and live screens too."""
+    """Console that prints no control sequences of texts, also in tables and live screens."""
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
-        """Yield the segments of what is printed, with visible control characters."""
+        """Yield the printed segments, with visible control characters."""
         for segment in super().render(renderable, options):
             yield segment if segment.control else Segment(printable(segment.text), segment.style)
 
@@ -35,18 +36,19 @@ out = _Terminal(highlight=False, soft_wrap=True, markup=False)
 THE_FINGER = "fingertip: loading from the cache, or building …"
 
 FIRST_S, EVERY_S, LONG_S = 0.5, 2.0, 3.0
-"""Time after which work that may be short says what it does, time between lines without a terminal, and duration from
-which an estimate is printed at the beginning (s)."""
+"""Time after which work that may be short prints its description, time between lines without a terminal, and duration
+from which an estimate is printed at the beginning (s).
+"""
 
 _LOOKS_S = 0.1
 _REFRESH_PER_S = 8
 
 
 class Activity:
-    """Work in progress: what it is, how far it is, and how long such work took before.
+    """Work in progress, with its description, its progress, and an estimate from earlier durations.
 
-    A part of the work, such as the build of a model within a check, has a kind and an estimate of its own. Work
-    without a kind has no estimate.
+    A build of a model within the work has a description, a kind and an estimate of its own, until it ends or the work
+    goes on. Work without a kind, and what remains after a build, has no estimate.
     """
 
     def __init__(
@@ -57,10 +59,11 @@ class Activity:
         total: int = 0,
         now: Callable[[], float] | None = None,
     ) -> None:
-        self.what, self._counted, self._in_parts = what, total > 0, False
+        self.what = self._own = what
+        self._counted, self._builds = total > 0, False
         self._now = now or time.monotonic
         self._began_s = self._now()
-        self._done, self._total = 0, total
+        self._done, self._total = self._pieces = 0, total
         self._begin(kind, size)
 
     def _begin(self, kind: str | None, size: float) -> None:
@@ -69,29 +72,44 @@ class Activity:
 
     def say(self, what: str) -> None:
         """Change the description of the work."""
-        self.what = what
-
-    def turn_to(self, what: str, kind: str, size: float) -> None:
-        """Begin a part of the work. Work with parts has no kind of its own."""
-        if self._in_parts:
-            self.end()
-        self._in_parts, self.what = True, what
-        self._begin(kind, size)
+        self._own = what
+        self.turn_back()
 
     def at(self, done: int, total: int) -> None:
-        """Set how many pieces are done."""
-        self._done, self._total = done, total
+        """Set how many pieces of the work are done."""
+        self._pieces = done, total
+        self.turn_back()
+
+    def builds(self, what: str, done: int = 0, total: int = 0) -> None:
+        """Show a step of a build within the work."""
+        self.what, self._done, self._total = what, done, total
+
+    def turn_to(self, what: str, kind: str, size: float, done: int = 0, total: int = 0) -> None:
+        """Begin a long step of a build."""
+        if self._builds:
+            self.end()
+        self._builds = True
+        self.builds(what, done, total)
+        self._begin(kind, size)
+
+    def turn_back(self) -> None:
+        """Continue with the work after a build."""
+        if self._builds:
+            self.end()
+            self._builds = False
+            self._begin(None, 1.0)
+        self.what, (self._done, self._total) = self._own, self._pieces
 
     def end(self) -> None:
-        """Record how long the work took, or its last part."""
+        """Record how long the work took, or the step of a build."""
         if self._kind is not None:
             durations.took(self._kind, self._size, self._now() - self._part_began_s)
 
     @property
     def title(self) -> str:
-        """What it is, with the estimate if it takes long."""
+        """Description of the work, with the estimate if it takes long."""
         expected_s = self._expected_s or 0.0
-        what = f"{self._total} {self.what}" if self._counted else self.what
+        what = number_of(self._total, self.what) if self._counted else self.what
         return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
 
     @property
@@ -101,9 +119,21 @@ class Activity:
 
     @property
     def line(self) -> str:
-        """What it is, how far it is, and the time left."""
-        what = f"{self._done} of {self._total} {self.what}" if self._counted else self.what
+        """Description of the work, its progress, and the time left."""
+        what = self.what
+        if self._counted:  # of one piece, "0 of 1" would say nothing
+            pieces = number_of(self._total, self.what)
+            what = pieces if self._total == 1 else f"{self._done} of {pieces}"
         return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
+
+    @property
+    def state(self) -> tuple[object, ...]:
+        """What it is and how far, without times; only a new state has a line of its own."""
+        return self.what, self._done, self._total
+
+    @property
+    def _counts(self) -> bool:
+        return self._counted and self.what == self._own
 
     @property
     def _left(self) -> str:
@@ -130,13 +160,13 @@ class _Activities:
         self._changed = threading.Condition()
         self._all: list[tuple[Activity | None, bool]] = []  # and whether a live line shows it; None while people act
         self._said_s = self._began_s = 0.0
-        self._said: Activity | None = None
+        self._said: tuple[Activity, tuple[object, ...]] | None = None
         self._printer: threading.Thread | None = None
         self.silent = False  # nobody reads progress: a program started the command, or it only prints its help
 
     @property
     def current(self) -> Activity | None:
-        """The innermost activity."""
+        """Innermost activity."""
         return self._all[-1][0] if self._all else None
 
     @property
@@ -169,16 +199,20 @@ class _Activities:
                     self._said_s = time.monotonic()
 
     def look(self) -> None:
-        """Print a line of the innermost activity if nothing was printed for a while."""
+        """Print a line of the innermost activity if nothing was printed for a while, and it is not the last line."""
         activity, first = self.current, self._said_s < self._began_s
-        if activity is None or self.live:
+        if activity is None or self.live or self._said == (activity, activity.state):
             return
         if time.monotonic() - max(self._said_s, self._began_s) >= (FIRST_S if first else EVERY_S):
             self._say(activity)
 
+    def said(self, activity: Activity) -> None:
+        """Record that the state of an activity was printed."""
+        self._said, self._said_s = (activity, activity.state), time.monotonic()
+
     def _say(self, activity: Activity) -> None:
-        new = activity is not self._said and activity.elapsed_s < EVERY_S
-        self._said, self._said_s = activity, time.monotonic()
+        new = (self._said is None or activity is not self._said[0]) and activity.elapsed_s < EVERY_S
+        self.said(activity)
         with suppress(OSError, ValueError):  # nobody reads it any more, which costs the work nothing
             print(printable(activity.title if new else activity.line), file=err.file, flush=True)
 
@@ -207,7 +241,8 @@ def busy(
     size: float = 1.0,
     total: int = 0,
 ) -> Iterator[Activity]:
-    """Print what a command does, and its progress: in a live line on a terminal, else in lines on standard error.
+    """Print the activity of a command with its progress: in a live line on a terminal, else in lines on standard
+    error.
 
     Parameters
     ----------
@@ -250,7 +285,7 @@ def _shown(activity: Activity, *, at_once: bool) -> Iterator[None]:
 
 @contextmanager
 def working() -> Iterator[None]:
-    """Print that the command works whenever it says nothing of its own for a while."""
+    """Print that the command is working whenever it has printed nothing for a while."""
     with _activities.during(Activity(f"{_command}: working …")):
         yield
 
@@ -272,15 +307,16 @@ def resting() -> Iterator[None]:
 
 
 def say_now(what: str) -> None:
-    """Change what the current activity says, and print it unless a live line shows it."""
+    """Change the description of the current activity, and print it unless a live line shows it."""
     if (now := _activities.current) is not None:
         now.say(what)
+        _activities.said(now)
     if not _activities.live:
         err.print(what)
 
 
 class _Builds(logging.Handler):
-    """Log handler that prints warnings, and turns the current activity to what the simulator builds."""
+    """Log handler that prints warnings and shows the builds of the simulator as the current activity."""
 
     def emit(self, record: logging.LogRecord) -> None:
         now, message = _activities.current, record.getMessage()
@@ -291,17 +327,18 @@ class _Builds(logging.Handler):
             err.print(message)
         if now is None:
             return
-        if record.levelno < logging.INFO:
-            now.say(message)
+        pieces = (getattr(record, "done", 0), getattr(record, "total", 0))
+        if hasattr(record, "made"):
+            now.turn_back()
+        elif record.levelno < logging.INFO:
+            now.builds(message, *pieces)
         else:
             size = next((float(one) for one in record.args or () if isinstance(one, int | float)), 1.0)
-            now.turn_to(message, str(record.msg), size)
-        if hasattr(record, "total"):
-            now.at(getattr(record, "done", 0), record.total)
+            now.turn_to(message, str(record.msg), size, *pieces)
 
 
 def show_builds() -> None:
-    """Print warnings of the simulator, and show what it builds as progress."""
+    """Print warnings of the simulator, and show its builds as progress."""
     logger = logging.getLogger("sim")
     for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
         logger.removeHandler(handler)
@@ -313,7 +350,7 @@ def show_builds() -> None:
 def checking_the_script() -> Iterator[Callable[[int], None]]:
     """Yield a function that shows the number of checked steps."""
     with busy("checking the script …", quick=True) as now:
-        yield lambda steps: now.say(f"checking the script: {steps} steps …")
+        yield lambda steps: now.say(f"checking the script: {number_of(steps, 'steps')} …")
 
 
 _screens: list[Live] = []
@@ -384,7 +421,7 @@ def renamed(old: str, new: str) -> None:
 
 
 class NotConfirmedError(RigError):
-    """The person did not confirm."""
+    """Error of a request that the person did not confirm."""
 
     default_code = "not_confirmed"
 

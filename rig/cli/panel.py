@@ -12,17 +12,17 @@ import typer
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import complain, err, one_line_errors, out, print_json, resting
-from rig.cli.signals import asked_to_leave, at_once
+from rig.cli.signals import at_once, leaving_on_signal
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
 from rig.manual.home_and_zero import no_force_readings
-from rig.manual.owner_process import HandOwner
-from rig.manual.status import HandLog
+from rig.manual.owner_process import ManualOwner
+from rig.manual.status import ManualLog
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton
 
@@ -108,21 +108,21 @@ def owning_command(config: ConfigOption) -> None:
         settings, clock, parent = load_config(config), WallClock(), os.getppid()
         known = BenchMemory(settings).read()  # an open bench adds nothing
         with (
-            HandLog(clock) as log,
-            closing(StageInHand(settings, clock)) as stage,
+            ManualLog(clock) as log,
+            closing(OwnedStage(settings, clock)) as stage,
             closing(_bench(settings, log, stage)) as bench,
             ExitStack() as opened,
         ):
             button = opened.enter_context(StopButton(settings.stop, stage, stage.stop))
             button.arm()
-            owner = HandOwner(settings, bench, stage.gate, log, known)
+            owner = ManualOwner(settings, bench, stage.gate, log, known)
             announcement = Announcement(
                 pid=os.getpid(), kind="by hand", virtual=False, config=os.path.abspath(config),
                 ports=(*stage_ports(settings.stage), settings.force.port), began_unix_s=clock.unix_s(),
             )  # fmt: skip
             with (
                 owner.begun(),
-                asked_to_leave(owner.leave),
+                leaving_on_signal(owner.leave),
                 ControlSocket(announcement, _answers(owner, button)),
                 resting(),
             ):
@@ -131,7 +131,7 @@ def owning_command(config: ConfigOption) -> None:
                 complain(f"the log of manual control is incomplete: {log.problem}")
 
 
-def _answers(owner: HandOwner, button: StopButton) -> Answers:
+def _answers(owner: ManualOwner, button: StopButton) -> Answers:
     """Return the handlers of the bench, and the state of the participant's stop button if there is one."""
     if not button.there:
         return owner.answers
@@ -139,7 +139,7 @@ def _answers(owner: HandOwner, button: StopButton) -> Answers:
     return {**owner.answers, "status": lambda request: {**status(request), "stop_button": button.last_state}}
 
 
-def _bench(settings: Config, log: HandLog, stage: StageInHand) -> RealBench:
+def _bench(settings: Config, log: ManualLog, stage: OwnedStage) -> RealBench:
     try:
         return open_bench(settings, stage.clock, log, ask=lambda request: "", in_hand=stage)
     except PortError as error:

@@ -1,4 +1,4 @@
-"""The commands of `rig`, and the end of a command that is not understood."""
+"""Commands of `rig`, and the error for a command line that cannot be parsed."""
 
 import atexit
 import gc
@@ -50,7 +50,7 @@ COMMANDS = {
     "watch": Command("watch.watch_command", "Monitor a running protocol.", "Experiment"),
     "stream": Command("stream.stream_command", "Stream runs to the Lab Streaming Layer (LSL).", "Experiment"),
     "panel": Command("panel.panel_command", "Open the browser panel to monitor or move the rig.", "Experiment"),
-    "export": Command("runs.export_command", "Export a run to HDF5 and CSV, or to NWB.", "Results"),
+    "export": Command("runs.export_command", "Export a run to HDF5 and CSV, to NWB, or as a report.", "Results"),
     "study": Command("study.command", "Simulate all combinations of a parameter study.", "Simulation"),
     "indent": Command("indent.indent_command", "Simulate one indentation.", "Simulation"),
     "impulse": Command("encode.impulse_command", "Compute strains in the skin under a point load.", "Coding"),
@@ -193,7 +193,7 @@ def _named() -> None:
     """Add a command to the list of commands."""
 
 
-def _say_version(requested: bool) -> None:
+def _print_version(requested: bool) -> None:
     """Print the version and exit."""
     if requested:
         from importlib.metadata import version
@@ -204,7 +204,7 @@ def _say_version(requested: bool) -> None:
 
 def _about(
     version: Annotated[
-        bool, typer.Option("--version", callback=_say_version, is_eager=True, help="Print the version and exit.")
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
 ) -> None:
     """Run, rehearse and compare indentations of a fingertip."""

@@ -12,6 +12,7 @@ from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.output import Activity, a_screen, busy, complain, during, err
 from rig.data.journal import Watch
 from rig.data.run_state import Course, RunState, TimeLeft, as_clock
+from rig_shared.plural import number_of
 
 T = TypeVar("T")
 
@@ -71,7 +72,7 @@ class IndentationProgress(RunState):
 
 
 class _Between(Activity):
-    """What a run is doing between its lines."""
+    """Activity of a run between the lines of its indentations."""
 
     def __init__(self, run: IndentationProgress) -> None:
         super().__init__("")
@@ -79,7 +80,7 @@ class _Between(Activity):
 
     @property
     def title(self) -> str:
-        """The same as later."""
+        """First line, which is the same as the later ones."""
         return self.line
 
     @property
@@ -87,6 +88,11 @@ class _Between(Activity):
         """Finished indentations, current step and time left."""
         run = self._run
         return f"{len(run.finished)} of {run.total}, {run.now or run.where}, {run.left}"
+
+    @property
+    def state(self) -> tuple[object, ...]:
+        """The same without the time left."""
+        return len(self._run.finished), self._run.now or self._run.where
 
 
 def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iterator[T]:
@@ -105,7 +111,7 @@ def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iter
             yield answer
             now.at(done, total)
     if not quiet:
-        err.print(f"{total} of {total} {what}")
+        err.print(f"{total} of {number_of(total, what)}")
 
 
 @contextmanager
@@ -136,7 +142,7 @@ def _nothing(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def _lines(run: IndentationProgress) -> Iterator[Callable[[str], None]]:
-    err.print(f"{run.total} indentations, {run.left}")
+    err.print(f"{number_of(run.total, 'indentations')}, {run.left}")
 
     def show(stream: str) -> None:
         if stream == "indentation_end":

@@ -31,7 +31,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import spikes_wanted
+from rig.cli.nerve import spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -60,7 +60,7 @@ from rig.cli.output import (
 from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger
@@ -69,8 +69,9 @@ from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
 from rig.session.session import dry_run, real_run
+from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
-from sim.finger_process import Finger, FingerProcess
+from sim.finger_process import FingerProcess
 
 AfferentsOption = Annotated[
     str | None,
@@ -83,6 +84,7 @@ AfferentsOption = Annotated[
 
 if TYPE_CHECKING:
     from rig.design.adaptive_run import AdaptiveRun
+    from sim.models.fingertip import Fingertip
 
 _COLUMNS = {
     "index": "",
@@ -104,7 +106,7 @@ def check_command(
     finger_file: FingerFileOption = None,
     force: ForceFingerOption = False,
     choose: Annotated[
-        bool, typer.Option("--choose", help="Also check every press that `rig run --choose` may choose.")
+        bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -114,11 +116,9 @@ def check_command(
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         with busy(THE_FINGER, as_json=as_json):
-            from sim.models.fingertip import Fingertip
-
-            finger = Fingertip.load(settings.finger)
+            finger = _finger_to_check(script, settings, choose=choose)
         with checking_the_script() as show_steps:
-            plan = make_plan(script, settings, finger, told=show_steps)
+            plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
         if choose:
@@ -126,7 +126,19 @@ def check_command(
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
-            _tell(found)
+            _print_check(found)
+
+
+def _finger_to_check(script: Script, config: Config, *, choose: bool) -> "Fingertip":
+    """Load the finger; for an adaptive run, with the receptors that the choice looks at, so that it is built once."""
+    if choose:
+        from rig.design.design import finger_of
+        from rig.design.designed import Designed
+
+        return finger_of(Designed.of(script).request, config.finger)
+    from sim.models.fingertip import Fingertip
+
+    return Fingertip.load(config.finger)
 
 
 _MET_COLUMNS = {
@@ -140,7 +152,7 @@ _MET_COLUMNS = {
 }
 
 
-def _tell(found: dict[str, Any]) -> None:
+def _print_check(found: dict[str, Any]) -> None:
     columns = _MET_COLUMNS if "force_band_gwt" in found["steps"][0] else _COLUMNS
     table = Table(*(title or name for name, title in columns.items()), box=None)
     for step in found["steps"]:
@@ -150,8 +162,9 @@ def _tell(found: dict[str, Any]) -> None:
     indentors = dict.fromkeys(str(step["indentor"]) for step in found["steps"])
     for line in (
         f"indentors: {', '.join(map(with_size, indentors))}",
-        f"{found['indentations']} indentations and {found['other_presses']} other presses in "
-        f"{found['duration_s']:.0f} s, with {found['contact_s']:.0f} s of contact",
+        f"{number_of(found['indentations'], 'indentations')} and "
+        f"{number_of(found['other_presses'], 'other presses')} in {found['duration_s']:.0f} s, with "
+        f"{found['contact_s']:.0f} s of contact",
         f"peak {found['peak_force_gwt']:.4g} gwt, {found['peak_pressure_kpa']:.3g} kPa",
         found["small_strain"]["note_text"],
         f"soft trip {in_both_units(found['soft_trip_n'])}, hard trip {in_both_units(found['hard_trip_n'])}",
@@ -169,7 +182,7 @@ def _tell(found: dict[str, Any]) -> None:
 
 def _possible(found: dict[str, Any]) -> str:
     return (
-        f"{found['presses']} presses may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
+        f"{number_of(found['presses'], 'presses')} may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
         f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
     )
 
@@ -224,7 +237,7 @@ def dry_run_command(
             complain(f"warning: {problem}; `rig run` would refuse this configuration")
         script = load_script(protocol, [*(set_ or []), *(more or [])])
         faster = _times_real(speed)
-        spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+        spikes = None if afferents is None else spike_request(afferents, seed=0)
         into = new_run(out_dir, subject)
         with (
             owning(script, settings, into, config_file=config) as owner,
@@ -285,22 +298,22 @@ def run_command(
         with ExitStack() as opened:
             finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
-            spikes = None if afferents is None else spikes_wanted(afferents, seed=0)
+            spikes = None if afferents is None else spike_request(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
             adaptive = opened.enter_context(choice)
-            _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive)
+            _refuse_mounts("run", script, settings, finger, mounted, adaptive=adaptive, as_json=as_json)
             clock = WallClock(into.begins_at_s)
             with (
-                closing(StageInHand(settings, clock).open()) as stage,
+                closing(OwnedStage(settings, clock).open()) as stage,
                 owning(script, settings, into, stage, config) as owner,
             ):
                 done = carry_out(
                     script,
                     settings,
                     into,
-                    partial(real_run, ask=asks_for(owner, mounted), stage=stage),
+                    partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
                     owner,
                     as_json=as_json,
                     finger=finger,
@@ -360,13 +373,13 @@ def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManag
     with screen_aside(), asking():
         text = request.text if request.indentor is None else f"mount {with_size(request.indentor)}"
         err.print(f"{text}, then press Enter")
-        answer = typed_line()
+        answer = typed_line(request.meanwhile)
     if not answer:
         raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request.text)
     return answer
 
 
-def asks_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
+def prompt_for(owner: RunOwner, mounted: str | None) -> Callable[[Request], str]:
     """Return the prompt for the person at the bench, which skips the indentor that is mounted already.
 
     Raises ShapeError.
@@ -386,10 +399,12 @@ def _refuse_mounts(
     command: str,
     script: Script,
     config: Config,
-    finger: Finger,
+    finger: FingerProcess,
     mounted: str | None,
     stopped: StoppedRun | None = None,
     adaptive: "AdaptiveRun | None" = None,
+    *,
+    as_json: bool,
 ) -> None:
     """Raise BadInputError if a non-interactive run mounts an indentor manually, before a port is opened.
 
@@ -405,7 +420,12 @@ def _refuse_mounts(
         refuse_mounts(command, Designed.of(script).request.shapes, mounted)
     else:
         before, folder = (None, None) if stopped is None else (stopped.run, stopped.folder.path)
-        plan = make_plan(script, config, finger, before, folder) if adaptive is None else adaptive.approved
+        if adaptive is None:
+            loaded(config, finger, as_json=as_json)
+            with checking_the_script() as show_steps:
+                plan = make_plan(script, config, finger, before, folder, show_steps)
+        else:
+            plan = adaptive.approved
         refuse_mounts(command, plan.mounts, mounted)
 
 
@@ -418,46 +438,47 @@ def resume_command(
     """Resume with the script, its parameters and the configuration from the run's own copies."""
     beginning = Beginning(aloud=True)
     with one_line_errors(as_json=as_json, beginning=beginning):
-        stopped = read_stopped(run)
-        with (
-            _stage(stopped, run, mounted, yes=yes) as stage,
-            owning(stopped.script, stopped.config, stopped, stage) as owner,
-        ):
+        with busy("reading the run and its script …", quick=True):
+            stopped = read_stopped(run)
+        with ExitStack() as opened:
+            here = stopped.virtual or stopped.complete
+            finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
+            stage = opened.enter_context(_stage(stopped, run, mounted, finger, yes=yes, as_json=as_json))
+            owner = opened.enter_context(owning(stopped.script, stopped.config, stopped, stage))
             if stopped.run is not None and stopped.complete:
                 leave(make_whole(stopped, stopped.run, owner, as_json=as_json))
-            with ExitStack() as opened:
-                finger = None if stage is None else opened.enter_context(FingerProcess(stopped.config.finger))
-                adaptive = opened.enter_context(
-                    _adaptive(stopped.script, *_choice_of(stopped), stopped.config, finger, stopped, as_json=as_json)
-                )
-                confirm = _checked(stopped, owner, yes=yes)
-                done = carry_out(
-                    stopped.script,
-                    stopped.config,
-                    stopped,
-                    dry_run if stage is None else partial(real_run, ask=asks_for(owner, mounted), stage=stage),
-                    owner,
-                    as_json=as_json,
-                    finger=finger,
-                    confirm=confirm,
-                    pace=None if stage is None else 1.0,
-                    begins=beginning.begins,
-                    choose=adaptive,
-                )
+            adaptive = opened.enter_context(
+                _adaptive(stopped.script, *_choice_of(stopped), stopped.config, finger, stopped, as_json=as_json)
+            )
+            confirm = _checked(stopped, owner, yes=yes)
+            done = carry_out(
+                stopped.script,
+                stopped.config,
+                stopped,
+                dry_run if stage is None else partial(real_run, ask=prompt_for(owner, mounted), stage=stage),
+                owner,
+                as_json=as_json,
+                finger=finger,
+                confirm=confirm,
+                pace=None if stage is None else 1.0,
+                begins=beginning.begins,
+                choose=adaptive,
+            )
     leave(done)
 
 
 @contextmanager
-def _stage(stopped: StoppedRun, run: Path, mounted: str | None, *, yes: bool) -> Iterator[StageInHand | None]:
-    """Open the stage for the remaining steps, or, without any, only for a stop."""
+def _stage(
+    stopped: StoppedRun, run: Path, mounted: str | None, finger: FingerProcess | None, *, yes: bool, as_json: bool
+) -> Iterator[OwnedStage | None]:
+    """Open the stage for the remaining steps, or, without any, only for a stop; the finger serves these steps."""
     if stopped.virtual:
         yield None
         return
-    with closing(StageInHand(stopped.config, WallClock(stopped.begins_at_s))) as stage:
-        if not stopped.complete:
+    with closing(OwnedStage(stopped.config, WallClock(stopped.begins_at_s))) as stage:
+        if finger is not None:
             ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
-            with FingerProcess(stopped.config.finger) as finger:
-                _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped)
+            _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped, as_json=as_json)
             stage.open()
         yield stage
 

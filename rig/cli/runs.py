@@ -2,23 +2,23 @@
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import asdict
 from datetime import date
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rig.cli.choice_verdict import choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
-from rig.cli.output import busy, complain, one_line_errors, out, print_json
+from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.data import dictionary
-from rig.data.folder import replace_text
+from rig.data.folder import SCRIPTS, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
-from rig.data.run import Run, RunError, provenance_of, read_run
+from rig.data.run import Run, RunError, provenance_of, read_provenance, read_run
 from rig.data.tables import (
     ENDED_EARLY,
     HOLD_COLUMNS,
@@ -33,7 +33,11 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
+
+if TYPE_CHECKING:
+    from sim.models.fingertip import Fingertip
 
 _DAY = "a day such as 2026-03-01"
 
@@ -83,7 +87,7 @@ def runs_command(
         out.print(
             _list(found)
             if table is None
-            else f"{sum(len(one.rows) for one in found)} holds of {_runs(found)}: {table}"
+            else f"{number_of(sum(len(one.rows) for one in found), 'holds')} of {_runs(found)}: {table}"
         )
 
 
@@ -125,7 +129,7 @@ def _line(run: Summary) -> list[str]:
 
 
 def _runs(found: Sequence[IndexEntry]) -> str:
-    return f"{len(found)} run{'' if len(found) == 1 else 's'}"
+    return number_of(len(found), "runs")
 
 
 def _as_csv(found: Sequence[IndexEntry]) -> str:
@@ -154,7 +158,7 @@ def show_command(
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Print what ran, its state, limits, versions, forces, how it ended, and its files."""
+    """Print a run: protocol, state, limits, versions, forces, ending and files."""
     with one_line_errors(as_json=as_json):
         if columns == (run is not None):
             raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
@@ -165,7 +169,8 @@ def show_command(
                 out.print(dictionary.as_markdown(), end="")
             return
         with foreign_in_one_line(run):
-            result = _described(run)
+            with busy("reading the run …", quick=True):
+                result = _described(run)
             if as_json:
                 print_json(result)
             else:
@@ -239,7 +244,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
 
 
 def ending_lines(run: Run) -> dict[str, str] | None:
-    """Return how a run ended early, as its report says it, or None."""
+    """Return the description of an early end for the report, or None."""
     ending = ending_of(run, state_of(run))
     if ending is None:
         return None
@@ -280,7 +285,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
         ("parameters", _pairs(run["parameters"])),
         ("subject", run["subject"] or "none"),
         ("began", f"{run['began_utc']}, {run['duration_s']:.0f} s"),
-        ("state", f"{run['state']}, {run['done']} of {run['planned']} indentations"),
+        ("state", f"{run['state']}, {run['done']} of {number_of(run['planned'], 'indentations')}"),
         *((_OF_AN_ENDING[name], str(words)) for name, words in ending.items() if words),
         *(("pressed" if n == 0 else "", _pressed(one)) for n, one in enumerate(run["presses"])),
         *(choice_lines(run["choice"]) if "choice" in run else ()),
@@ -300,9 +305,9 @@ def _pressed(one: dict[str, Any]) -> str:
     )
     to = _UNKNOWN if target is None else f"{target:g} {unit}"
     return (
-        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: {one['holds']} "
-        f"hold{'' if one['holds'] == 1 else 's'}, "
-        f"mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, peak {one['peak_gwt']:.2f} gwt"
+        f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: "
+        f"{number_of(one['holds'], 'holds')}, mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, "
+        f"peak {one['peak_gwt']:.2f} gwt"
     )
 
 
@@ -317,25 +322,66 @@ def export_command(
     as_nwb: Annotated[
         bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")
     ] = False,
+    report: Annotated[
+        bool, typer.Option("--report", help="Write the report again, with the simulated finger of the run.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Export the journal again, also of a run that crashed, and renew the checksums."""
+    """Export the journal again, also of a run that crashed, and renew the checksums of what is written."""
     from rig.data.export import export_nwb, export_run  # it imports h5py, which a list of runs does not need
 
     with one_line_errors(as_json=as_json):
-        if not (as_csv or as_nwb):
-            raise BadInputError("export: no format given; add --csv (HDF5 and CSV files) or --nwb", code="no_format")
-        found = read_run(run)
+        if not (as_csv or as_nwb or report):
+            raise BadInputError(
+                "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", code="no_format"
+            )
+        with busy("reading the run …", quick=True):
+            found = read_run(run)
+        if report:
+            _refuse_identification(found)
         written = []
-        with busy(f"writing the files of {run} …", quick=True, kind="export"), foreign_in_one_line(run):
-            if as_csv:
-                export_run(found)
-                tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
-                written += [str(found.folder.data), *(str(run / name) for name in tables)]
-            if as_nwb:
-                written.append(str(export_nwb(found)))
-            found.folder.write_checksums()
+        if as_csv or as_nwb:
+            with busy(f"writing the files of {run} …", quick=True, kind="export"), foreign_in_one_line(run):
+                if as_csv:
+                    export_run(found)
+                    tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))
+                    written += [str(found.folder.data), *(str(run / name) for name in tables)]
+                if as_nwb:
+                    written.append(str(export_nwb(found)))
+                found.folder.write_checksums()
+        if report:
+            with foreign_in_one_line(run), found.folder.owned():
+                with busy(THE_FINGER, as_json=as_json):
+                    from rig.plan.config import load_config
+                    from sim.models.fingertip import Fingertip
+
+                    finger = Fingertip.load(load_config(found.folder.config).finger)
+                written += [str(run / name) for name in renewed_report(found, finger, as_json=as_json)]
         if as_json:
             print_json({"run": str(run), "files": written})
         else:
             out.print("\n".join(written))
+
+
+def _refuse_identification(run: Run) -> None:
+    if read_provenance(run.folder, "protocol")["protocol"] in SCRIPTS:
+        raise BadInputError(
+            "run folder {path}: an identification has a page of its own, which cannot be made again from its journal",
+            code="identification",
+            path=str(run.folder.path),
+        )
+
+
+def renewed_report(run: Run, finger: "Fingertip", also: Collection[str] = (), *, as_json: bool) -> list[str]:
+    """Write the report of a finished run again; return the names of its files, the page first.
+
+    The checksums of these files and of those in `also` are renewed; data, and their checksums, stay unchanged.
+    """
+    with busy("writing the report …", as_json=as_json):
+        from rig.report.run_report import AFTER, write_report
+
+        write_report(run, finger, None, ending_lines(run))
+    page = run.folder.report.name
+    made = sorted(name for name in run.folder.files if name.startswith("model_") or name == AFTER)
+    run.folder.add_checksums({page, *made, *also})
+    return [page, *made]

@@ -21,13 +21,14 @@ from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stopp
 from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import Answers, ControlSocket
-from rig.control.stop import StageInHand, StopSwitch, answer_to_a_stop
+from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
 from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
+from rig.engine.bench import Meanwhile
 from rig.errors import BadInputError, code_of
 from rig.plan.config import Config
 from rig.plan.finger_model import Predictions, about_model
@@ -38,13 +39,14 @@ from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, record_after, record_before
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, record_after, record_before
+from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
 
 if TYPE_CHECKING:
     from rig.design.adaptive_run import AdaptiveRun
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
     from sim.models.fingertip import Fingertip
 
 
@@ -71,7 +73,7 @@ class RunOwner:
 
     @property
     def state(self) -> str:
-        """The state in one word."""
+        """State in one word."""
         if self._asks:
             return "asking"
         if self._phase != "running" or not self.pause.asked():
@@ -139,7 +141,7 @@ class RunOwner:
     def _go_on(self, _: Mapping[str, Any]) -> dict[str, Any]:
         if self._phase != "running" or not self.pause.asked():
             return {"ok": False, "problem": f"the run is {self.state}; it is not paused"}
-        self.pause.go_on_from_elsewhere()
+        self.pause.continue_remotely()
         return {"state": self.state}
 
 
@@ -148,7 +150,7 @@ def owning(
     script: Script,
     config: Config,
     into: NewRun | StoppedRun,
-    stage: StageInHand | None = None,
+    stage: OwnedStage | None = None,
     config_file: Path | None = None,
     more_answers: Answers | None = None,
 ) -> Iterator[RunOwner]:
@@ -220,7 +222,7 @@ class AtTheTerminal:
     ) -> None:
         self.watch, self.interrupted = watch, pause.asked
         self._pause, self._begins, self._course = pause, begins, course
-        self._owner = owner or Nobody()
+        self._owner = owner or NoAttendant()
         self.stopped = self._owner.stopped
 
     @property
@@ -234,12 +236,12 @@ class AtTheTerminal:
         self._owner.begins(folder)
         if self._course is not None:
             with suppress(OSError):
-                self._course.keep(folder)
+                self._course.save(folder)
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return whether to continue, from the answer typed below the screen."""
         with screen_aside():
-            return self._pause.go_on()
+            return self._pause.go_on(meanwhile)
 
 
 def new_run(out_dir: Path, subject: str | None) -> NewRun:
@@ -261,7 +263,7 @@ def carry_out(
     finger: FingerProcess | None = None,
     confirm: Confirm | None = None,
     pace: float | None = 1.0,
-    spikes: "WantedSpikes | None" = None,
+    spikes: "SpikeRequest | None" = None,
     choose: "AdaptiveRun | None" = None,
 ) -> FinishedRun:
     """Check the script, run or resume it, write its report, and print the location.
@@ -350,9 +352,9 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 
 
 def _with_spikes(
-    done: FinishedRun, finger: Finger, config: Config, spikes: "WantedSpikes", *, as_json: bool
+    done: FinishedRun, finger: Finger, config: Config, spikes: "SpikeRequest", *, as_json: bool
 ) -> dict[str, Any] | None:
-    """Write simulated spikes beside a run; a run without a press gets none, and a line that says so."""
+    """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:
         return asked(finger, add_spikes, done.run, config, spikes, as_json=as_json)
     except (BadInputError, ModelRangeError, OSError) as error:
@@ -378,7 +380,7 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
 
 
 def leave(done: FinishedRun) -> NoReturn:
-    """End the command with one line on what stopped the run, if anything did."""
+    """End the command; if the run was stopped, print the reason in one line."""
     if done.problem is not None and done.ending is not None:
         reason = done.ending.reason
         complain(reason if reason.startswith("stopped") else f"stopped: {reason}")
@@ -405,7 +407,9 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             }
         )
     else:
-        out.print(f"{done.indentations} indentations, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s")
+        out.print(
+            f"{number_of(done.indentations, 'indentations')}, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s"
+        )
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
         for some, limits in motions_in_contact(run):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.nerve import spikes_wanted
+from rig.cli.nerve import spike_request
 from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import (
     THE_FINGER,
@@ -35,7 +35,7 @@ from sim.serve.prefetch import PressStatistics
 
 if TYPE_CHECKING:  # slow to import
     from rig.bench.served_spikes import SpikeStatistics
-    from rig.plan.nerve import WantedSpikes
+    from rig.plan.nerve import SpikeRequest
 
 _DEVICES, _FINGER, _SPIKES = "Devices", "Finger", "Simulated spikes"
 
@@ -118,7 +118,7 @@ def serve_command(
         bool,
         typer.Option(
             "--lsl",
-            help="Also as a stream of LSL, which every computer that reaches this one can read.",
+            help="Also stream the spikes over LSL, where every computer on the network can read them.",
             rich_help_panel=_SPIKES,
         ),
     ] = False,
@@ -182,8 +182,8 @@ def serve_command(
             err.print(_spikes_line(bench.spike_statistics))
 
 
-def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> "WantedSpikes | None":
-    """Return the afferents that are asked for. Raises BadInputError, ModelRangeError, LslMissingError."""
+def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> "SpikeRequest | None":
+    """Return the requested afferents. Raises BadInputError, ModelRangeError, LslMissingError."""
     if afferents is None:
         for option, given in (("--seed", seed is not None), ("--lsl", lsl)):
             if given:
@@ -197,7 +197,7 @@ def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool)
             "--force, or neither",
             code="no_finger",
         )
-    wanted = spikes_wanted(afferents, seed or 0)
+    wanted = spike_request(afferents, seed or 0)
     if lsl:
         lsl_package()
     return wanted
@@ -254,7 +254,7 @@ def stranger_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Do what `rig serve --reveal` does, under its old name."""
+    """Print the parameters of a random finger, as `rig serve --reveal`, under the old name."""
     renamed("rig stranger", "rig serve --reveal")
     _reveal(seed, beside, as_json=as_json)
 
@@ -264,7 +264,7 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     with one_line_errors(as_json=as_json):
         truth = truth_of(seed)
         identified = None if beside is None else read_finger_file(beside).identified
-        found = [_beside(name, value, identified) for name, value in truth.items()]
+        found = [_with_band(name, value, identified) for name, value in truth.items()]
         if as_json:
             print_json({"parameters": found})
             return
@@ -272,7 +272,7 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
             out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
-def _beside(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
+def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
     """Return a parameter without its logarithm, and its band in the finger file."""
     found: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
     if identified is None or name not in identified.posterior.names:

@@ -53,11 +53,11 @@ class PauseRequest:
         err.print(PAUSING)
 
     def ask_from_elsewhere(self) -> None:
-        """Request a pause from another process; the first answer counts, here or there."""
+        """Request a pause from another process; the first answer counts, from this terminal or that process."""
         self._asked = self._from_elsewhere = True
         err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 
-    def go_on_from_elsewhere(self) -> None:
+    def continue_remotely(self) -> None:
         """Continue on request of another process, without an answer at the terminal."""
         self._asked = self._from_elsewhere = False
         err.print("continuing, as the panel requested")
@@ -69,7 +69,7 @@ class PauseRequest:
             os.dup2(silence, stream)
         self._asked = self._alone = True
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Callable[[], object] = lambda: None) -> bool:
         """Return the first answer, from the terminal or another process; without both, end the run."""
         at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
         if at_terminal and not self._alone:
@@ -81,16 +81,17 @@ class PauseRequest:
             err.print("paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run")
         self.waits = True
         try:
-            goes_on = self._answer(at_terminal=at_terminal)
+            goes_on = self._answer(meanwhile, at_terminal=at_terminal)
         finally:
             self.waits = False
         if goes_on:
             self._asked = self._from_elsewhere = False
         return goes_on
 
-    def _answer(self, *, at_terminal: bool) -> bool:
+    def _answer(self, meanwhile: Callable[[], object], *, at_terminal: bool) -> bool:
         clock = WallClock()
         while self._asked:
+            meanwhile()
             if self._alone or not (at_terminal or self._from_elsewhere):
                 return False
             if not at_terminal:
@@ -100,10 +101,15 @@ class PauseRequest:
         return True
 
 
-def typed_line() -> str:
-    """Return a typed line; empty at the end of input, and if another program owns the terminal."""
+def typed_line(meanwhile: Callable[[], object] | None = None) -> str:
+    """Return a typed line; empty at the end of input, and if another program owns the terminal.
+
+    meanwhile: called while it is waited for.
+    """
     try:
         with resting():
+            while meanwhile is not None and not line_waits(_LOOK_S):
+                meanwhile()
             return sys.stdin.readline()
     except OSError:  # a background process
         return ""
@@ -179,7 +185,7 @@ def at_once() -> Iterator[None]:
 
 
 @contextmanager
-def asked_to_leave(leave: Callable[[], object]) -> Iterator[None]:
+def leaving_on_signal(leave: Callable[[], object]) -> Iterator[None]:
     """Turn a key, SIGTERM or a hang-up into a request to leave; a second one is a KeyboardInterrupt."""
     numbers = (*KEYS, signal.SIGTERM, _HANG_UP)
 

@@ -24,7 +24,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
     named = None if found.owner is None else found.owner.pid  # Windows does not name it.
     result: dict[str, Any] = {
-        "owner": next(iter(found.told), None) if named is None else named,
+        "owner": next(iter(found.notified), None) if named is None else named,
         "sent": found.sent,
         "state": found.state,
     }

@@ -15,6 +15,7 @@ from rig.cli.progress import counted
 from rig.data.folder import replace_text
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
+from rig_shared.plural import number_of
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
 from sim.models.small_strain_error import small_strain
 
@@ -64,11 +65,14 @@ def command(
                         "interpolation_text": HOW_MADE if between else None,
                         "wall_s": seconds})  # fmt: skip
         else:
-            out.print(f"{len(cases)} cases, {len(rows)} rows, {problems} without a result, {seconds:.1f} s\n{table}")
+            out.print(
+                f"{number_of(len(cases), 'cases')}, {number_of(len(rows), 'rows')}, {problems} without a result, "
+                f"{seconds:.1f} s\n{table}"
+            )
             if small:
                 out.print(small)
             if between:
-                out.print(f"{between} rows use fingers {HOW_MADE}; --exact builds a full model of each")
+                out.print(f"{number_of(between, 'rows')}: fingers {HOW_MADE}; --exact builds a full model of each")
 
 
 def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> str | None:

@@ -14,10 +14,10 @@ from rig.bench.virtual import refuse_twinless
 from rig.cli.confirm import at_the_page, ready_for_a_real_run, refuse_mounts
 from rig.cli.options import FingerFileOption, MountedOption, OutOption, SubjectOption, YesOption, numbers
 from rig.cli.output import Beginning, one_line_errors
-from rig.cli.run import asks_for
+from rig.cli.run import prompt_for
 from rig.cli.script_execution import RunOwner, carry_out, leave, new_run, owning
 from rig.clock import WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import Plan
 from rig.session.orders import PressOrders, scope_of
@@ -67,12 +67,12 @@ def take_orders_command(
             refuse_mounts("take-orders", [scope.indentor], mounted)
             with (
                 FingerProcess(settings.finger) as finger,
-                closing(StageInHand(settings, WallClock(into.begins_at_s)).open()) as stage,
+                closing(OwnedStage(settings, WallClock(into.begins_at_s)).open()) as stage,
                 owning(orders.as_script(), settings, into, stage, config, orders.answers) as owner,
             ):
                 before = left_on_record(out_dir, settings)
                 confirm = at_the_page(before, yes=yes, asking=owner.asking, button=owner.button)
-                how = partial(real_run, ask=asks_for(owner, mounted), stage=stage)
+                how = partial(real_run, ask=prompt_for(owner, mounted), stage=stage)
                 done = _carried_out(orders, settings, into, how, owner, beginning, finger=finger, confirm=confirm)
     leave(done)
 

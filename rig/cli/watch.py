@@ -15,14 +15,15 @@ from rig.clock import WallClock
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, followed, read_run
-from rig.data.run_state import Onlooker, as_clock
+from rig.data.run_state import RunFollower, as_clock
 from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
+from rig_shared.plural import number_of
 
 LOOK_S = 0.2
 
 
-class RunScreen(Onlooker):
+class RunScreen(RunFollower):
     """Screen of `rig watch`."""
 
     def __init__(self, folder: RunFolder) -> None:
@@ -83,7 +84,8 @@ def _line_by_line(seen: RunScreen) -> None:
     clock = WallClock()
     for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
         seen.take(documents)
-        out.print("\n".join(line for document in documents for line in _line(document)))
+        for line in (line for document in documents for line in _line(document)):
+            out.print(line)
 
 
 def _line(document: Document) -> list[str]:
@@ -98,12 +100,12 @@ def _line(document: Document) -> list[str]:
 
 
 def _end(seen: RunScreen) -> list[str]:
-    """Return how the run ended, or where it stands."""
+    """Return the lines on the end of the run, or on its current state."""
     found = read_run(seen.folder.path)
     about = alive(summary_of(found), seen.folder.path.parent)
     ending = ending_of(found, about.state) or {}
     sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
-    lines = [named("state", f"{about.state}, {about.done} of {about.planned} indentations")]
+    lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
     names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
     return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
 

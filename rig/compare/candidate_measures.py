@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, fdtrc, fdtri, ncfdtr
 
-from rig.compare.likelihood import Form, Likeliest, Observed, likeliest
+from rig.compare.likelihood import Form, MaximumLikelihoodFits, Observed, maximum_likelihood
 from rig.compare.plausible_fingers import fit_with_finger, free_of, weights
 from rig.compare.verdict import LEVEL
 
@@ -121,7 +121,7 @@ OF_THE_MESH = 0.02
 class Fitted(NamedTuple):
     """Fits of all candidates, with ε (N, p) on the best finger and the coordinates (N, free) of that finger."""
 
-    found: Likeliest
+    found: MaximumLikelihoodFits
     eps: Array
     place: Array
 
@@ -153,12 +153,12 @@ class Candidates:
         some = observed.at(at)
         if not self.free:
             return Fitted(
-                likeliest(self.eps[0][:, at], some, self.form), self.eps[0], np.zeros((self.eps.shape[1], 0))
+                maximum_likelihood(self.eps[0][:, at], some, self.form), self.eps[0], np.zeros((self.eps.shape[1], 0))
             )
         weight = 1 / some.variance(some.smooth)
         place = fit_with_finger(self.eps[:, :, at], some.rate, weight, silent=self.form.silent_at_rest).place
         eps = np.einsum("nf,fnp->np", weights(place), self.eps)
-        return Fitted(likeliest(eps[:, at], some, self.form), eps, place)
+        return Fitted(maximum_likelihood(eps[:, at], some, self.form), eps, place)
 
     def discrepancy(self, fit: Fitted) -> Array:
         """Return the (N, p) variance of rates between fingers and meshes; zero without plausible fingers.

@@ -75,7 +75,7 @@ def recorded(phase: str) -> Recording:
 
 @dataclass(frozen=True, eq=False)
 class Rehearsal:
-    """Simulated bar at every position: measures while it is held, and their rates of change during the ramp.
+    """Simulated bar at every position: measures during the hold, and their rates of change during the ramp.
 
     `stimulus` has the measures at the end of the ramp. `rates` (2 × 18, n, receptors) in the order of `RATES`, and of
     `MEASURES` in each.

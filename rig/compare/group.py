@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import logsumexp, stdtrit
 
 from rig.compare.intervals import along
-from rig.compare.make_verdict import Laid
+from rig.compare.make_verdict import CandidatePool
 from rig.compare.verdict import LEVEL, AfferentVerdict, Limits
 
 Array = NDArray[np.float64]
@@ -52,7 +52,7 @@ class AfferentLikelihood:
     flat: float
 
 
-def surfaces(pool: Laid) -> dict[str, AfferentLikelihood]:
+def surfaces(pool: CandidatePool) -> dict[str, AfferentLikelihood]:
     """Return the likelihood of every measure and control of an afferent."""
     data, eps = pool.observed, pool.candidates.eps[0]
     found = pool.candidates.fitted(data).found
@@ -63,7 +63,7 @@ def surfaces(pool: Laid) -> dict[str, AfferentLikelihood]:
     known = noise.freedom > _KNOWN
 
     def log_likelihood(deviance: Array, freedom: float) -> Array:
-        """Up to a constant; with `freedom` dimensions integrated out already."""
+        """Return the log-likelihood up to a constant, with `freedom` dimensions already integrated out."""
         if known:
             return np.asarray(-deviance / (2 * dispersion))
         spread = noise.freedom * dispersion
@@ -151,17 +151,17 @@ class GroupVerdict:
 
     @property
     def set(self) -> list[GroupRow]:
-        """The measures and controls that share 95 % of the probability."""
+        """Measures and controls that share 95 % of the probability."""
         return [row for row in self.rows if row.in_set]
 
     @property
     def leader(self) -> GroupRow | None:
-        """The only measure in the set, if there is one and no control."""
+        """Only measure in the set; None if the set has several members or a control."""
         return self.rows[0] if len(self.set) == 1 and not self.rows[0].control else None
 
     @property
     def best(self) -> GroupRow:
-        """The most probable measure."""
+        """Most probable measure."""
         return next(row for row in self.rows if not row.control)
 
     @property
@@ -179,7 +179,7 @@ class GroupVerdict:
         return "one measure" if len(self.set) == 1 else "several measures"
 
 
-def group_verdict(afferents: Mapping[str, tuple[Laid, AfferentVerdict]]) -> GroupVerdict | None:
+def group_verdict(afferents: Mapping[str, tuple[CandidatePool, AfferentVerdict]]) -> GroupVerdict | None:
     """Return the verdict on afferents with their candidates, or None below two of them."""
     if len(afferents) < FEWEST:
         return None
@@ -212,7 +212,7 @@ class Ranked(NamedTuple):
     in_set: bool
 
 
-def ranked(pools: Sequence[Laid]) -> list[Ranked]:
+def ranked(pools: Sequence[CandidatePool]) -> list[Ranked]:
     """Return the measures and controls that every afferent has, most probable first."""
     each = [surfaces(pool) for pool in pools]
     names = [name for name in each[0] if all(name in one for one in each)]

@@ -6,6 +6,7 @@ from typing import Any
 from rig.compare.comparison_rows import answers_as_json, measure_unit
 from rig.compare.group import FEWEST, GroupRow, GroupVerdict
 from rig.compare.verdict import AfferentVerdict, six_digits
+from rig_shared.plural import number_of
 
 METHOD = (
     "Each afferent has its own receptor, gain k and threshold ε₀. For every measure, the likelihood of an afferent "
@@ -55,7 +56,7 @@ def sentences_of_group(verdict: GroupVerdict) -> list[str]:
 
 def in_short(verdict: AfferentVerdict) -> str:
     """Return the verdict on one afferent that was not silent as a line of a table."""
-    inside = f"{len({row.name for row in verdict.set})} measures in the set"
+    inside = f"{number_of(len({row.name for row in verdict.set}), 'measures')} in the set"
     controls = ", ".join(dict.fromkeys(row.name for row in verdict.controls_in_set))
     found = {
         "explained": "explained",

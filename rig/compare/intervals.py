@@ -20,7 +20,7 @@ _OFFSETS = np.concatenate([-_STEPS[:0:-1], _STEPS])  # offsets of ε₀ from its
 
 
 class ConfidenceLimits(NamedTuple):
-    """The limits of k and ε₀."""
+    """Limits of k and ε₀."""
 
     k: Limits
     eps0: Limits

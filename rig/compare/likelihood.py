@@ -67,7 +67,7 @@ class Observed:
 
     @property
     def silent(self) -> bool:
-        """Whether the afferent hardly fired, so that its recording cannot support any verdict."""
+        """Whether the afferent fired too little to support a verdict."""
         spikes = self.spikes
         return not self.rate.any() if spikes is None else spikes < FEWEST_SPIKES
 
@@ -155,7 +155,7 @@ class Observed:
 
 
 def observed(recordings: Sequence[Recording], known: Flags) -> Observed:
-    """Return the recordings, in the order of their stimuli, at those of their positions that are known.
+    """Return the recordings, in the order of their stimuli, at the positions that `known` selects.
 
     Counts if every recording has a window, sd if every rate has one and none is repeated, otherwise rates.
     """
@@ -207,7 +207,7 @@ class Form(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Likeliest:
+class MaximumLikelihoodFits:
     """k, ε₀ and saturation (N,), NaN if no line beats a constant; expected rates and deviances (N, p)."""
 
     k: Array
@@ -227,7 +227,7 @@ class Likeliest:
         return np.where(np.isnan(self.k)[:, None], self.mean[:, :1], line)
 
 
-def likeliest(eps: Array, observed: Observed, form: Form) -> Likeliest:
+def maximum_likelihood(eps: Array, observed: Observed, form: Form) -> MaximumLikelihoodFits:
     """Return the maximum-likelihood fits of candidates ε (N, p); a constant candidate is a constant rate."""
     none = np.zeros(len(eps))
     found = at_saturation(eps, observed, form, none)
@@ -251,7 +251,7 @@ def _largest(observed: Observed) -> float:
     return float(observed.smooth.max()) or 1.0
 
 
-def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array) -> Likeliest:
+def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array) -> MaximumLikelihoodFits:
     """Return the maximum-likelihood fits at saturations (N,)."""
     level = float(observed.base @ observed.rate / observed.base.sum())
     bent = saturation[:, None]
@@ -262,7 +262,7 @@ def at_saturation(eps: Array, observed: Observed, form: Form, saturation: Array)
         fit = _round(eps, sign, mean, observed, form, bent)
         sign = np.where(fit.k < 0, -1.0, 1.0)
         mean = np.where(np.isnan(fit.k)[:, None], level, _rates(fit, saturation, eps))
-        tried = Likeliest(fit.k, fit.eps0, saturation, mean, observed.deviance(mean))
+        tried = MaximumLikelihoodFits(fit.k, fit.eps0, saturation, mean, observed.deviance(mean))
         best = tried if best is None else _likelier(tried, best)
     assert best is not None
     return best
@@ -288,11 +288,11 @@ def _rates(fit: Fit, saturation: Array, eps: Array) -> Array:
     return np.asarray(drive / (1 + saturation[:, None] * drive))
 
 
-def _likelier(one: Likeliest, other: Likeliest) -> Likeliest:
+def _likelier(one: MaximumLikelihoodFits, other: MaximumLikelihoodFits) -> MaximumLikelihoodFits:
     """Return, for each row, the fit with the smaller deviance."""
     first = one.total < other.total
     rows = first[:, None]
-    return Likeliest(
+    return MaximumLikelihoodFits(
         *(np.where(first, getattr(one, name), getattr(other, name)) for name in ("k", "eps0", "saturation")),
         *(np.where(rows, getattr(one, name), getattr(other, name)) for name in ("mean", "deviance")),
     )

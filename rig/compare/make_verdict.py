@@ -67,7 +67,7 @@ class _Named(NamedTuple):
         return titled(self.name, self.receptor_mm)
 
 
-class Laid(NamedTuple):
+class CandidatePool(NamedTuple):
     """Candidates of one afferent in one order, at the positions (of all) that are used."""
 
     named: list[_Named]
@@ -101,7 +101,7 @@ class _Judged(NamedTuple):
 
 def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> AfferentVerdict | None:
     plausible = comparison.plausible
-    pool = laid(overlays, form, with_fingers=plausible is not None)
+    pool = candidate_pool(overlays, form, with_fingers=plausible is not None)
     if pool is None:
         return None
     data = pool.observed
@@ -140,7 +140,7 @@ def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> 
     )
 
 
-def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False) -> Laid | None:
+def candidate_pool(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False) -> CandidatePool | None:
     """Return measures, controls and a constant with the recordings, or None if too few positions are covered.
 
     Positions are those that every receptor in play covers.
@@ -156,7 +156,7 @@ def laid(overlays: Sequence[Overlay], form: Form, *, with_fingers: bool = False)
     constant = np.zeros((len(eps), 1, int(used.sum())))
     pairs = np.concatenate([by_pair(eps[:, :, used][..., receptors]), constant], axis=1)
     data = observed([overlay.recording for overlay in overlays], used)
-    return Laid([*named, _Named(A_CONSTANT, True, None)], data, Candidates(pairs, form), used)
+    return CandidatePool([*named, _Named(A_CONSTANT, True, None)], data, Candidates(pairs, form), used)
 
 
 def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = False) -> list[ConfidenceLimits | None]:
@@ -164,7 +164,7 @@ def joint_limits(joint: Joint, pairs: Sequence[Pair], *, with_fingers: bool = Fa
 
     None if the pair's own fit is rejected, and with too few positions.
     """
-    pool = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    pool = candidate_pool(joint.overlays, Form(), with_fingers=with_fingers)
     if pool is None or not pairs or pool.observed.silent:
         return [None] * len(pairs)
     data, receptor_mm = pool.observed, joint.overlays[0].stimulus.receptor_mm
@@ -189,7 +189,7 @@ def _with_controls(overlay: Overlay, *, with_fingers: bool) -> Array:
     return np.concatenate([measures, np.broadcast_to(control, (len(measures), *control.shape))], axis=1)
 
 
-def _judged(pool: Laid) -> _Judged:
+def _judged(pool: CandidatePool) -> _Judged:
     named, data, candidates, _ = pool
     fit = candidates.fitted(data)
     p_set = set_probabilities(fit.found.deviance / data.noise.dispersion, data.stimulus)

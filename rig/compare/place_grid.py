@@ -141,7 +141,7 @@ class PlaceRow:
 
 @dataclass(frozen=True)
 class ReceptorLocation:
-    """Receptor location of one afferent; `asked` is the requested range, `where` the part that the runs cover.
+    """Receptor location of one afferent; `asked` is the requested range, `where` the part of it that the runs cover.
 
     `rows` has every measure, best first, all over the same `positions` of those `recorded`.
     """

@@ -311,7 +311,7 @@ def fit_all_with_finger(eps: Array, rate: Array) -> tuple[Array, Fit]:
 
 
 def _improved(best: FingerFit, eps: Array, rates: _Rates) -> FingerFit:
-    """Improve the fits of SSRPs (N, fingers, p) with k > 0."""
+    """Improve the fits of SSRPs (N, fingers, p) with k > 0 by damped steps."""
     damping = np.full(len(eps), _DAMPING)
     for _ in range(_STEPS):
         place = np.clip(best.place + _step(best, eps, rates, damping), -1, 1)

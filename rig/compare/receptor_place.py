@@ -16,7 +16,7 @@ from scipy.special import fdtri
 from rig.compare.candidate_measures import lack_of_fit
 from rig.compare.comparison import Overlay, compare
 from rig.compare.fit import Flags, compared
-from rig.compare.likelihood import Form, Likeliest, Observed, likeliest, observed
+from rig.compare.likelihood import Form, MaximumLikelihoodFits, Observed, maximum_likelihood, observed
 from rig.compare.make_verdict import afferents
 from rig.compare.place_grid import (
     PlaceRange,
@@ -211,7 +211,7 @@ def _at(overlay: Overlay, measure: int, offset_mm: Array) -> Array:
     return one.at(position.ravel())[0].reshape(*position.shape, -1)
 
 
-def whereabouts(
+def receptor_location(
     overlays: Sequence[Overlay], where: PlaceRange, form: Form, measures: Sequence[str] = MEASURES
 ) -> ReceptorLocation | None:
     """Return the receptor location of one afferent, from stimuli with receptors at every node.
@@ -259,8 +259,8 @@ def _data(overlays: Sequence[Overlay], where: PlaceRange) -> _Data | None:
 def _row(data: _Data, measure: int, form: Form) -> PlaceRow:
     low, high = (np.array(ends) for ends in zip(*data.where, strict=True))
 
-    def fitted(place: Array) -> Likeliest:
-        return likeliest(data.eps(measure, place), data.observed, form)
+    def fitted(place: Array) -> MaximumLikelihoodFits:
+        return maximum_likelihood(data.eps(measure, place), data.observed, form)
 
     def deviance(places: Array) -> Array:
         blocks = [places[n : n + _BLOCK] for n in range(0, len(places), _BLOCK)]
@@ -288,7 +288,7 @@ def _row(data: _Data, measure: int, form: Form) -> PlaceRow:
     )
 
 
-def _not_unlikely(data: _Data, found: Likeliest, form: Form) -> tuple[float, float, float]:
+def _not_unlikely(data: _Data, found: MaximumLikelihoodFits, form: Form) -> tuple[float, float, float]:
     """Return the allowed rise of the deviance (for k and ε₀), and F and p of the fit at that location."""
     free = form.parameters + data.where.free
     ratio, p = lack_of_fit(data.observed, found.mean, found.deviance, free)
@@ -316,7 +316,7 @@ def _at_bounds(crossed: Sequence[Range], ranges: Sequence[Range]) -> tuple[str, 
 _SAME_MM = 1e-9
 
 
-class Sought(NamedTuple):
+class RequestedRanges(NamedTuple):
     """Requested ranges (mm); None means default depths and no offset."""
 
     x_mm: Range
@@ -324,7 +324,7 @@ class Sought(NamedTuple):
     offset_mm: Range | None = None
 
 
-def sought_in(runs: Sequence[Run], sought: Sought) -> PlaceRange:
+def common_range(runs: Sequence[Run], sought: RequestedRanges) -> PlaceRange:
     """Return the range of the fit; raise ComparisonError unless it lies in one layer of every run's finger."""
     configs = [_finger(run) for run in runs]
     where = place_range(*sought, configs[0])
@@ -343,7 +343,7 @@ def places(
         fingers[name] = fingers.get(name) or finger_with_grid(config, where)
     on_grid = [one for run in runs for one in stimuli(run, fingers[_finger(run).model_dump_json()])]
     laid = afferents(compare(on_grid, recordings, normalise=normalise))
-    return [found for overlays in laid if (found := whereabouts(overlays, where, form)) is not None]
+    return [found for overlays in laid if (found := receptor_location(overlays, where, form)) is not None]
 
 
 def _finger(run: Run) -> FingertipConfig:

@@ -10,6 +10,7 @@ from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.likelihood import FEWEST_SPIKES
 from rig.compare.model_confidence_set import BLOCK, BLOCKS, DRAWS, HARDLY
 from rig.compare.verdict import LEVEL, AfferentVerdict, Mimic, PairRow, in_mm
+from rig_shared.plural import number_of
 from sim.measures.measures import MEASURES
 
 FROM = {
@@ -51,7 +52,7 @@ def sentence(answer: AfferentVerdict) -> str:
 def _silent(answer: AfferentVerdict) -> str:
     if answer.spikes is None:
         return "There is no verdict: the recorded rate is 0 at every position."
-    spikes = {0: "no spike", 1: "one spike"}.get(answer.spikes, f"only {answer.spikes} spikes")
+    spikes = {0: "no spike", 1: "one spike"}.get(answer.spikes, f"only {number_of(answer.spikes, 'spikes')}")
     return (
         f"There is no verdict: this recording has {spikes} in the windows of all presses together, and a verdict "
         f"needs at least {FEWEST_SPIKES}."

@@ -1,4 +1,4 @@
-"""Range of positions that would measure what a run leaves out of a recording, as far as the planner accepts it.
+"""Range of positions that would cover the part of a recording that a run leaves out, as far as the planner accepts.
 
 The planner refuses positions beyond the limits, the stage's travel and the edge of the model's largest patch. A range
 is recommended only after the planner has accepted every press of it.
@@ -140,7 +140,7 @@ class _Beyond(FingerModel):
 
 
 class _Planned:
-    """The planner, asked for single positions and for whole ranges; every press is solved once."""
+    """Planner of single positions and of whole ranges, which solves every press once."""
 
     def __init__(
         self, stimulus: StimulusRow, run: Run, finger: Fingertip, config: Config, script: Script | None
@@ -218,7 +218,7 @@ def _inwards(x_mm: NDArray[np.float64]) -> tuple[float, float]:
 
 
 def _without(refused: float, low: float, high: float, own: tuple[float, float]) -> tuple[float, float]:
-    """Return the range without a refused position outside the run's own; the run's own if it lies inside."""
+    """Return the range without a refused position; the range of the run itself if the position lies inside that."""
     if refused > own[1]:
         return low, max(own[1], refused - _STEP_MM)
     if refused < own[0]:

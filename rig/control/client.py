@@ -63,7 +63,7 @@ class Announced(Announcement, frozen=True):
         with self._failing(do, within_s):
             return self._answered(do, self._answer({"do": do, **more}, within_s))
 
-    def say_stop(
+    def post_stop(
         self, lives: Callable[[], object] = lambda: None, *, by: str = ""
     ) -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting for anything. Raises ControlError if it is not sent.
@@ -74,7 +74,7 @@ class Announced(Announcement, frozen=True):
         key = bytes.fromhex(self.key)
         with self._failing("stop", 0.0):
             connection = connected(self.address, 0.0)
-            nonce = Wire(connection, 0.0).say_stop(key, by)
+            nonce = Wire(connection, 0.0).post_stop(key, by)
 
         def answer(within_s: float) -> dict[str, Any]:
             with self._failing("stop", within_s), connection:
@@ -186,8 +186,8 @@ def _private(folder: Path) -> Path:
 _ANSWER_S = 0.5
 
 
-def at_work(owner: int) -> dict[str, str]:
-    """Return what a process does, since when, and what stops it; nothing if it is not announced."""
+def activity_of(owner: int) -> dict[str, str]:
+    """Return the activity of a process, its start, and the command that stops it; empty if it is not announced."""
     try:
         found = next((one for one in announced() if one.pid == owner), None)
     except OSError:  # Then no process can be announced there.

@@ -76,7 +76,7 @@ class Channel:
         return data
 
     def end_reading(self) -> None:
-        """End every read after what has arrived; called from another thread."""
+        """End every read after the data that have arrived; called from another thread."""
         with suppress(OSError):  # It has just been closed.
             self._end.shutdown(socket.SHUT_RD)
 
@@ -146,7 +146,7 @@ def listening(path: Path) -> Iterator[Listener]:
 
 
 def connected(address: str, within_s: float) -> Channel:
-    """Connect to a listener, not yet authenticated. Raises OSError, also if it accepts nobody in time."""
+    """Connect to a listener, without authentication. Raises OSError, also if it does not accept in time."""
     host, _, port = address.rpartition(":")
     if host == HOST and port.isdigit():
         return Channel(_tcp((HOST, int(port)), max(within_s, _TCP_CONNECTS_S)))

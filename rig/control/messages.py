@@ -58,9 +58,9 @@ class Wire:
 
     def stop(self, key: bytes) -> dict[str, Any]:
         """Send a stop and return the reply (client's side). Raises BROKEN."""
-        return self.stopped(key, self.say_stop(key))
+        return self.stopped(key, self.post_stop(key))
 
-    def say_stop(self, key: bytes, by: str = "") -> bytes:
+    def post_stop(self, key: bytes, by: str = "") -> bytes:
         """Send a stop without waiting, and return its nonce with its sender (client's side). Raises OSError.
 
         One message contains its own proof, because each turn of a longer exchange may wait for a processor. A
@@ -110,7 +110,7 @@ class _Challenging:
 
 
 def sender_of(nonce: bytes) -> str:
-    """Return who sent a stop; empty if it does not say."""
+    """Return the sender of a stop; empty if the stop does not name it."""
     return nonce[_NONCE:].decode("ascii", "replace")
 
 

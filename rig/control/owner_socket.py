@@ -24,7 +24,7 @@ PATIENCE_S = 2.0
 """Time until a silent client is disconnected (s)."""
 
 MOST_UNPROVEN = 32
-"""Clients that have not yet shown that they know the key; for one more, the one that connected first is let go."""
+"""Maximum number of unauthenticated clients; one more disconnects the oldest of them."""
 
 SWITCH_S = 5e-4
 """Longest delay of a waiting thread by a busy main thread (s), some ten times for one reply."""
@@ -134,7 +134,7 @@ class ControlSocket:
             self._counting.wait_for(lambda: len(self._unproven) <= MOST_UNPROVEN, PATIENCE_S)
 
     def _dismiss(self, connection: Channel) -> None:
-        """Count a client no longer: it knows the key, or goes."""
+        """Stop counting a client that has proven the key or disconnected."""
         with self._counting:
             self._unproven.pop(connection, None)
             self._counting.notify_all()
@@ -170,7 +170,7 @@ class ControlSocket:
     def _answer(self, request: Mapping[str, Any]) -> bytes:
         do = request.get("do")
         if not isinstance(do, str) or do not in self._answers:
-            return _refused(f"{do!r} cannot be asked here, expected {', '.join(self._answers)}", "cannot_be_asked")
+            return _refused(f"{do!r} is not available here, expected {', '.join(self._answers)}", "cannot_be_asked")
         try:
             return encoded({"ok": True, **self._answers[do](request)})
         except Exception as error:

@@ -29,15 +29,15 @@ _OPEN_S = 3.0
 _IN_HAND_AGAIN_S = 0.005
 
 
-class StageInHand:
-    """Stage that is opened once, before a stop can be requested, lent to the run's bench, and closed at the end.
+class OwnedStage:
+    """Stage that is opened once, before a stop can be requested, passed to the run's bench, and closed at the end.
 
     A stopped stage is closed when the bench returns it, because an operator may have to lift it at once. A port
     that was closed or lost is opened again when needed.
     """
 
     def __init__(self, settings: BenchSettings, clock: WallClock) -> None:
-        """clock: clock of the run, which may begin later."""
+        """Prepare the stage, without opening it. clock: clock of the run, which may begin later."""
         self.clock, self.gate = clock, StopGate()
         self._settings = settings
         self._buffer = io.StringIO()
@@ -72,7 +72,9 @@ class StageInHand:
                 self._buffer.write(json.dumps({**line, "t_s": round(line["t_s"] - ahead_s, 6)}) + "\n")
 
     def lend(self, byte_log: Sink) -> Stage:
-        """Lend the stage to the run's bench; until its return, bytes go to this log. Raises TransportError."""
+        """Pass the stage to the run's bench, and log its bytes there until the bench returns it. Raises
+        TransportError.
+        """
         with self._changing:
             self._log = byte_log
             stage = self._stage
@@ -136,7 +138,7 @@ class StageInHand:
         return False
 
     def _stop_anew(self) -> None:
-        """Stop through newly opened ports, beside their present owner: a stop waits for no lock."""
+        """Stop through newly opened ports without the lock of their owner, because a stop waits for no lock."""
         deadline_s = self.clock.monotonic_s() + _OPEN_S
         while True:
             try:
@@ -180,8 +182,10 @@ class StopSwitch:
     checks for a stop when it begins, is interrupted later, and no stop is accepted while it records its end.
     """
 
-    def __init__(self, stage: StageInHand | None, interrupt: Callable[[], None]) -> None:
-        """stage: None on a virtual bench, which the main thread stops itself. interrupt: ends its work."""
+    def __init__(self, stage: OwnedStage | None, interrupt: Callable[[], None]) -> None:
+        """Prepare the switch. stage: None for a virtual bench, which the main thread stops itself. interrupt:
+        interrupts the main thread.
+        """
         self._stage, self._interrupt_main = stage, interrupt
         self._one, self._guard = threading.Lock(), threading.Lock()
         self._taken, self._over = True, False
@@ -204,7 +208,7 @@ class StopSwitch:
         """
         with self._one:
             if self._over:
-                raise EndedError("it has just ended: nothing of it moves any more")
+                raise EndedError("it has just ended, so it moves nothing")
             self.stopped = True  # Set first: it explains whatever fails in the main thread from now on.
             try:
                 if self._stage is not None:
@@ -232,7 +236,7 @@ class StopSwitch:
             self._taken = False
 
     def over(self) -> None:
-        """Forbid interrupts of the main thread, wait for a present stop, and accept no later one."""
+        """Forbid interrupts of the main thread, wait for a stop in progress, and reject later stops."""
         with self._guard:
             self._taken = True
         with self._one:
@@ -372,7 +376,7 @@ class SentStop:
         State of the stage after the bytes; None without a reply.
     owner : PortOwner or None
         Owner of the port at the time of the stop.
-    told : tuple of int
+    notified : tuple of int
         Processes that received the stop, over their sockets or by a signal.
     confirmed_by : int or None
         Process that confirmed the stop.
@@ -384,7 +388,7 @@ class SentStop:
     sent: bool = False
     state: str | None = None
     owner: PortOwner | None = None
-    told: tuple[int, ...] = ()
+    notified: tuple[int, ...] = ()
     confirmed_by: int | None = None
     problems: list[str] = field(default_factory=list)
 
@@ -395,7 +399,7 @@ class SentStop:
 
     @property
     def words(self) -> str:
-        """One line: whether the stop was sent and confirmed, and what to do if it was not."""
+        """Result of the stop in one line, with advice if it was not confirmed."""
         ports = " and ".join(self.ports)
         if self.sent and self.state is not None:
             return f"Stop sent to {ports}: the stage reports {self.state}."
@@ -470,7 +474,7 @@ class _Stopping:
             self._wait(lambda: self._answered or self._free, LET_GO_S)
             if not self._answered:
                 self._signal_owner()
-                self._wait(lambda: self._free, LET_GO_S if self.result.told else 0.0)
+                self._wait(lambda: self._free, LET_GO_S if self.result.notified else 0.0)
             self._by_itself()
         return self._with_answers()
 
@@ -491,7 +495,7 @@ class _Stopping:
         except ControlError as error:  # The signal remains.
             self.result.problems.append(str(error))
         else:
-            self.result.told += (one.pid,)
+            self.result.notified += (one.pid,)
 
     def _signal_owner(self) -> None:
         owner = first_owner(self.result.ports)
@@ -499,7 +503,7 @@ class _Stopping:
             return
         with suppress(OSError):  # The process has just ended.
             self._signal(owner.pid)
-            self.result.told += (owner.pid,)
+            self.result.notified += (owner.pid,)
 
     @property
     def _answered(self) -> bool:
@@ -526,9 +530,9 @@ class _Stopping:
         result.confirmed_by = next((one.pid for one in self._recipients if one.confirms), None)
         for one in self._recipients:
             if one.answer is None:
-                result.problems.append(f"process {one.pid} was told to stop and does not answer")
+                result.problems.append(f"process {one.pid} was asked to stop but does not answer")
             elif not one.confirms:
-                result.problems.append(f"process {one.pid} was told to stop: {one.problem}")
+                result.problems.append(f"process {one.pid} was asked to stop: {one.problem}")
         return result
 
     # --- bytes ---
@@ -545,7 +549,7 @@ class _Stopping:
                     self.result.problems.append(str(busy))
                 return False
             # A gateway with a single client may need a moment to notice that the last one has gone.
-            if self.result.state is not None or not self.result.told or self._clock.monotonic_s() >= deadline_s:
+            if self.result.state is not None or not self.result.notified or self._clock.monotonic_s() >= deadline_s:
                 return True
             self._clock.wait_s(_AGAIN_S)
 
@@ -577,12 +581,12 @@ class _Recipient:
         self.pid, self.is_run = one.pid, one.kind == "run"
         self.lives = False
         self.answer: dict[str, Any] | None = None
-        wait_for_reply = one.say_stop(self._noted)
+        wait_for_reply = one.post_stop(self._noted)
         threading.Thread(target=self._listen, args=(wait_for_reply,), name="answer", daemon=True).start()
 
     @property
     def confirms(self) -> bool:
-        """Whether it confirms the stop."""
+        """Whether the process confirms the stop."""
         return self.answer is not None and not self.problem
 
     @property

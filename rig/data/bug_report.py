@@ -38,7 +38,9 @@ class Scrubber:
     """Removal of personal data from the texts of one run: code of the subject, notes, names of folders."""
 
     def __init__(self, subjects: Iterable[str], notes: Iterable[str], folders: Iterable[str]) -> None:
-        """folders: as written on a command line; the home, working and temporary folders are removed as well."""
+        """Prepare to remove names of folders: `folders` as on the command line, and the home, working and temporary
+        folders.
+        """
         here = (Path.home(), Path.cwd(), Path(tempfile.gettempdir()))
         known = {*folders, *map(str, here), *(str(path.resolve()) for path in here)}
         ends = tuple(filter(None, (os.sep, os.altsep)))
@@ -110,12 +112,12 @@ LEFT_OUT = (
 )
 _MADE_FROM = ("started_utc", "protocol", "virtual", "python", "platform", "versions", "model", "devices")
 _ABOUT = """\
-For a bug report on the indentation rig: one run, and the installation that wrote this file.
+Bug report on the indentation rig: one run, and the installation that wrote this file.
 
-In it: {holds}
-Not in it: {left_out}
+Included: {holds}
+Not included: {left_out}
 
-Look through it before you send it.
+Check it before you send it.
 """
 
 

@@ -10,7 +10,7 @@ LEVEL = 0.95
 """Share of the probability that the set of candidates holds."""
 
 BY_PLAN, PLAN_DONE = "plan", "plan_done"
-"""Reasons of a press that the plan made beforehand, and of its end."""
+"""Reasons recorded for a planned press, and for the end of the plan."""
 
 
 class ChoiceVerdict(NamedTuple):

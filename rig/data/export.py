@@ -23,7 +23,7 @@ from rig.units import GWT_N
 
 
 def export_run(run: Run, *, again: bool = True) -> None:
-    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; not again: only missing files.
+    """Write data.h5 (units as attributes) and STREAM.csv beside the journal; again=False writes only missing files.
 
     Events of indentations that were interrupted and repeated go into separate tables, STREAM_superseded.
     """

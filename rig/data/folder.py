@@ -104,7 +104,7 @@ class RunFolder:
 
     def add_checksums(self, made: set[str]) -> None:
         """Update SHA256SUMS for new files, and leave the other lines unchanged."""
-        known = self._known_sums()
+        known = self._known_sums() if (self.path / _SUMS).exists() else {}
         new = made | (self.files - set(known))
         if new:
             self._write_sums(known | {name: _digest(self.path / name) for name in new})
@@ -295,7 +295,7 @@ SCRIPT = "identification_script.py"
 """Script name in the provenance of an identification."""
 
 IDENTIFICATION_PAGE = "identification.html"
-"""Page of an identification in the run folder, if it learned something."""
+"""Page of an identification in the run folder, if a press was evaluated."""
 
 SCRIPTS, IDENTIFICATION_PAGES = (SCRIPT, "meeting_script.py"), (IDENTIFICATION_PAGE, "meeting.html")
-"""The same, and the names that version 0.1 wrote."""
+"""The same names, and those that version 0.1 wrote."""

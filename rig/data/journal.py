@@ -116,7 +116,7 @@ class LineFile:
         self._size = end + len(line)
 
     def check(self) -> None:
-        """Check that the path still leads to what was written.
+        """Check that the path still leads to the written file.
 
         Raises
         ------

@@ -27,7 +27,7 @@ SPIKES = "synthetic_spikes"
 """Name of the stream of simulated spikes."""
 
 _HIDDEN = {"note": ("text",), "start": ("parameters", "subject"), "resume": ()}
-"""What a marker leaves out, because other computers can read it."""
+"""Keys that a marker omits, because other computers can read it."""
 
 _PAIRS = 9  # of readings of two clocks
 _SEARCH_S = 0.5
@@ -97,7 +97,7 @@ class RunStreams:
     """
 
     def __init__(self, samples: LslOutlet, markers: LslOutlet, offset_s: Callable[[], float]) -> None:
-        """offset_s: returns the clock of LSL minus the wall clock (s)."""
+        """Prepare the streams. offset_s: returns the clock of LSL minus the wall clock (s)."""
         self._samples, self._markers, self._offset_s = samples, markers, offset_s
         self._origins_s: dict[Path, float] = {}
 

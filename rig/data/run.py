@@ -184,7 +184,7 @@ _TYPES_OF_PROVENANCE: dict[str, type | tuple[type, ...]] = {
 
 
 def read_provenance(folder: RunFolder, *required: str) -> dict[str, Any]:
-    """Return what a run folder says of how it was made. Raises OSError; RunError for wrong types and missing keys."""
+    """Return the provenance of a run folder. Raises OSError; RunError for wrong types and missing keys."""
     try:
         found = json_of(read_text(folder.provenance))
     except ValueError as error:

@@ -180,7 +180,7 @@ class Course:
     words: Mapping[Milestone, str]
     marks: Mapping[Milestone, Marks] = field(default_factory=dict)  # of the steps that have any
 
-    def keep(self, folder: RunFolder) -> None:
+    def save(self, folder: RunFolder) -> None:
         """Write the course into a run's folder. Raises UnwritableError."""
         passes = [
             [*name, instant_s, self.words.get(name, ""), *([self.marks[name]] if name in self.marks else [])]
@@ -189,7 +189,7 @@ class Course:
         replace_text(folder.path / _FILE, json.dumps({"duration_s": self.duration_s, "passes": passes}) + "\n")
 
     @classmethod
-    def kept(cls, folder: RunFolder) -> "Course | None":
+    def load(cls, folder: RunFolder) -> "Course | None":
         """Return the course from a run's folder, or None."""
         try:
             stored = json_of(read_text(folder.path / _FILE))
@@ -420,7 +420,7 @@ LATE = 1000
 """Number of events after which a missing course is no longer expected."""
 
 
-class Onlooker(RunState):
+class RunFollower(RunState):
     """State of a run from its folder, with the course as soon as it is written, on the run's clock."""
 
     def __init__(self, folder: RunFolder) -> None:
@@ -436,7 +436,7 @@ class Onlooker(RunState):
             self.apply(document)
         if self._since and written_ns(self.folder) != self._course_ns:
             self._course_ns = written_ns(self.folder)
-            self._go_by(Course.kept(self.folder))
+            self._go_by(Course.load(self.folder))
         if self.agenda is not None or len(self._since) > LATE:
             del self._since[1:]
 

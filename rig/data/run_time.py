@@ -23,7 +23,7 @@ def resumed_s(last_s: float, since_start_s: float) -> float:
 
 @dataclass
 class _Part:
-    """Part of a run: its first and last `t_s` as recorded, and what to subtract from them (s)."""
+    """Part of a run: its first and last `t_s` as recorded, and the offset to subtract (s)."""
 
     begin_s: float
     end_s: float

@@ -65,7 +65,7 @@ class SpikeRecord:
 
     @property
     def electrode(self) -> str:
-        """Where the electrode is."""
+        """Position of the electrode, in words."""
         return f"on the nerve, {self.path_m:g} m from the fingertip"
 
 

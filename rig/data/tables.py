@@ -131,7 +131,7 @@ def booked_s(run: Run) -> dict[str, float]:
 
 
 def motions_in_contact(run: Run) -> list[tuple[str, str]]:
-    """Return the ramps and vibrations of a run by what was commanded, and their force limits, in words."""
+    """Return the ramps and vibrations of a run by command, with their force limits, in words."""
     found: dict[str, list[TableRow]] = {}
     for event in run.stream("ramp"):
         found.setdefault(f"ramps at {event['speed_mm_s']:g} mm/s", []).append(event)
@@ -187,7 +187,7 @@ FOREIGN = (KeyError, TypeError, ValueError, AttributeError, IndexError, Overflow
 
 @contextmanager
 def foreign_in_one_line(path: Path) -> Iterator[None]:
-    """Raise RunError for what a damaged journal, or one of another program, leads to."""
+    """Raise RunError for any error that a damaged journal, or one of another program, causes."""
     try:
         yield
     except FOREIGN as error:
@@ -248,7 +248,7 @@ def alive(found: Summary, runs: Path) -> Summary:
 
 
 def summary_of(run: Run) -> Summary:
-    """Return the summary of a run. Raises what a journal of another program may lead to."""
+    """Return the summary of a run. Raises the errors in `FOREIGN` for a journal of another program."""
     start = run.start
     return Summary(
         name=run.folder.path.name,

@@ -40,7 +40,7 @@ EndReason = Literal["one_candidate", "nothing_to_learn", "no_time"]
 
 
 class PressChoice(NamedTuple):
-    """Next press by its number, why, what it is expected to tell (bits), and its time with a change of shape (s)."""
+    """Next press: number, reason, expected information (bits), and time with a change of shape (s)."""
 
     press: int
     reason: ChoiceReason
@@ -55,7 +55,7 @@ class End(NamedTuple):
 
 
 class AdaptiveState(NamedTuple):
-    """Where a session is.
+    """Progress of a session.
 
     Presses made, in order and with or without a count; time since the session began (s); the mounted shape; and the
     last counts, without a gap, after which one candidate had `LEVEL` of the probability.

@@ -68,7 +68,7 @@ def choose_press(engine: Engine, step: ChoosePress, expected: None) -> int | Non
 
 @dataclass(eq=False)
 class AdaptiveRun:
-    """Presses of a run: those of the journal, then chosen ones, or those planned beforehand.
+    """Presses of an adaptive run: first those in the journal, then chosen or planned ones.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ class AdaptiveRun:
 
     @cached_property
     def planned(self) -> list[int]:
-        """Numbers of the presses planned beforehand. Presses beyond the limits are left out."""
+        """Numbers of the planned presses, without those beyond the limits."""
         number = {press: k for k, press in enumerate(self.presses)}
         return [number[press] for press in self.designed.planned if press in number]
 
@@ -172,7 +172,7 @@ class AdaptiveRun:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What the journal and the run's folder say of the choice."""
+        """Record of the choice for the journal and the run folder."""
         return {
             "source": self.choosing.source,
             "within_s": self.within_s,
@@ -182,7 +182,7 @@ class AdaptiveRun:
         }
 
     def opened(self) -> "AdaptiveRun":
-        """Open the source; a run that already goes by the plan needs none. Raises CountError before a motion."""
+        """Open the source, unless the run already follows the plan. Raises CountError before a motion."""
         if not any(one["reason"] in (BY_PLAN, PLAN_DONE) for one in self.recorded):
             self._chooser = self.open_chooser(self.choosing)
             self._truth = self._chooser.truth
@@ -208,7 +208,7 @@ class AdaptiveRun:
 
     @staticmethod
     def course(planned: Course) -> Course:
-        """Return the course of a run whose presses are not known beforehand."""
+        """Return the course of a run whose presses are chosen as it proceeds."""
         words = {name: UNTIL_CHOSEN.get(name[0], text) for name, text in planned.words.items()}
         return replace(planned, words=words)
 
@@ -237,9 +237,9 @@ class AdaptiveRun:
         return f"no count of press {step.index - 1} within {self.within_s:g} s"
 
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
-        """Go on with the plan, and say so in journal, output, panel and report."""
+        """Continue with the plan, and report it in journal, output, panel and report."""
         self.close()
-        engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run goes by the plan"})
+        engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run follows the plan"})
 
     def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""

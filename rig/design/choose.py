@@ -82,7 +82,7 @@ class _Data:
     fired: Array
 
     def sums(self, repeats: Ints, sets: int | None = None) -> CountSums:
-        """Return what the counts of a design contribute."""
+        """Return the sums of the counts of a design."""
         press = np.arange(len(repeats))
         by_press, scatter, fired = (one[:sets, press, repeats] for one in (self.counts, self.scatter, self.fired))
         late = repeats[:, None].astype(float)
@@ -140,7 +140,7 @@ class PressChooser:
         return _Data(truth, *(_cumulated(one) for one in (counts, scatter, (counts > 0).astype(float))))
 
     def chosen(self, minutes: float, shapes: Sequence[str], progress: Callable[[int, int], None]) -> ChosenPresses:
-        """Return the design for a session of so many minutes, with these shapes."""
+        """Return the design for a session of `minutes` with the given shapes."""
         grown = self._greedy(shapes, minutes, self.effort.steps, self.effort.sets, progress)
         return self._exchanged(grown, minutes, progress)
 
@@ -237,7 +237,7 @@ class PressChooser:
     def _exchanged(
         self, chosen: ChosenPresses, minutes: float, progress: Callable[[int, int], None]
     ) -> ChosenPresses:
-        """Replace presses that tell little by others, as long as the information grows on the same data."""
+        """Replace presses of little information by others, as long as the information grows on the same data."""
         repeats, bits, exchanged, added_bits = chosen.repeats.copy(), chosen.bits, 0, chosen.added_bits
         mine = np.flatnonzero(np.isin(self._of_shape, list(chosen.shapes)))
         for n in range(self.effort.exchanges):

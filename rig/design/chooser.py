@@ -1,4 +1,4 @@
-"""Counts and the rule together: after each press the count is taken in, and the next press is chosen."""
+"""Choice of presses during a run: read the count of each press, then choose the next press."""
 
 import json
 import multiprocessing
@@ -30,7 +30,7 @@ _END_S = 5.0
 
 
 class Decision(NamedTuple):
-    """The count of the press before, and the next press by its number, or None; why, and what it is based on."""
+    """Choice of a press: the previous count, the number of the next press or None, the reason, and its basis."""
 
     spikes: int | None
     possible: int | None
@@ -42,7 +42,7 @@ class Decision(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Choosing:
-    """What a choice needs: request, source, the presses within the limits with their responses and times."""
+    """Inputs of a choice: request, source, and the presses within the limits with their responses and times."""
 
     request: DesignRequest
     source: str
@@ -85,7 +85,7 @@ class NextPressChooser(Protocol):
         """End the source."""
 
 
-class ChooserHere:
+class InProcessChooser:
     """Chooser in this process, for virtual runs and for the process of a real one."""
 
     def __init__(self, what: Choosing) -> None:
@@ -141,7 +141,7 @@ class ChooserHere:
 
 
 def _plain(truth: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
-    """Return what a source says of its nerve, as a journal holds it. Raises TypeError, ValueError."""
+    """Return a source's description of its nerve as JSON values for the journal. Raises TypeError, ValueError."""
     found: dict[str, Any] | None = json.loads(json.dumps(None if truth is None else dict(truth), allow_nan=False))
     return found
 
@@ -225,7 +225,7 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
     clock = WallClock()
     kind: type[CountError] = CountError  # until the source is open; then a failure only ends the counts
     try:
-        chooser = ChooserHere(what)
+        chooser = InProcessChooser(what)
         far.send(("gave", chooser.truth))
         kind = ChooserLostError
         while True:

@@ -39,7 +39,7 @@ class CountSums(NamedTuple):
 
     @property
     def repeats(self) -> Array:
-        """How often each press was made (presses,)."""
+        """Number of times that each press was made (presses,)."""
         return np.asarray(self.late.sum(axis=1))
 
     def one(self, s: int) -> "CountSums":
@@ -53,7 +53,7 @@ class CountSums(NamedTuple):
 
 
 def no_counts(sets: int, presses: int, minutes: float = 0.0) -> CountSums:
-    """Return the sums before the first press of a session of so many minutes."""
+    """Return the sums before the first press of a session of `minutes`."""
     half = minutes * 60 / TEN_MINUTES_S / 2
     tau = half * (2 * (np.arange(_TAU_BINS) + 0.5) / _TAU_BINS - 1) if minutes else np.zeros(1)
     none = np.zeros(sets)

@@ -23,12 +23,22 @@ from rig.design.press_times import PressTimes, allowed, press_times
 from rig.design.presses import Kind, PossiblePress, possible_presses
 from rig.design.recorded_counts import SessionVerdict, read_counts, session_verdict
 from rig.design.refined import FEW
-from rig.design.response_table import CANDIDATES, DEPTH_STEP_MM, X_STEP_MM, Counted, ResponseTable, response_table
+from rig.design.response_table import (
+    CANDIDATES,
+    DEPTH_STEP_MM,
+    X_STEP_MM,
+    Counted,
+    ResponseTable,
+    finger_with_nodes,
+    response_table,
+)
 from rig.design.usual_designs import everything, usual_designs
 from rig.plan.config import Config
+from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.finger_process import Finger
 from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,7 +58,7 @@ DEPTHS_MM = (0.25, 0.5, 0.75, 1.0)
 
 @dataclass(frozen=True)
 class DesignRequest:
-    """What to design for. `targets` are depths (mm) or forces (gwt), by `kind`."""
+    """Request for a design. `targets` are depths (mm) or forces (gwt), by `kind`."""
 
     candidates: tuple[str, ...] = MEASURES
     shapes: tuple[str, ...] = ("step:1", "bar:3.0", "cylinder:3")
@@ -106,7 +116,7 @@ _SIZES, _QUICK_SIZES = Sizes(360, 16384, 180, 8192, 16384, FEW), Sizes(120, 4096
 
 @dataclass(frozen=True, eq=False)
 class Design:
-    """A design with all that its page says.
+    """Design with all results on its page.
 
     `made` is the design in order. `outcomes` has every design at every duration, and `outcome` this one at the
     requested duration; `bound` all presses in an hour.
@@ -126,7 +136,7 @@ class Design:
 
     @property
     def presses(self) -> list[PossiblePress]:
-        """The presses in order."""
+        """Presses in order."""
         return [self.table.presses[k] for k in self.made.order]
 
     @property
@@ -237,6 +247,19 @@ def adaptive_rule(
         return AdaptiveRule.of(table, request.candidates, model, times, request.minutes, seed=request.seed)
 
 
+def finger_of(request: DesignRequest, config: FingertipConfig) -> Fingertip:
+    """Return the finger with the receptors of the table of responses, so that it is factorized once for both.
+
+    Raises DesignError.
+    """
+    request.refuse()
+    return finger_with_nodes(config, *_nodes(request))
+
+
+def _nodes(request: DesignRequest) -> tuple[Array, Array]:
+    return nodes(request.unknowns.x_mm, X_STEP_MM), nodes(request.unknowns.below_mm, DEPTH_STEP_MM)
+
+
 def bench_of(
     request: DesignRequest,
     config: Config,
@@ -254,8 +277,7 @@ def bench_of(
             where=plausible.source,
         )
     possible = possible_presses(request.shapes, request.kind, request.targets)
-    x_mm, below_mm = nodes(request.unknowns.x_mm, X_STEP_MM), nodes(request.unknowns.below_mm, DEPTH_STEP_MM)
-    table = response_table(config.finger, possible, x_mm, below_mm, plausible, count)
+    table = response_table(config.finger, possible, *_nodes(request), plausible, count)
     # Bands of an identified finger take minutes for so many presses; the script is checked against them.
     single = config.model_copy(update={"identified": None})
     table = allowed(single, finger, table, request.hold_s, _part(progress, "presses compared with the limits"))

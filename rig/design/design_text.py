@@ -6,6 +6,7 @@ from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_erro
 from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
 from rig.design.recorded_counts import FITS, SessionVerdict
+from rig_shared.plural import number_of
 
 FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
 
@@ -28,7 +29,7 @@ def percent(share: float, error: float) -> str:
 
 
 def about_the_design(found: Design) -> str:
-    """Return what the presses are for and of, as a paragraph of the script."""
+    """Return candidates, presses and seed as a paragraph of the script."""
     made = found.presses
     per_shape = ", ".join(f"{sum(p.shape == s for p in made)} with {s}" for s in dict.fromkeys(p.shape for p in made))
     return (
@@ -47,7 +48,7 @@ def separation_line(found: Design) -> str:
 
 
 def quick_line(found: Design) -> str | None:
-    """Return what a quick design gives up; None for a full one."""
+    """Return the limitations of a quick design; None for a full one."""
     if not found.request.quick:
         return None
     _, error = share_and_error(found.outcome.failed)
@@ -136,7 +137,8 @@ def verdict_lines(verdict: SessionVerdict) -> list[str]:
     best = inside[0]
     named = ", ".join(row.name for row in inside)
     left = f"{named} explain{'s' if len(inside) == 1 else ''} these counts"
-    lines = [f"{'set':<10}{left} ({verdict.presses} presses); together they have 95 % of the probability"]
+    together = "it has at least" if len(inside) == 1 else "together they have"
+    lines = [f"{'set':<10}{left} ({number_of(verdict.presses, 'presses')}); {together} 95 % of the probability"]
     if best.p_fit < FITS:
         lines = [
             f"{'set':<10}no candidate explains these counts: {best.name}, the most probable one, misfits (p = "
@@ -155,8 +157,8 @@ def power_lines(rows: list[PowerRow]) -> list[str]:
         few, one = (needed(rows, minutes, alone=alone) for alone in (False, True))
         first = next(row for row in rows if row.minutes == minutes)
         lines.append(
-            f"{minutes:g} min, {first.presses} presses a fiber, {first.repeats:.1f} of each: {_fibers(few)} to two "
-            f"candidates, {_fibers(one)} to one"
+            f"{minutes:g} min, {number_of(first.presses, 'presses')} per fiber, {first.repeats:.1f} of each: "
+            f"{_fibers(few)} to two candidates, {_fibers(one)} to one"
         )
     return [f"fibers for {100 * POWER:.0f} % power", *lines]
 
@@ -164,4 +166,4 @@ def power_lines(rows: list[PowerRow]) -> list[str]:
 def _fibers(row: PowerRow | None) -> str:
     if row is None:
         return "more than 12 fibers"
-    return f"{row.fibers} fiber{'s' if row.fibers > 1 else ''}"
+    return number_of(row.fibers, "fibers")

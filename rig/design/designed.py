@@ -45,7 +45,7 @@ class _Block(BaseModel):
 
 @dataclass(frozen=True)
 class Designed:
-    """What a designed script says: the request, the plausible fingers, and the presses planned beforehand."""
+    """Design that a script carries: the request, the plausible fingers, and the planned presses."""
 
     request: DesignRequest
     plausible: PlausibleFingers | None
@@ -53,7 +53,7 @@ class Designed:
 
     @classmethod
     def of(cls, script: Script) -> "Designed":
-        """Return what a script carries.
+        """Return the design that a script carries.
 
         Raises
         ------

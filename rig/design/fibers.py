@@ -33,7 +33,7 @@ _LEVELS = 3  # values of an unknown dispersion
 
 
 class Unknowns(NamedTuple):
-    """What is not known of a fiber.
+    """Ranges of the unknown parameters of a fiber.
 
     Lowest and highest rate at the strongest press (1/s), threshold (share of ε there), receptor x (mm), its depth
     below the epidermis (mm), dispersion; and the standard deviation of the drift of ln k in ten minutes.

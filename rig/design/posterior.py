@@ -19,7 +19,7 @@ LEVEL = 0.95
 
 @dataclass(frozen=True, eq=False)
 class CandidatePosterior:
-    """What the counts so far say of one fiber, or of many data sets at once.
+    """Posterior over candidates given the counts so far, of one fiber or of many data sets at once.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class CandidatePosterior:
         return log_evidence(self.log_likelihood)
 
     def information_bits(self, particles: int, chance: np.random.Generator, bins: CountBins | None = None) -> Array:
-        """Return (presses,) what one more press would tell about the candidate (bits)."""
+        """Return the expected information (presses,) of one more press about the candidate (bits)."""
         bins = count_bins(self.model) if bins is None else bins
         likelihood = self.log_likelihood
         return information_bits(self.model, bins, self.sums, self.log_rate, self.draws, likelihood, particles, chance)

@@ -18,7 +18,7 @@ _DRAWN = 400
 
 
 class PowerRow(NamedTuple):
-    """Success with so many fibers, each recorded for the same time.
+    """Success rate with a number of fibers, each recorded for the same time.
 
     `few` is the share of experiments whose set has the truth and at most one other candidate, `one` of those whose
     set is the truth alone; with Monte Carlo errors. `repeats` is the mean number of times that a press is made.

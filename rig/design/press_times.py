@@ -32,7 +32,7 @@ class PressTimes(NamedTuple):
     change_s: float
 
     def session_s(self, order: Sequence[int], shapes: int) -> float:
-        """Return the time of presses in blocks, one for each of so many shapes."""
+        """Return the time of presses in blocks, one block per shape (s)."""
         return self.first_s + max(shapes - 1, 0) * self.change_s + float(self.press_s[list(order)].sum())
 
 

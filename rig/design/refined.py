@@ -107,7 +107,7 @@ def _tempered(log_weight: Array) -> Array:
 
 
 def _around(z: Array, weight: Array, chance: np.random.Generator) -> tuple[Array, Array]:
-    """Return draws around weighted ones, and their log density: a mixture of Student's t of a kernel's width."""
+    """Return draws around weighted draws, and their log density: a mixture of Student's t with the kernel's width."""
     n, k = z.shape
     at = (np.arange(_CENTERS) + chance.random()) / _CENTERS
     center = z[np.minimum(np.searchsorted(np.cumsum(weight), at), n - 1)]

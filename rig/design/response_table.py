@@ -1,12 +1,13 @@
-"""Table of what receptors would see: every candidate under every press, on every finger of a design.
+"""Table of receptor responses: every candidate under every press, on every finger of a design.
 
 Strains are solved once for each finger and stored. Receptors lie on a grid of x and depth below the epidermis, and
 locations between its nodes are interpolated by cubic splines.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Protocol, TypeVar
 
 import numpy as np
@@ -137,10 +138,10 @@ def response_table(
     key = content_key(["design", 1, simulator_code(), [asdict(one) for one in all_tasks], shapes])
 
     def solved() -> dict[str, NDArray[np.generic]]:
-        for _ in count(spread(_prepared, all_tasks), len(all_tasks), "fingers prepared"):
+        for _ in count(spread(_prepared, all_tasks), len(all_tasks), "finger models"):
             pass
         parts = [part for task in all_tasks for part in _parts(task)]
-        found = list(count(spread(_solved, parts), len(parts), "sets of presses solved"))
+        found = list(count(spread(_solved, parts), len(parts), "sets of presses"))
         each = len(parts) // len(all_tasks)
         rows = [np.concatenate(found[k : k + each]) for k in range(0, len(found), each)]
         by_task = dict(zip(all_tasks, rows, strict=True))
@@ -150,6 +151,16 @@ def response_table(
     found, _ = cached_arrays(key, solved, kind="answers")
     values, about = np.asarray(found["values"], dtype=np.float32), np.asarray(found["about"], dtype=float)
     return ResponseTable(tuple(presses), values, x_mm, below_mm, about)
+
+
+def finger_with_nodes(config: FingertipConfig, x_mm: Array, below_mm: Array) -> Fingertip:
+    """Return the configured finger with the receptors of a table, which reads their strains instead of solving again.
+
+    Raises DesignError.
+    """
+    task = _task(config, (), x_mm, below_mm)
+    with _finger_problems():
+        return Fingertip.load(config, receptor_x_mm=task.x_mm, receptor_depth_mm=task.depth_mm)
 
 
 def _task(config: FingertipConfig, presses: Sequence[PossiblePress], x_mm: Array, below_mm: Array) -> _Task:
@@ -167,19 +178,31 @@ def _parts(task: _Task) -> list[_Task]:
 
 
 def _loaded(task: _Task) -> Fingertip:
-    config = FingertipConfig.model_validate_json(task.config_json)
-    return Fingertip.load(config, receptor_x_mm=task.x_mm, receptor_depth_mm=task.depth_mm)
+    return _finger(task.config_json, task.x_mm, task.depth_mm)
+
+
+@lru_cache(maxsize=1)
+def _finger(config_json: str, x_mm: tuple[float, ...], depth_mm: tuple[float, ...]) -> Fingertip:
+    """Return a finger, which all parts in a process share: each load reads the strains of every receptor."""
+    config = FingertipConfig.model_validate_json(config_json)
+    return Fingertip.load(config, receptor_x_mm=x_mm, receptor_depth_mm=depth_mm)
 
 
 def _prepared(task: _Task) -> bool:
     """Build the models of a finger, which the parts then read from the cache."""
-    try:
+    with _finger_problems():
         finger = _loaded(task)
         for shape in dict.fromkeys(press.shape for press in task.presses):
             finger.model_for(parse_shape(shape).axes)
+    return True
+
+
+@contextmanager
+def _finger_problems() -> Iterator[None]:
+    try:
+        yield
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
         raise DesignError("finger: {problem}", code="no_finger", problem=str(error)) from None
-    return True
 
 
 def _solved(task: _Task) -> Floats:

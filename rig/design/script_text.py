@@ -30,7 +30,7 @@ BLOCKS = (
 _TAIL = '''
 
 class Parameters(ProtocolParameters):
-    """What `--set` may change."""
+    """Parameters that `--set` can change."""
 
     hold_s: float = Field({hold_s:g}, ge=0, le=60, description="hold of each press, in s: the window of the counts")
     rest_s: float = Field({rest_s:g}, ge=0, le=3600, description="rest after each press, in s: the washout")

@@ -1,4 +1,4 @@
-"""Designs that people use now, for comparison: positions of one shape, a grid of depths, random presses."""
+"""Designs in common use, for comparison: positions of one shape, a grid of depths, random presses."""
 
 from collections.abc import Sequence
 from itertools import cycle

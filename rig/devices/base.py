@@ -659,7 +659,7 @@ class ForceSensor(Protocol):
         ...
 
     def connect(self) -> str:
-        """Connect to the instrument, and refuse one that is set otherwise than configured.
+        """Connect to the instrument, and refuse it if its settings differ from the configuration.
 
         Returns
         -------

@@ -80,7 +80,7 @@ NEWS = 4
 
 @dataclass(frozen=True)
 class Jogged:
-    """Jog in progress: axis, and target height (machine mm) if it goes down."""
+    """Jog in progress: axis, and target height (machine mm) if it moves down."""
 
     axis: Axis
     down_to_mm: float | None = None

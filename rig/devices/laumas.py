@@ -168,7 +168,7 @@ class LaumasForce:
 
     @contextmanager
     def _errors(self, silent: str = "no_reply") -> Iterator[None]:
-        """silent: error code for a missing reply."""
+        """Convert Modbus errors to force errors. silent: error code for a missing reply."""
         try:
             yield
         except ModbusTimeout as error:

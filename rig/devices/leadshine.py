@@ -57,7 +57,7 @@ class LeadshineStage(Stage):
         return "; ".join(drive.connect() for drive in self._drives.values())
 
     def _refuse_alike(self) -> None:
-        """Refuse drives that cannot be told apart if their ports change names. Raises StageError."""
+        """Refuse drives that cannot be distinguished if their ports change names. Raises StageError."""
         x, z = self._drives["x"], self._drives["z"]
         if x.device_id == z.device_id and any(may_be_renamed(drive.bus.name) for drive in (x, z)):
             raise StageError(
@@ -221,7 +221,7 @@ class LeadshineStage(Stage):
             bus.close()
 
     def _status(self, known: Mapping[str, Status]) -> StageStatus:
-        """known: status words that were already read, by axis."""
+        """Return the status. known: status words that were already read, by axis."""
         words = [known[axis] if axis in known else drive.status() for axis, drive in self._drives.items()]
         referenced = all(Status.HOMED in word for word in words)
         if not referenced:

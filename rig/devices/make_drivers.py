@@ -15,12 +15,12 @@ from rig.transport.wire import Sink
 
 
 def stage_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
-    """Return the driver of the configured stage. Raises what the opener raises."""
+    """Return the driver of the configured stage. Raises the errors of the opener."""
     return find(StageKind, settings.stage.kind).driver(opener, clock, settings)
 
 
 def force_driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    """Return the driver of the configured force sensor. Raises what the opener raises."""
+    """Return the driver of the configured force sensor. Raises the errors of the opener."""
     return find(ForceKind, settings.force.kind).driver(opener, clock, settings)
 
 

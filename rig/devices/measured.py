@@ -63,7 +63,7 @@ def table() -> Path:
 
 @cache
 def measured(room: str, name: str) -> tuple[DeviceTimes, ...]:
-    """Return what was measured of a kind, one item for each wire; nothing if it was not measured."""
+    """Return the measured times of a kind of device, one item per wire; empty if it was not measured."""
     with table().open(encoding="utf-8", newline="") as file:
         rows = [row for row in csv.reader(file) if row[0] == f"{room}.{name}"]
     return tuple(

@@ -34,7 +34,7 @@ MAX_AGE_S = 0.02
 LOWEST_HZ = 100
 """Lowest rate of records, so that two of them fit into MAX_AGE_S (1/s)."""
 PAGE_S, START_S, SETTLE_S = 1.0, 0.5, 10.0
-"""Longest time until the page has come, until a started stream runs, and until a load is steady (s)."""
+"""Longest time until the page arrives, until a started stream runs, and until a load is steady (s)."""
 _PAUSE_S = 1.0  # After a longer pause without a read, records that were dropped meanwhile are not counted as lost.
 _STEADY_READINGS = 3
 _LONGEST_PAGE = 1 << 16
@@ -81,7 +81,7 @@ class NetFtSettings(Settings):
 
 @dataclass(frozen=True)
 class SensorPage:
-    """What the sensor's page says: name, counts, their units (N, N·m), and, where given, filter and rate (1/s)."""
+    """Content of the sensor's page: name, counts, their units (N, N·m), and, if given, filter and rate (1/s)."""
 
     name: str
     force_counts: int
@@ -273,7 +273,7 @@ class NetFtForce:
         )
 
     def _checked(self, text: str) -> SensorPage:
-        """Return what the page says. Raises ForceError if counts are missing, or settings do not fit the rig."""
+        """Return the content of the page. Raises ForceError if counts are missing, or settings do not fit the rig."""
         status = re.search(r"HTTP/1\.\d (\d{3})", text)
         if status is None or status[1] != "200":
             raise self._bad_page("no HTTP status" if status is None else f"HTTP status {status[1]}")
@@ -382,7 +382,7 @@ class NetFtForce:
                 return found
         if self._odd:
             raise ForceError(
-                "{port}: {count} datagrams are no records of {bytes} bytes; check force.port",
+                "{port}: {count} datagrams are not records of {bytes} bytes; check force.port",
                 code="garbled",
                 port=self._records.name,
                 count=self._odd,

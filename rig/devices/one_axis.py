@@ -26,7 +26,7 @@ from rig.settings import SLOWEST_MM_S, BenchSettings
 
 _SAME_PLACE_MM = 1e-6
 POLL_S, ALARM_S = 0.02, 0.25
-"""Time between questions near the end of a motion, and longest time without one for alarms before (s)."""
+"""Poll interval near the end of a motion, and longest time between polls for alarms before that (s)."""
 
 
 def one_axis(
@@ -101,7 +101,7 @@ class WayHome:
 
 
 class DrivenAxis(Protocol[Look]):
-    """Axis of a `TwoAxisStage`: one drive, in machine mm. `Look` is what the drive replies about itself."""
+    """Axis of a `TwoAxisStage`: one drive, in machine mm. `Look` is the type of its status reply."""
 
     @property
     def steps_per_mm(self) -> float:
@@ -142,7 +142,7 @@ class DrivenAxis(Protocol[Look]):
 
 
 class WatchedAxis(Generic[Look]):
-    """Base class of the axis of a drive that is asked whether it still moves."""
+    """Base class of an axis whose drive is polled for the end of a motion."""
 
     name: str
     _clock: Clock
@@ -328,7 +328,7 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
             raise problems[0]
 
     def _status(self, known: Mapping[str, Look]) -> StageStatus:
-        """known: looks that were already checked, by axis."""
+        """Return the status. known: status replies that were already checked, by axis."""
         busy, alarm, referenced, at_mm = False, False, True, {}
         for name, axis in self._axes.items():
             look = known[name] if name in known else axis.look()

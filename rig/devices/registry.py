@@ -27,6 +27,26 @@ Probe = Callable[[Opener, Clock, BenchSettings], str | None]
 Room = Literal["stage", "force"]
 
 
+class NumberedIdentity(str):
+    """Identity of a device, with the serial number that its settings may name.
+
+    Parameters
+    ----------
+    identity : str
+        What the device is, in words.
+    serial : int
+        Its serial number.
+    """
+
+    serial: int
+
+    def __new__(cls, identity: str, serial: int) -> Self:
+        """Return the text, with the number."""
+        made = super().__new__(cls, identity)
+        made.serial = serial
+        return made
+
+
 def nominal_steps_per_mm(stage: StageSettings, axis: str) -> float:
     """Return the steps per mm of an axis that is not calibrated."""
     return NOMINAL_STEPS_PER_MM
@@ -44,7 +64,7 @@ def one_second(force: ForceSettings) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
-    """What driver and twin were tested with; an empty text claims nothing.
+    """Evidence of the tests of driver and virtual twin; an empty text claims nothing.
 
     Parameters
     ----------
@@ -131,6 +151,9 @@ class StageKind(DeviceKind):
     further_ports : tuple of str, optional
         Keys of the kind's own table that name a port each, beside the `port` of the stage. The twin finds their
         lines in `SerialLine.further`.
+    serial_keys : tuple of str, optional
+        Keys of the kind's own table for the serial numbers of the controllers on its port and its further ports, in
+        that order, as ``axis.key``. `rig init` writes them; the probe returns a `NumberedIdentity`.
     axes : {'xz', 'xyz'}, optional
         Axes with a motor: x lateral, y along the finger, z vertical.
     outputs : tuple of str, optional
@@ -154,6 +177,7 @@ class StageKind(DeviceKind):
     driver: Callable[[Opener, Clock, BenchSettings], Stage]
     ports: Callable[[StageSettings], tuple[str, ...]] = own_port
     further_ports: tuple[str, ...] = ()
+    serial_keys: tuple[str, ...] = ()
     axes: Literal["xz", "xyz"] = "xyz"
     steps_per_mm: Callable[[StageSettings, str], float] = nominal_steps_per_mm
     outputs: tuple[str, ...] = ("off",)
@@ -236,7 +260,7 @@ def names(room: Room) -> list[str]:
 
 
 def third_party() -> dict[str, str]:
-    """Return what installed packages add: the package by entry point, such as `force.NAME`."""
+    """Return the packages that add devices, by entry point, such as `force.NAME`."""
     return {point: " and ".join(map(package, offers)) for point, offers in _offered().items()}
 
 

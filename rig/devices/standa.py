@@ -27,7 +27,7 @@ from rig.devices.base import (
     StageTimeout,
 )
 from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
-from rig.devices.registry import Evidence, Opener, StageKind
+from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
     EDGES,
@@ -259,7 +259,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self._link.send_now("stop")
 
     def clear_alarm(self) -> None:
-        """Clear an alarm in the controller, and then the one that is kept here. Raises StageAlarm if it is there."""
+        """Clear the alarm in the controller, then the one stored here. Raises StageAlarm if it persists."""
         self._link.command("stop")
         self._alarm = ""
         self.refuse_alarm(self.look())
@@ -275,7 +275,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         return (status.steps * self.microsteps + status.microsteps) / self.steps_per_mm + 0.0
 
     def refuse_alarm(self, status: AxisStatus) -> None:
-        """Refuse an alarm, now or since the last `unlock`, and a flag that is not known. Raises StageAlarm."""
+        """Raise StageAlarm for an alarm, now or since the last `unlock`, and for an unknown flag."""
         flags = status.flags & ~HARMLESS
         if flags and not self._alarm:
             self._alarm = " ".join(ALARMS.get(1 << bit, f"{1 << bit:X} hex") for bit in range(32) if flags >> bit & 1)
@@ -561,7 +561,7 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         clock.wait_s(FORGETS_S)  # The bytes of other probes may be the beginning of a command.
         with suppress(StageError):
             (serial,) = StandaLink(transport, clock).ask("gser", SERIAL, tries=1)
-            return f"Standa controller {serial}"
+            return NumberedIdentity(f"Standa controller {serial}", serial)
     return None
 
 
@@ -572,6 +572,7 @@ DEVICE = StageKind(
     settings=StandaSettings,
     ports=_ports,
     further_ports=("x_port",),
+    serial_keys=("z.serial", "x.serial"),
     axes="xz",
     steps_per_mm=steps_per_mm,
     twin="sim.devices.standa:standa_twin",

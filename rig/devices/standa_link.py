@@ -21,7 +21,7 @@ REPLY_S = 0.2
 READ_TRIES = 3
 LETTERS, CRC_BYTES = 4, 2
 ZEROS = bytes(64)
-"""As many as complete any frame that was cut short; the controller returns each that it does not need."""
+"""Zeros that complete any truncated frame; the controller returns each one that it does not need."""
 SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
 FORGETS_S = 0.45
 """The controller forgets the beginning of a command 0.4 s after its last byte."""
@@ -37,7 +37,7 @@ ERRORS = {
 MOVE = struct.Struct("<ih6s")
 SPEED = struct.Struct("<IBHHIBB9s")
 RESERVED = b"\xcc"
-"""What the maker's library writes to the reserved bytes."""
+"""Value that the maker's library writes to the reserved bytes."""
 STATUS = struct.Struct("<5Bihqih5hIIB4x")
 ENGINE = struct.Struct("<HHIBHhBH12x")
 EDGES = struct.Struct("<BBihih6x")
@@ -65,7 +65,7 @@ class AxisStatus:
 
     @property
     def busy(self) -> bool:
-        """Whether a command is under way, or the motor turns."""
+        """Whether a command is running, or the motor turns."""
         return bool(self.command & RUNNING) or self.moves
 
 
@@ -101,7 +101,7 @@ class StandaLink:
         self._clear = True
 
     def ask(self, letters: str, layout: struct.Struct, tries: int = READ_TRIES) -> tuple[Any, ...]:
-        """Ask a question that changes nothing; a missing or garbled reply is asked for again.
+        """Send a query without side effects; repeat it if the reply is missing or garbled.
 
         Raises StageError, TransportError.
         """

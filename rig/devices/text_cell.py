@@ -99,9 +99,10 @@ class TextCellSettings(Settings):
 
     @cached_property
     def pattern(self) -> re.Pattern[str]:
-        """What a whole line with a reading matches; white space matches any white space.
+        """Pattern of a whole line with a reading; white space matches any white space.
 
-        {skip} ends where the text behind it first stands. Nothing is tried twice, so that no line takes long.
+        {skip} ends at the first occurrence of the text that follows it. The pattern never backtracks, so that no line
+        takes long.
         """
         parts = _FIELD.split(self.line)
         texts = [r"\s+".join(re.escape(word) for word in re.split(r"\s+", text)) for text in parts[0::2]]
@@ -142,7 +143,7 @@ class TextCellForce:
         return self.identify()
 
     def identify(self) -> str:
-        """Wait for a reading and return what is configured; such a board has no identity. Raises ForceError."""
+        """Wait for a reading and return the configuration, since such a board has no identity. Raises ForceError."""
         settings = self._settings
         deadline_s = self._clock.monotonic_s() + settings.start_s
         last = ""
@@ -163,7 +164,7 @@ class TextCellForce:
         )
 
     def read(self) -> ForceReading:
-        """Return the next value; a line never says that it is stable. Raises ForceError."""
+        """Return the next value, never marked as stable. Raises ForceError."""
         return ForceReading((self._shown_gwt() - self._offset_gwt) * GWT_N, False, self._clock.monotonic_s())
 
     def zero(self) -> None:
@@ -222,7 +223,7 @@ class TextCellForce:
     # --- lines ---
 
     def _shown_gwt(self) -> float:
-        """Return what the board shows, true by the calibration."""
+        """Return the value that the board sends, corrected by the calibration (gwt)."""
         settings, port = self._settings, self._transport.name
         line = self._line(self._silence_s)
         found = settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None

@@ -48,7 +48,7 @@ HOMED_WITHIN_MM = 0.5
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """What a module reports of one axis, in its own units; position_mm in machine mm."""
+    """Status of one axis in the units of the module; position_mm in machine mm."""
 
     target: int
     position: int
@@ -259,7 +259,7 @@ class TmclAxis(WatchedAxis[Look]):
     # --- state ---
 
     def look(self) -> Look:
-        """Return what the module reports. Raises StageError."""
+        """Return the status of the axis. Raises StageError."""
         parameters = (TARGET, POSITION, SPEED, MAX_SPEED, RIGHT_SWITCH, LEFT_SWITCH, *self._flags)
         values, search = self._link.ask(self.motor, parameters)
         found = dict(zip(parameters, values, strict=True))
@@ -557,7 +557,7 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
 
 
 def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
-    """Read the position of both motors; the frame that asks for the version has bytes on which boards act."""
+    """Read the position of both motors, because the version query contains bytes on which other boards act."""
     own = settings.stage.own(TmclSettings)
     transport = opener(settings.stage.port)
     motors = [Motor(axis.address, axis.motor) for axis in (own.x, own.z)]

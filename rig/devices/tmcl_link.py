@@ -127,7 +127,7 @@ class TmclLink:
             self._exchanged(TmclRequest(motor, command, kind, value))
 
     def version(self, motor: Motor) -> str:
-        """Return the name of a module and its firmware; asked twice, since the reply has no checksum.
+        """Return the name of a module and its firmware; sent twice, since the reply has no checksum.
 
         Raises StageError, TransportError.
         """
@@ -236,7 +236,7 @@ class TmclLink:
         raise self._failure(request, self._heard)
 
     def _quieten(self) -> None:
-        """Discard what is still coming.
+        """Discard bytes that still arrive.
 
         After two requests without a reply, the module may wait for the end of a frame that lost a byte: one byte
         ends it, and a module that drops incomplete frames drops this byte.

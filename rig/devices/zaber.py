@@ -93,7 +93,7 @@ class _SineInTime:
     tolerance: float
 
     def misses(self, at: int, asked_s: float, heard_s: float) -> bool:
-        """Return whether the sine is nowhere at `at` between two times; not if they are half a cycle apart."""
+        """Return whether the sine does not pass `at` between two times; false if they are half a cycle apart."""
         late_s = SINE_LATE_S + (1 - SINE_IN_TIME) * (heard_s - self.begun_s)
         first = max(asked_s - self.known_s - late_s, 0.0) / self.period_s
         last = (heard_s - self.begun_s + late_s) / self.period_s
@@ -264,7 +264,7 @@ class ZaberAxis(WatchedAxis[Reply]):
     def vibrating(
         self, amplitude_mm: float, period_s: float, cycles: int, keep_on: Callable[[], bool], look_s: float
     ) -> Iterator[Reply]:
-        """Swing in a sine, from here to twice the amplitude away from home and back; yield each look, until its end.
+        """Swing in a sine, from here to twice the amplitude away from home and back; yield each status until the end.
 
         The device counts the cycles, so that it ends by itself. The amplitude is rounded down to a microstep and the
         period to 0.1 ms. A motion that leaves its way is stopped. A sine may be so fast that no report shows its
@@ -411,7 +411,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         return self.warned
 
     def refuse_alarm(self, warnings: frozenset[str], *, homing: bool = False) -> None:
-        """Refuse a fault, and a warning that is not known to be harmless. Raises StageAlarm."""
+        """Raise StageAlarm for a fault, and for a warning that is not known to be harmless."""
         tolerated = HARMLESS | {DISPLACED} if homing else HARMLESS
         for flag in sorted(warnings - tolerated):
             meaning = ALARMS.get(flag, "unknown warning, see its manual")
@@ -448,7 +448,7 @@ class ZaberAxis(WatchedAxis[Reply]):
     # --- helpers ---
 
     def _refuse_off_its_way(self, reply: Reply, start: int, target: int) -> None:
-        """Stop the chain and raise for a position that is not between two others, whichever is higher."""
+        """Stop the chain and raise an error for a position that is not between two others, in either order."""
         low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
         at = self._position(reply)
         if not low <= at <= high:
@@ -474,7 +474,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         )
 
     def _be_at(self, target: int) -> None:
-        """Raise unless the axis stands there, or does so when it is asked again."""
+        """Raise an error unless the axis is at the target, by one of two status reports."""
         at = self._position(self.look())
         if abs(at - target) > self._tolerance:
             at = self._position(self.look())

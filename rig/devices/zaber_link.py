@@ -64,7 +64,7 @@ def checksum(content: str) -> str:
 
 
 def frame(device: int, axis: int, number: int, words: str) -> bytes:
-    """Return a command with id and checksum; without words it asks for the state."""
+    """Return a command with id and checksum; without words it requests the state."""
     content = f"{device} {axis} {number:02d} {words}".rstrip()
     return f"/{content}:{checksum(content)}\n".encode("ascii")
 
@@ -103,10 +103,10 @@ class ZaberLink:
         self._number = IDS - 1
         self._lost_s: dict[int, float] = {}
         self.alerts: dict[tuple[int, int], str] = {}
-        """Highest warning of each axis that an alert has reported; cleared by who reads it."""
+        """Highest warning of each axis that an alert has reported; the reader clears it."""
 
     def ask(self, device: int, axis: int, words: str = "") -> Reply:
-        """Ask a question that changes nothing; a missing or garbled reply is asked for again.
+        """Send a query without side effects; repeat it if the reply is missing or garbled.
 
         Raises StageError, TransportError.
         """

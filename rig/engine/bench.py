@@ -45,7 +45,7 @@ class Heartbeat:
 
 
 @contextmanager
-def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
+def monitored(heartbeat: Heartbeat) -> Iterator[None]:
     """Check the heartbeat from a thread every LOOK_S of real time."""
     over = threading.Event()
 
@@ -62,12 +62,16 @@ def looked_after(heartbeat: Heartbeat) -> Iterator[None]:
         thread.join()
 
 
+Meanwhile = Callable[[], object]
+"""Called again and again while a person is waited for; what it raises ends the wait."""
+
+
 @dataclass(frozen=True)
 class Pause:
-    """Pause of the operator: `asked` is polled at safe points, `go_on` returns whether the run then continues."""
+    """Pause by the operator: `asked` is polled at safe points; `go_on` waits and returns whether to continue."""
 
     asked: Callable[[], bool] = lambda: False
-    go_on: Callable[[], bool] = lambda: False
+    go_on: Callable[[Meanwhile], bool] = lambda meanwhile: False
 
 
 NO_PAUSE = Pause()
@@ -81,7 +85,7 @@ class Operator(Protocol):
         """Pause, polled at safe points."""
         ...
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Ask for this indentor to be mounted; return the name of the mounted one."""
         ...
 
@@ -109,10 +113,10 @@ class WatchedBench(Bench, Protocol):
     def virtual(self) -> bool: ...
 
     def witness(self, stream: str, data: Mapping[str, Any]) -> Mapping[str, float]:
-        """Return journal fields that only the bench knows: simulated truth, or none on a real bench."""
+        """Return journal fields from the bench itself: simulated truth, or none on a real bench."""
         ...
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """Monitor the heartbeat independently of the engine's thread."""
         ...
 
@@ -125,8 +129,8 @@ class WatchedBench(Bench, Protocol):
         """Record the state of contact for the next command. Raises RecordError."""
         ...
 
-    def left_with(self, zero: ForceZero | None) -> None:
-        """Record the zero of the force sensor for the next command."""
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Record the zero of the force sensor for the next command; None: its readings have a new, unknown one."""
         ...
 
     def close(self) -> None:

@@ -8,6 +8,7 @@ position if the stage still reports exactly where the last command left it, home
 """
 
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from hashlib import sha256
 from pathlib import Path
@@ -36,6 +37,7 @@ class LastKnown(BaseModel):
     zero_offset_n: float | None = None
     zero_noise_gwt: float = 0.0
     zero_unix_s: float = 0.0
+    zero_of: str = ""  # the sensor and its settings, without which the offset is another force
     left_at_mm: tuple[float, float, float] | None = None
     contact: KnownContact | None = None
 
@@ -43,6 +45,11 @@ class LastKnown(BaseModel):
     def zero(self) -> ForceZero | None:
         """Zero of the force sensor."""
         return None if self.zero_offset_n is None else ForceZero(self.zero_offset_n, self.zero_noise_gwt)
+
+    @property
+    def is_lifted(self) -> bool:
+        """Whether a lift is on record, with nothing since that may have touched."""
+        return self.contact is not None and not self.contact.may_touch
 
     def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
@@ -52,28 +59,40 @@ class LastKnown(BaseModel):
         return all(abs(a - b) <= _SAME_PLACE_MM for a, b in zip(now, self.left_at_mm, strict=True))
 
 
+_NO_ZERO: Mapping[str, object] = {
+    "zero_offset_n": None,
+    "zero_noise_gwt": 0.0,
+    "zero_unix_s": 0.0,
+    "zero_of": "",
+}
+
+
 class BenchMemory:
     """File of one bench, identified by its ports."""
 
     def __init__(self, settings: BenchSettings) -> None:
         ports = " ".join((*stage_ports(settings.stage), settings.force.port))
         self._path = state_folder() / f"bench-{sha256(ports.encode()).hexdigest()[:16]}.json"
+        scale = settings.calibration.value("force_scale", 1.0)
+        self._sensor = sha256(f"{settings.force.model_dump_json()} {scale!r}".encode()).hexdigest()[:16]
 
     def read(self) -> LastKnown:
-        """Return the record; an empty one if the file cannot be read."""
+        """Return the record, without a zero of another sensor or scale; an empty one if the file cannot be read."""
         try:
-            return LastKnown.model_validate_json(read_text(self._path))
+            found = LastKnown.model_validate_json(read_text(self._path))
         except (OSError, ValueError):
             return LastKnown()
+        return found if found.zero_of == self._sensor else found.model_copy(update=_NO_ZERO)
 
     def zeroed(self, zero: ForceZero) -> None:
         """Record a new zero."""
         now_s = WallClock().unix_s()
-        self._write(zero_offset_n=zero.offset_n, zero_noise_gwt=zero.noise_gwt, zero_unix_s=now_s)
+        about = {"zero_noise_gwt": zero.noise_gwt, "zero_unix_s": now_s, "zero_of": self._sensor}
+        self._write(zero_offset_n=zero.offset_n, **about)
 
     def forget_zero(self) -> None:
         """Forget the zero: the sensor was zeroed, and its new zero is not yet measured."""
-        self._write(zero_offset_n=None, zero_noise_gwt=0.0, zero_unix_s=0.0)
+        self._write(**_NO_ZERO)
 
     def moves(self) -> None:
         """Forget the position before a motion, until `left` records it again."""
@@ -84,12 +103,13 @@ class BenchMemory:
         self._write(left_at_mm=(at.x_mm, at.y_mm, at.z_mm))
 
     def touched(self, known: KnownContact) -> None:
-        """Record what is known about contact.
+        """Record the known state of contact.
 
         Only a confirmed lift clears a finger that may have been touched, and only a motion below clearance or a force
         makes a clear one doubtful. Raises RecordError if the file would still record a clear finger.
         """
-        clear = (before := self.read().contact) is not None and not before.may_touch
+        last = self.read()
+        before, clear = last.contact, last.is_lifted
         if clear and known.kind in ("raised", "disagreement"):
             return
         self._write(contact=known)

@@ -30,7 +30,7 @@ _TO_DO: Mapping[ContactKind, str | None] = {
 
 @dataclass(frozen=True)
 class KnownContact:
-    """What is known about contact between indentor and finger.
+    """Known state of contact between indentor and finger.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class KnownContact:
 
     @property
     def clause(self) -> str:
-        """The same sentence without the position."""
+        """State of contact in words, without the position."""
         if self.kind == "lifted":
             return f"{self._force}, so {DOES_NOT_TOUCH}"
         if self.kind == "raised":
@@ -84,7 +84,7 @@ class KnownContact:
 
     @property
     def to_do(self) -> str | None:
-        """What the operator should do first; None if nothing needs to be done."""
+        """First step for the operator; None if nothing needs to be done."""
         return _TO_DO[self.kind]
 
     @property

@@ -19,7 +19,7 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Corridor:
-    """The corridor of one motion, in machine mm.
+    """Corridor of one motion, in machine mm.
 
     Parameters
     ----------

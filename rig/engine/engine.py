@@ -29,7 +29,7 @@ from rig.engine.motion import (
     TouchError,
     insist,
 )
-from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
 from rig.records import NO_PRESS, Phase, PressId, SineMotion, as_fine
 from rig.settings import RigSettings
@@ -60,7 +60,7 @@ EachReading = Callable[[float], None]
 
 
 class State(Enum):
-    """State of the engine, which decides what is allowed next."""
+    """State of the engine, which determines the allowed commands."""
 
     UNHOMED = "unhomed"
     READY = "ready"
@@ -84,7 +84,7 @@ class Engine:
         soft_trip_n: float | None = None,
         contact_s: float = 0.0,
     ) -> None:
-        """contact_s: contact time of the earlier parts of the run (s)."""
+        """Begin with the contact time of the earlier parts of the run (s)."""
         self.settings, self.bench, self.clock = settings, bench, bench.clock
         self.state = State.UNHOMED
         self.problem: Exception | None = None  # The first trip or failure: the run cannot end normally after it.
@@ -103,6 +103,7 @@ class Engine:
         self.may_touch = self._touch_ends_it = False
         self._each: EachReading | None = None  # of this motion
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
+        self.keep_zero: Callable[[ForceZero | None], None] = lambda zero: None  # for the next command
         # last measured state, and whether the stage has been at rest since
         self._known, self._measured, self._measured_s = KnownContact(), False, -math.inf
         self._unread: NoReadingError | None = None  # why the last force at rest is missing
@@ -272,7 +273,7 @@ class Engine:
 
     @property
     def known_contact(self) -> KnownContact:
-        """State of contact from what was last measured, without asking a device."""
+        """State of contact from the last measurements, without a query to a device."""
         if self._measured or not self.may_touch:
             return self._known
         touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
@@ -379,7 +380,7 @@ class Engine:
         return force
 
     def record_in_motion(self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float) -> None:
-        """Journal a reading of a motion. Raises InterruptedMotionError if that fails: first the motion must end."""
+        """Journal a reading of a motion. If that fails, raises InterruptedMotionError, so that the motion ends."""
         if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
             self.contact.begin()
         glanced = self.sensing.glanced

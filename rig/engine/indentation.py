@@ -227,7 +227,7 @@ def vibrate(
     """
     if highest_hz(engine.settings.stage, vibration.amplitude_mm) is None:
         raise NotReadyError(
-            "vibrate: a {kind} stage makes no sine by itself", code="no_vibration", kind=engine.settings.stage.kind
+            "vibrate: a {kind} stage cannot generate a sine", code="no_vibration", kind=engine.settings.stage.kind
         )
 
     def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:

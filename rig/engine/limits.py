@@ -98,7 +98,7 @@ class ContactTime:
     """Contact time (s) from first touch to lift, summed over all parts of a run."""
 
     def __init__(self, clock: Clock, limits: LimitSettings, before_s: float = 0.0) -> None:
-        """before_s: contact time of the earlier parts of the run (s)."""
+        """Begin with the contact time of the earlier parts of the run (s)."""
         self._clock, self._longest_s, self._before_s = clock, limits.max_contact_s, before_s
         self._since_s: float | None = None
 
@@ -490,7 +490,7 @@ class Touched:
         self._reached: dict[tuple[float, float], tuple[float, float]] = {}
 
     def at(self, x_mm: float, along_mm: float, contact_mm: float, reached: tuple[float, float] | None = None) -> None:
-        """Record the contact height at a position after the lift, and what the press there reached."""
+        """Record the contact height at a position after the lift, and the force and depth of the press there."""
         self._contact_mm[x_mm, along_mm] = contact_mm
         if reached is not None:
             self._reached[x_mm, along_mm] = reached

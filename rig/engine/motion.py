@@ -74,18 +74,20 @@ class Motion:
     """Motions of a stage over one finger: x, along and height above the pad's nominal apex (mm); nan if unknown."""
 
     def __init__(self, settings: RigSettings, stage: Stage, clock: Clock, glance: Callable[[], None]) -> None:
-        """glance: called with each status; if it raises an InterruptedMotionError, the stage comes to rest."""
+        """Prepare motions of a stage. glance: called with each status; if it raises InterruptedMotionError, the stage
+        comes to rest.
+        """
         self._settings, self._stage, self._clock, self._glance = settings, stage, clock, glance
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
         self.begun = False  # whether any motion was ever commanded
 
     def home(self) -> None:
-        """Home the stage. Raises StageError, and what a glance raises."""
+        """Home the stage. Raises StageError, and the errors of `glance`."""
         self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
         self.set_position(self._stage.status())
 
     def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
-        """Move sideways at the present height. Raises StageError, and what a glance raises."""
+        """Move laterally at the present height. Raises StageError, and the errors of `glance`."""
         frame = self._settings.frame
         x, y = frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm
         looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s)
@@ -93,7 +95,7 @@ class Motion:
         self.x_mm, self.along_mm = x_mm, along_mm
 
     def to_height(self, height_mm: float, speed_mm_s: float, look_s: float = LOOK_S) -> None:
-        """Move straight up or down, polled every look_s. Raises StageError, and what a glance raises."""
+        """Move straight up or down, polled every look_s. Raises StageError, and the errors of `glance`."""
         z = self._settings.frame.apex_z_mm + height_mm
         looks = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s, look_s=look_s)
         x, y, _ = self._machine_mm

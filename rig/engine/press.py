@@ -118,7 +118,7 @@ _HIGHEST_AIM = 1.02  # Share of the target in a hold; with noise the force must 
 
 
 class Press:
-    """The press of one indentation, from its touch-off on."""
+    """Press of one indentation, from its touch-off on."""
 
     def __init__(self, engine: Engine, press: PressId, touch: ContactFit, speed_mm_s: float) -> None:
         self._engine, self.id, self._speed = engine, press, speed_mm_s
@@ -433,7 +433,7 @@ class Press:
         hold_s: float,
         held: Callable[[Target, float], tuple[list[float], list[float]]] | None = None,
     ) -> Hold:
-        """Journal a hold; held: what is done instead of a hold at rest; it ends at the present depth."""
+        """Carry out and journal a hold. held: replaces the hold at rest, and ends at the present depth."""
         engine, clock = self._engine, self._engine.clock
         about = {"index": self.id.index, "hold": hold}
         pulse(engine, self.id, "hold_start")

@@ -1,4 +1,4 @@
-"""Reference presses, which check that the finger still responds as at first; compliance of the rig."""
+"""Reference presses, which check that the response of the finger has not changed; compliance of the rig."""
 
 import math
 from dataclasses import dataclass
@@ -109,7 +109,7 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
 
 
 def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compliance:
-    """Return the slope of the least-squares line of travel against force; a step is known to step / √12."""
+    """Return the slope of the least-squares line of travel against force; the sd of a height is step / √12."""
     height, force_n = np.array(readings).T * np.array([[1.0], [GWT_N]])
     settled = force_n >= _FROM_SHARE * force_n.max()
     height, force_n = height[settled], force_n[settled]

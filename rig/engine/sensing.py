@@ -36,7 +36,7 @@ _POLL_S, _TINY_S = 0.1, 1e-6
 
 
 class NoReadingError(RigError):
-    """A missing or unreliable reading."""
+    """Error of a missing or unreliable reading."""
 
     default_code = "no_reading"
 

@@ -19,7 +19,7 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
-"""Time between two looks at the stop inputs, and at stage and force sensor, during a wait at clearance (s)."""
+"""Poll intervals of the stop inputs, and of stage and force sensor, during a wait at clearance (s)."""
 _LOOK_TAKES_S = 0.25  # No look begins so shortly before the end of a rest.
 
 
@@ -33,7 +33,7 @@ def mount(engine: Engine, indentor: str) -> None:
         )
     engine.indentor = None
     engine.touched.forget()
-    mounted = engine.bench.operator.mount(indentor)
+    mounted = engine.bench.operator.mount(indentor, LooksAtClearance(engine, engine.clock, handled=True))
     if mounted != indentor:
         raise NotReadyError(
             "mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}",
@@ -123,7 +123,10 @@ def zero(engine: Engine) -> None:
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
+    sensing.zero = None  # Readings now have a new zero.
+    engine.keep_zero(None)
     found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
+    engine.keep_zero(sensing.lasting_zero)
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
     engine.know_contact(0.0)  # The reading just taken is the new zero.
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
@@ -213,26 +216,30 @@ def look_at_devices(engine: Engine) -> None:
 
 
 class LooksAtClearance:
-    """Looks at stop inputs and devices during a wait of any length; call it as often as you like.
+    """Checks of stop inputs and devices during a wait of any length; each call checks only what is due.
+
+    While a person handles the indentor or the finger, only the participant's button counts: nothing trips, and lifts,
+    by a force from a hand. The next step asks the devices.
 
     The devices of a virtual bench are not asked: they cannot be lost, and by the wall clock their time would depend
     on the speed of the computer.
     """
 
-    def __init__(self, engine: Engine, clock: Clock) -> None:
-        """clock: the clock that times the wait."""
-        self._engine, self._clock = engine, clock
+    def __init__(self, engine: Engine, clock: Clock, *, handled: bool = False) -> None:
+        """clock: the clock that times the wait. handled: whether a person handles indentor or finger."""
+        self._engine, self._clock, self._handled = engine, clock, handled
         self._inputs_s = clock.monotonic_s()
-        self._devices_s = math.inf if getattr(engine.bench, "virtual", False) else self._inputs_s + REST_LOOK_S
+        asked = not (handled or getattr(engine.bench, "virtual", False))
+        self._devices_s = self._inputs_s + REST_LOOK_S if asked else math.inf
 
     def __call__(self) -> None:
-        """Look at what is due. Raises as `look_at_devices`."""
+        """Check the inputs and devices that are due. Raises the errors of `look_at_devices`."""
         engine, now_s = self._engine, self._clock.monotonic_s()
         if engine.state is not State.READY:
             return
         if now_s >= self._inputs_s:
             self._inputs_s = now_s + STOP_LOOK_S
-            if problem := engine.stop_problem(at_rest=True):
+            if (problem := engine.stop_problem(at_rest=True)) and not self._handled:
                 engine.trip(problem)
         if now_s >= self._devices_s:
             look_at_devices(engine)
@@ -262,7 +269,7 @@ def safe_point(engine: Engine) -> None:
         retract(engine)
     engine.touched.forget()  # the operator may move the finger
     engine.record("paused", {"reason": "operator"})
-    if not pause.go_on():
+    if not pause.go_on(LooksAtClearance(engine, engine.clock, handled=True)):
         raise RunAborted(
             "stopped by the operator at a safe point; the indentor is lifted", code="stopped_at_a_safe_point"
         )

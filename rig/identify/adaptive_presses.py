@@ -187,7 +187,7 @@ class Identification:
 
     @property
     def not_learned(self) -> list[str]:
-        """What the presses did not determine, as sentences."""
+        """Quantities that the presses did not determine, as sentences."""
         problems = [f"{self.mismatch}"] if self.mismatch else []
         if self.learned.collapsed:
             problems.append(

@@ -20,13 +20,13 @@ Array = NDArray[np.float64]
 NAMES = ("pad_centre_x_mm", "apex_z_mm", "pad_y_mm", "roll_deg", "tilt_deg")
 _SPACING_MM = 0.05  # spacing of the skin's points; the error of a touch between two of them is 0.3 µm
 _TOUCHED_RAD = 1.2  # on either side of the apex
-# No touch is known better than to a few micrometres: steps of the stage, and readings of a hundredth of a gram.
+# Touches are accurate to a few micrometers: steps of the stage, and readings of a hundredth of a gram-weight.
 _LEAST_SD_MM = 0.003
 _WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # steps of the derivatives, mm and degrees
 
 
 @dataclass(frozen=True)
-class Lie:
+class FittedFrame:
     """Frame in machine coordinates, by the keys of [frame]: values, standard deviations, and their correlation.
 
     residual_mm: root mean square distance of the touches from the fitted finger (mm).
@@ -65,11 +65,11 @@ class _Skin:
         return float((self.y[near] + np.sqrt(under[near])).max() - radius_mm) if near.any() else -radius_mm
 
 
-def find(run: Run, config: Config, finger: Fingertip) -> Lie:
-    """Fit the finger's frame to a run's touches. Raises BadInputError where they are too few, or not a sphere's.
+def find(run: Run, config: Config, finger: Fingertip) -> FittedFrame:
+    """Fit the finger's frame to the touches of a run. Raises BadInputError for too few touches, or not by a sphere.
 
-    Least squares over lateral, vertical and axial offset, roll and tilt; the stage that has no axis along the finger
-    leaves the axial offset and the tilt as they were.
+    Least squares over lateral, vertical and axial offset, roll and tilt. Touches at one position along the finger
+    leave the axial offset and the tilt unchanged.
     """
     touches = run.stream("find")
     radius_mm = _radius(run, touches)
@@ -115,7 +115,7 @@ def _full(found: Array, free: list[int]) -> Array:
 
 
 def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
-    """Central differences over steps wide enough for a skin of points."""
+    """Return the Jacobian by central differences, with steps wide enough for a skin of points."""
 
     def jacobian(found: Array) -> Array:
         steps = np.diag(walk)
@@ -124,15 +124,15 @@ def _by_differences(off_mm, walk: Array):  # type: ignore[no-untyped-def]
     return jacobian
 
 
-def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> Lie:
-    """Covariance s² (JᵀJ)⁻¹ with Student's factor, so that ± 2 sd holds 95 %."""
+def _lie(found: Array, jacobian: Array, off_mm: Array, free: list[int], config: Config) -> FittedFrame:
+    """Return the frame with covariance s² (JᵀJ)⁻¹ and Student's factor, so that ± 2 sd covers 95 %."""
     spare = len(off_mm) - len(free)
     sd_mm = max(float(np.sqrt((off_mm**2).sum() / spare)), _LEAST_SD_MM)
     covariance = sd_mm**2 * np.linalg.inv(jacobian.T @ jacobian)
     sd = np.sqrt(np.diag(covariance))
     frame, change = config.frame, _full(found, free)
     was = (frame.pad_centre_x_mm, frame.apex_z_mm, frame.pad_y_mm, 0.0, 0.0)
-    return Lie(
+    return FittedFrame(
         value={NAMES[i]: float(was[i] + change[i]) for i in free},
         sd={NAMES[i]: float(s * stdtrit(spare, 0.975) / 2) for i, s in zip(free, sd, strict=True)},
         correlation=covariance / np.outer(sd, sd),

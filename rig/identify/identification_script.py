@@ -38,7 +38,9 @@ class IdentificationScript:
         say: Callable[[PressReport], None] = lambda report: None,
         say_before: Callable[[PressAt | None], None] = lambda press: None,
     ) -> None:
-        """say: called after each press; say_before: called before each press, with None before homing."""
+        """Prepare the script. say: called after each press. say_before: called before each press, with None before
+        homing.
+        """
         self.identification, self._say, self._say_before = identification, say, say_before
         self._pressing: PressAt | None = None
         self._journal: Following | None = None

@@ -54,14 +54,14 @@ class Guard:
         problem = self.read_at_rest(meanwhile)
         if problem is not None and problem.code == "unsteady":
             words = (
-                f"{problem.sentence}, so nothing was moved sideways after a touch: move up first, or use "
+                f"{problem.sentence}; no lateral motion after a touch: move up first, or use "
                 "`rig zero --anyway` if nothing touches the indentor"
             )
             raise LimitError(words, code=problem.code, **problem.fields)
         force_gwt = self.from_air_gwt
         if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
             raise LimitError(
-                "the sensor reads {force_gwt:.2f} gwt, so nothing was moved sideways after a touch: move up first, "
+                "the sensor reads {force_gwt:.2f} gwt; no lateral motion after a touch: move up first, "
                 "or use `rig zero --anyway` if nothing touches the indentor",
                 code="touches_still",
                 force_gwt=force_gwt,
@@ -155,7 +155,7 @@ class Guard:
         self.force_gwt = self._rest_gwt = force_gwt
         self._refuse_trip(force_gwt)
         if force_gwt <= self._air_gwt - self._sensing.touch_gwt:
-            words = "{force_gwt:.2f} gwt while going down: does the sensor read backwards?"
+            words = "the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
             raise InterruptedMotionError(words, force_gwt, code="reads_backwards")
         self._refuse_silence(before_gwt, force_gwt, z_mm, step_mm)
         if step_mm > 0 and force_gwt - before_gwt > 0.5 * self._sensing.resolution_gwt:
@@ -186,7 +186,7 @@ class Guard:
         if self._touched_z_mm is None and self._touches(force_gwt):
             self._touched_z_mm = z_mm
             raise InterruptedMotionError(
-                "touched, {more_gwt:.2f} gwt more than before; a new motion goes on from here",
+                "touched, {more_gwt:.2f} gwt more than before; start a new motion to continue",
                 force_gwt,
                 code="touched",
                 more_gwt=force_gwt - self._air_gwt,

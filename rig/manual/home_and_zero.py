@@ -48,10 +48,9 @@ def at_hand(
     if sensing is not None:
         sensing.zero, guard = known.zero, Guard(settings, sensing)
     placed = stage.homed or known.is_where_left(stage.status())
-    lifted = placed and known.contact is not None and not known.contact.may_touch
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
-    hand.keep_contact, hand.may_touch = memory.touched, not lifted
+    hand.keep_contact, hand.may_touch = memory.touched, not (placed and known.is_lifted)
     yield hand
     if hand.placed:
         memory.left(stage.status())
@@ -78,8 +77,8 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
 def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
     """Zero the sensor, record the zero, and return the sensor's identification.
 
-    Raises LimitError if there are no readings, or if the last recorded zero shows a contact and `anyway` is false;
-    ForceError, TransportError.
+    Raises LimitError if there are no readings; if `anyway` is false, also if the last recorded zero shows a contact,
+    or without one the record of contact; ForceError, TransportError.
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()
@@ -87,6 +86,14 @@ def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
         sensing.zero = last.zero
         if not anyway:
             _refuse_touched(sensing, last)
+    elif not anyway and last.contact is not None and last.contact.kind not in ("lifted", "raised"):
+        raise LimitError(
+            "there is no zero on record, and the indentor is {words}, so nothing was zeroed; free the finger and "
+            "home, or, if nothing touches the indentor, use --anyway",
+            code="maybe_touched",
+            words=last.contact.words,
+            contact=last.contact.kind,
+        )
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
     memory.forget_zero()

@@ -49,14 +49,18 @@ class ByHand:
     def __init__(
         self, settings: RigSettings, stage: Stage, clock: Clock, guard: Guard | None, show: Show, *, placed: bool
     ) -> None:
-        """guard: None moves without force. placed: whether the stage is homed, so that heights are known."""
+        """Prepare to move by hand. guard: None moves without force. placed: whether the stage is homed, so that
+        heights are known.
+        """
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
         self.may_touch = False  # as recorded
 
-    def stands(self, *, placed: bool) -> None:
+    def set_placed(self, *, placed: bool) -> None:
         """Record that the stage was homed or has lost its position; earlier touches are forgotten."""
+        if self.placed and not placed:
+            self.may_touch = True  # The carriage may have been moved, too.
         self.placed = placed
         if self._guard is not None:
             self._guard.forget()
@@ -69,8 +73,7 @@ class ByHand:
         """
         direction, at = held(), self._stage.status()
         if self.placed and not at.referenced:
-            self.stands(placed=False)
-            self.may_touch = True  # The carriage may have been moved, too.
+            self.set_placed(placed=False)
         if direction is None:
             return Moved(at, None)
         if direction == DOWN and by_mm is not None:
@@ -95,7 +98,7 @@ class ByHand:
             else:
                 end = self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
-            self.stands(placed=False)  # The stage was stopped.
+            self.set_placed(placed=False)  # The stage was stopped.
             return Moved(strayed.at, self._force_gwt, strayed)
         except InterruptedMotionError as interruption:
             return self._ended(direction, at, interruption)
@@ -249,8 +252,8 @@ class ByHand:
 
     def _too_deep(self, height_mm: float) -> LimitError:
         return LimitError(
-            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g}: "
-            "is frame.apex_z_mm = {apex_z_mm:g} right?",
+            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g} mm; "
+            "check frame.apex_z_mm = {apex_z_mm:g}",
             code="too_deep",
             depth_mm=-height_mm,
             limit_mm=self._settings.limits.max_doi_mm,
@@ -282,14 +285,14 @@ FASTEST_MM_S = 10.0
 
 
 class HeldDirection:
-    """Last direction held, valid for counts_s from its signal."""
+    """Direction of the last button signal, valid for counts_s after the signal."""
 
     def __init__(self, clock: Clock, counts_s: float) -> None:
         self._clock, self._counts_s = clock, counts_s
         self._last: tuple[Direction, float] | None = None  # direction, and the time until which it is valid (s)
 
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
-        """Record that a direction was held ago_s ago, or None; an older signal does not shorten a newer one."""
+        """Record the direction held ago_s ago, None for a release; an older signal does not shorten a newer one."""
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
         if direction is not None and self._last is not None and self._last[0] == direction:
             until_s = max(until_s, self._last[1])

@@ -57,7 +57,7 @@ class HoldRequest(BaseModel):
 
 
 class Holds:
-    """Buttons held down. One press is one motion; after it ends, the button must be pressed again.
+    """State of the held button. One press is one motion; after it ends, the button must be pressed again.
 
     The caller serializes access from several threads.
     """

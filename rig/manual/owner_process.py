@@ -14,7 +14,7 @@ from rig.errors import BadInputError, LimitError
 from rig.manual import home_and_zero as at_hand
 from rig.manual.jog import ByHand
 from rig.manual.orders import HOLD_S, HoldRequest, Orders, Verb
-from rig.manual.status import HandStatus, OverheardSensor
+from rig.manual.status import ManualStatus, OverheardSensor
 from rig.session.script_run import ENDINGS
 from rig.settings import RigSettings
 from rig.transport.stop_gate import StopGate
@@ -24,7 +24,7 @@ Request = Mapping[str, Any]
 Answers = Mapping[str, Callable[[Request], Mapping[str, Any]]]
 
 
-def hand_answers(orders: Orders, status: HandStatus, stage: Stage, gate: StopGate) -> Answers:
+def manual_answers(orders: Orders, status: ManualStatus, stage: Stage, gate: StopGate) -> Answers:
     """Return the handlers by request name; an exception refuses the request."""
 
     def stop(request: Request) -> Mapping[str, Any]:
@@ -95,19 +95,21 @@ LAPSED = f"no signal from the button for {HOLD_S:g} s; press it again"
 _GATE_S = 0.02
 
 
-class HandOwner:
-    """Owner of the bench under manual control; run() acts until leave(), `answers` serves other threads."""
+class ManualOwner:
+    """Owner of the bench under manual control; run() works until leave(), and `answers` serve other threads."""
 
     def __init__(self, settings: RigSettings, bench: Bench, gate: StopGate, log: Sink, known: LastKnown) -> None:
-        """gate: of the stage's transports. log: gets a line per action. known: state left by the last command."""
+        """Prepare manual control. gate: that of the stage's transports. log: receives a line per action. known: state
+        of contact after the last command.
+        """
         self._settings, self._bench, self._gate, self._log = settings, bench, gate, log
         self._clock, self._stage, self._known = bench.clock, bench.stage, known
         sensor = OverheardSensor(
             bench.force, lambda reading: self._status.read(reading), lambda problem: self._status.unread(problem)
         )
         self._sensing = Sensing(settings, bench.clock, sensor)
-        self._orders, self._status = Orders(bench.clock), HandStatus(settings, bench.clock, self._sensing)
-        self.answers = hand_answers(self._orders, self._status, bench.stage, gate)
+        self._orders, self._status = Orders(bench.clock), ManualStatus(settings, bench.clock, self._sensing)
+        self.answers = manual_answers(self._orders, self._status, bench.stage, gate)
         self._read_s = self._poll_s = bench.clock.monotonic_s()  # when each is due
         self._lost = False  # whether the stage must be connected again
         self._hand: ByHand
@@ -182,9 +184,10 @@ class HandOwner:
     def _do(self, verb: Verb) -> str | None:
         if verb == "home":
             self._status.seen(None)
-            self._stands(placed=False)
+            self._set_placed(placed=False)
             at_hand.home(self._settings, self._bench, self._sensing)
-            self._stands(placed=True)
+            self._set_placed(placed=True)
+            self._hand.may_touch = not BenchMemory(self._settings).read().is_lifted
             self._orders.homed()
             self._lost = False
             self._show(self._stage.status(), None)
@@ -192,7 +195,7 @@ class HandOwner:
         try:
             at_hand.zero(self._settings, self._sensing, anyway=verb == "zero anyway")
         finally:
-            self._stands(placed=self._hand.placed)
+            self._set_placed(placed=self._hand.placed)
             self._status.zeroed = BenchMemory(self._settings).read().zero is not None
         return None
 
@@ -215,7 +218,7 @@ class HandOwner:
             at = self._stage.status()
             self._show(at, None)
             if self._hand.placed and not at.referenced:
-                self._stands(placed=False)
+                self._set_placed(placed=False)
             if self._lost and not is_held(at.state):
                 self._stage.connect()
                 self._lost = False
@@ -230,18 +233,18 @@ class HandOwner:
         self._status.seen(at)
 
     def _doubt(self, error: Exception) -> None:
-        """Distrust the position after a failure, unless the driver still trusts it."""
+        """Discard the position after a failure, unless the driver still trusts it."""
         trusted = self._stage.homed or isinstance(error, StageOverridden | StageRejected)
         if isinstance(error, StageError | TransportError) and not trusted:
             self._lose()
 
     def _lose(self) -> None:
         """Forget the position; the driver must connect again."""
-        self._stands(placed=False)
+        self._set_placed(placed=False)
         self._lost = True
 
-    def _stands(self, *, placed: bool) -> None:
-        self._hand.stands(placed=placed)
+    def _set_placed(self, *, placed: bool) -> None:
+        self._hand.set_placed(placed=placed)
         self._status.placed = placed
 
     def _note(self, done: HoldRequest | Verb, begun_s: float) -> None:

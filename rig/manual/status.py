@@ -86,7 +86,7 @@ class OverheardSensor:
 
 
 class Backlog:
-    """The last KEPT readings, numbered from 0; written by one thread, read by others under a lock."""
+    """Last KEPT readings, numbered from 0; written by one thread, read by others under a lock."""
 
     def __init__(self) -> None:
         self._rows: deque[Row] = deque(maxlen=KEPT)
@@ -122,7 +122,7 @@ ZERO_FIRST = (
 )
 
 
-class HandStatus:
+class ManualStatus:
     """Status written by one thread and read by others; never waits for a device."""
 
     def __init__(self, settings: RigSettings, clock: Clock, sensing: Sensing) -> None:
@@ -223,7 +223,7 @@ KEPT_FILES = 16
 """Number of files of all benches together, some hours of readings."""
 
 
-class HandLog:
+class ManualLog:
     """Log of lines from any thread; each file begins with the wall time (unix_s) at its first t_s.
 
     `t_s` counts from the start of manual control.
@@ -261,7 +261,7 @@ class HandLog:
         for old in sorted(self._folder.glob("*.jsonl"))[:-KEPT_FILES]:
             old.unlink(missing_ok=True)
 
-    def __enter__(self) -> "HandLog":
+    def __enter__(self) -> "ManualLog":
         return self
 
     def __exit__(

@@ -26,12 +26,12 @@ from rig.control.owner_socket import quick_switches
 from rig.panel.access import EVENTS, Gate, has_token
 from rig.panel.connections import BACKLOG, MOST_HEADER, Connections, FewLines
 from rig.panel.drawing import Drawer
-from rig.panel.owners import ByHandProcess, Find
+from rig.panel.owners import Find, ManualProcess
 from rig.panel.requests import Posts, RequestError
 from rig.panel.run_files import RunFiles
-from rig.panel.spikes import SeenSpikes
+from rig.panel.spikes import SpikeView
 from rig.panel.stream import MOST_STREAMS, stream
-from rig.panel.watcher import SeenBench, Watcher
+from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import load_config
 
 STATIC = Path(__file__).parent / "static"
@@ -39,7 +39,7 @@ STATIC = Path(__file__).parent / "static"
 
 def application(
     watcher: Watcher,
-    bench: ByHandProcess,
+    bench: ManualProcess,
     port: int,
     token: str,
     room_for_stop: Callable[[], AbstractContextManager[None]] = contextlib.nullcontext,
@@ -111,7 +111,7 @@ class Offered:
 
 
 class Panel:
-    """Panel server; `url` is known before it starts, and contains the token in a part that is never logged."""
+    """Panel server; its `url` exists before it starts, and contains the token in a part that is never logged."""
 
     def __init__(self, offered: Offered, find: Find = announced) -> None:
         """Bind the port. Raises BadInputError, OSError if the port is taken."""
@@ -119,13 +119,13 @@ class Panel:
         self._socket = _bound(offered.port)
         self.port = int(self._socket.getsockname()[1])
         self._token = secrets.token_urlsafe(32)
-        self._bench = ByHandProcess(offered.config, find)
-        bench = SeenBench(offered.config, config)
+        self._bench = ManualProcess(offered.config, find)
+        bench = BenchView(offered.config, config)
         self._watcher = Watcher(offered.out.absolute(), bench, find, WallClock())
-        self._watcher.last_words = lambda: self._bench.last_words
+        self._watcher.last_line = lambda: self._bench.last_line
         self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
         clock = self._watcher.clock
-        self._spikes = None if offered.spikes is None else SeenSpikes(offered.spikes, self._watcher.outlet, clock)
+        self._spikes = None if offered.spikes is None else SpikeView(offered.spikes, self._watcher.outlet, clock)
         connections = Connections(self._socket, lambda headers: has_token(headers, self._token), clock)
         app = application(self._watcher, self._bench, self.port, self._token, connections.room_for_stop)
         self._server = _Server(_quiet(app), connections, self._watcher.outlet.close)
@@ -161,7 +161,7 @@ class Panel:
         self._end_at_signals()
         serving = asyncio.create_task(self._server.serve(sockets=[]))
         polled = (self._watcher, self._drawer, *(() if self._spikes is None else (self._spikes,)))
-        polling = [asyncio.create_task(one.look_on()) for one in polled]
+        polling = [asyncio.create_task(one.follow()) for one in polled]
         await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
         await serving

@@ -87,7 +87,7 @@ class Served(H11Protocol):
 
     @property
     def is_unanswered(self) -> bool:
-        """Whether a complete request waits for its answer, or for the end of it."""
+        """Whether a complete request waits for its reply, or for the end of the reply."""
         return self.cycle is not None and not self.cycle.more_body and not self.idle
 
     @property
@@ -102,7 +102,7 @@ class Served(H11Protocol):
             self.transport.abort()
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin with the bytes that have already come."""
+        """Begin with the bytes that have already arrived."""
         super().connection_made(transport)
         self.data_received(self._first)
 
@@ -127,7 +127,7 @@ class Connections:
     """Accepts connections, and passes those with a complete header to the server."""
 
     def __init__(self, listener: socket.socket, may_hold: Callable[[Pairs], bool], clock: Clock) -> None:
-        """may_hold: returns whether the headers of a request contain the token."""
+        """Prepare the connections. may_hold: returns whether the headers of a request contain the token."""
         self.may_hold = may_hold
         self._listener, self._clock = listener, clock
         self._most_waiting = max(_FEWEST_WAITING, min(_MOST_WAITING, descriptors() // 2))
@@ -192,7 +192,7 @@ class Connections:
                     return
 
     def _give_way(self) -> bool:
-        """Close the connection that has waited longest, unless its header has come; return whether there was one."""
+        """Close the longest waiting connection, unless its header is complete; return whether there was one."""
         if not self._waiting:
             return False
         one = next(iter(self._waiting))
@@ -240,7 +240,7 @@ class Connections:
             self._loop.add_reader(self._listener, self._accept)
 
     def _read(self, one: _Waiting) -> None:
-        """Read what has come of a header."""
+        """Read the received part of a header."""
         try:
             data = one.end.recv(MOST_HEADER + 1)
         except (BlockingIOError, InterruptedError):
@@ -262,7 +262,7 @@ class Connections:
             self._watch_later(one)
 
     def _watch_later(self, one: _Waiting) -> None:
-        """Watch a connection once no more wait to be accepted: watching takes as long as accepting."""
+        """Watch a connection once all waiting connections are accepted, since watching takes as long as accepting."""
         if not one.watched:
             self._unwatched.append(one)
 
@@ -285,7 +285,7 @@ class Connections:
         one.end.close()
 
     def _look(self) -> None:
-        """Close connections that wait for too long, and take spare descriptors."""
+        """Close connections that wait for too long, and reserve spare descriptors."""
         then_s = self._clock.monotonic_s() - HEADER_S
         self._watch()
         while self._waiting and next(iter(self._waiting)).since_s < then_s:

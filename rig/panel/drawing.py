@@ -147,7 +147,7 @@ class Drawer:
         self._drawn: Job | None = None
         self._announced_for: Job | None = None
 
-    async def look_on(self) -> None:
+    async def follow(self) -> None:
         """Draw until cancelled."""
         while True:
             await self.look()

@@ -39,7 +39,7 @@ class Owner(Protocol):
         """Return the reply. Raises RefusedError, ControlError."""
         ...
 
-    def say_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
+    def post_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
         """Send a stop without waiting; the returned function waits for the reply. Raises ControlError."""
         ...
 
@@ -90,12 +90,12 @@ SentStops = Mapping[int, Callable[[float], dict[str, Any]]]
 """Owners that received a stop, by process, with the functions that wait for their replies."""
 
 
-def say_stop(owners: Sequence[Owner]) -> SentStops:
+def post_stop(owners: Sequence[Owner]) -> SentStops:
     """Send a stop to every real owner and to the shown one, without waiting; skip unreachable owners."""
     sent = {}
     for one in _to_be_stopped(owners):
         with suppress(ControlError):
-            sent[one.pid] = one.say_stop(by="panel")
+            sent[one.pid] = one.post_stop(by="panel")
     return sent
 
 
@@ -152,7 +152,7 @@ def words(config: Path | None) -> list[str]:
     return [sys.executable, "-m", "rig", "by-hand", "--config", str(config)]
 
 
-class ByHandProcess:
+class ManualProcess:
     """Process of manual control, at most one; it owns the ports, and ends with the panel."""
 
     def __init__(self, config: Path | None, find: Find) -> None:
@@ -173,8 +173,8 @@ class ByHandProcess:
                 if await asyncio.to_thread(self._announced):
                     return
                 if self._process.poll() is not None:
-                    if self.last_words:
-                        raise NotTakenError("{said}", code="refused", said=self.last_words)
+                    if self.last_line:
+                        raise NotTakenError("{said}", code="refused", said=self.last_line)
                     code = self._process.returncode
                     raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
                 await asyncio.sleep(_POLL_S)
@@ -209,7 +209,7 @@ class ByHandProcess:
             self._output = None
 
     @property
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         """Return the last line of a process that ended unexpectedly, else nothing."""
         if self._output is None or self._process is None or self._process.poll() in (None, 0):
             return ""

@@ -19,13 +19,13 @@ from rig.devices.registry import stage_ports
 from rig.errors import RigError
 from rig.panel.access import TAB_HEADER
 from rig.panel.owners import (
-    ByHandProcess,
+    ManualProcess,
     NoOwnerError,
     NotTakenError,
     Owner,
     SentStops,
     ask_owner,
-    say_stop,
+    post_stop,
     stop_all,
 )
 from rig.panel.watcher import Watcher
@@ -76,7 +76,7 @@ def _not_understood(code: str, key: str, expected: str) -> RequestError:
 
 
 class HeldButton(NamedTuple):
-    """Button that is held: axis, sign, speed, number of the press, and time by the page."""
+    """Signal of a held button: axis, sign, speed, number of the press, and time by the page."""
 
     axis: Literal["x", "y", "z"]
     sign: Literal[-1, 1]
@@ -130,7 +130,7 @@ class BoundedPool:
     """Thread pool that rejects work when all threads are busy."""
 
     def __init__(self, threads: int, name: str, problem: str, code: str = "busy") -> None:
-        """problem, code: reply while all threads are busy."""
+        """Prepare the pool. problem, code: reply while all threads are busy."""
         self._pool, self._problem, self._code = ThreadPoolExecutor(threads, name), problem, code
         self._idle = threading.Semaphore(threads)
 
@@ -173,7 +173,7 @@ class Posts:
     def __init__(
         self,
         watcher: Watcher,
-        bench: ByHandProcess,
+        bench: ManualProcess,
         room_for_stop: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._watcher, self._bench, self._room_for_stop = watcher, bench, room_for_stop
@@ -239,7 +239,7 @@ class Posts:
         Other threads find new owners and wait briefly for the replies.
         """
         with self._room_for_stop():
-            asking = self._stopping.begin_behind(lambda: say_stop(self._watcher.owners), self._stop_all)
+            asking = self._stopping.begin_behind(lambda: post_stop(self._watcher.owners), self._stop_all)
             done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
             raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
@@ -255,7 +255,7 @@ class Posts:
         except OSError:
             owners = self._watcher.owners
         settings, answered = self._watcher.bench.settings, threading.Event()
-        sent = None if settings is None else self._each.submit(_sent_where_nobody_lives, settings, owners, answered)
+        sent = None if settings is None else self._each.submit(_sent_without_owner, settings, owners, answered)
         try:
             return stop_all(owners, stops, self._each)
         except RefusedError as error:
@@ -266,7 +266,7 @@ class Posts:
                 return error
             stop = sent.result() or send_stop(settings)
             if stop.done:
-                return {"stopped": list(stop.told), "words": stop.words}
+                return {"stopped": list(stop.notified), "words": stop.words}
             words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
             return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
         finally:
@@ -274,18 +274,18 @@ class Posts:
 
     def _of_the_run(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._asked(self._asking, "run", do, _ANSWER_S)
+            return await self._reply_of(self._asking, "run", do, _ANSWER_S)
 
         return done
 
     def _by_hand(self, do: str) -> Callable[[str, Body], Awaitable[PostAnswer]]:
         async def done(tab: str, body: Body) -> PostAnswer:
-            return await self._asked(self._asking, "by hand", do, _ANSWER_S)
+            return await self._reply_of(self._asking, "by hand", do, _ANSWER_S)
 
         return done
 
     async def _zero(self, tab: str, body: Body) -> PostAnswer:
-        return await self._asked(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
+        return await self._reply_of(self._asking, "by hand", "zero", _ANSWER_S, anyway=flag("anyway", body))
 
     async def _take_the_bench(self, tab: str, body: Body) -> PostAnswer:
         self._refuse_a_busy_bench()
@@ -293,7 +293,7 @@ class Posts:
         return {}
 
     async def _leave(self, tab: str, body: Body) -> PostAnswer:
-        answer = await self._asked(self._asking, "by hand", "leave", _ANSWER_S)
+        answer = await self._reply_of(self._asking, "by hand", "leave", _ANSWER_S)
         await self._bench.ended()
         return answer
 
@@ -318,7 +318,7 @@ class Posts:
                 code="too_old",
                 most_s=HELD_S,
             )
-        answer = self._asked(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
+        answer = self._reply_of(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:
             return await answer
         except (ControlError, NoOwnerError):
@@ -328,14 +328,14 @@ class Posts:
     async def _release(self, tab: str, body: Body) -> PostAnswer:
         press = whole("press", body)
         self._watcher.tabs.release(press)
-        return await self._asked(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
+        return await self._reply_of(self._asking, "by hand", "release", _ANSWER_S, tab=tab, press=press)
 
-    def _asked(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
+    def _reply_of(self, few: BoundedPool, kind: str, do: str, within_s: float, **more: Any) -> Awaitable[PostAnswer]:
         """Return the reply of the shown owner. Raises ControlError if too many requests are pending."""
         return few.begin(partial(ask_owner, self._watcher.owner, kind, do, within_s, **more))
 
 
-def _sent_where_nobody_lives(
+def _sent_without_owner(
     settings: BenchSettings, owners: Sequence[Owner], answered: threading.Event
 ) -> SentStop | None:
     """Send the stop directly to the drives if no owner responds at once; None if one does."""

@@ -25,7 +25,7 @@ _FILTERS = ("subject", "shape", "protocol", "state")
 
 
 class RunFiles:
-    """The run folders below `rig panel --out`."""
+    """Run folders below `rig panel --out`."""
 
     def __init__(self, out: Path) -> None:
         self._out = out

@@ -8,7 +8,7 @@ from typing import Any
 from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, RunError
-from rig.data.run_state import BEGUN, READING, Onlooker
+from rig.data.run_state import BEGUN, READING, RunFollower
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
@@ -74,7 +74,7 @@ AT_ONCE = 1 << 20
 """Bytes per read of a journal; of its readings the last minute is kept in memory."""
 
 
-class SeenRun(Onlooker):
+class RunView(RunFollower):
     """Run as described by its journal so far; `look` reads new entries."""
 
     def __init__(self, path: Path) -> None:

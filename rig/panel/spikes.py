@@ -33,8 +33,8 @@ def port_number(text: str) -> int:
     return int(match[1])
 
 
-class SeenSpikes:
-    """The last spikes of simulated afferents; `look_on` follows their port until it is cancelled."""
+class SpikeView:
+    """Last spikes of simulated afferents; `follow` follows their port until it is cancelled."""
 
     def __init__(self, port: int, outlet: Outlet, clock: Clock) -> None:
         self._port, self._outlet, self._clock = port, outlet, clock
@@ -43,7 +43,7 @@ class SeenSpikes:
         self._connected = False
         self._changed = True
 
-    async def look_on(self) -> None:
+    async def follow(self) -> None:
         """Read and publish until cancelled."""
         async with asyncio.TaskGroup() as loops:
             loops.create_task(self._follow())

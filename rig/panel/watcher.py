@@ -12,7 +12,7 @@ from rig.control.client import ControlError
 from rig.devices.registry import stage_ports
 from rig.panel.drawing import Job
 from rig.panel.owners import Find, Owner, Tabs, owner_state, run_of, shown
-from rig.panel.run_view import SeenRun, age_s, growing, limits_state
+from rig.panel.run_view import RunView, age_s, growing, limits_state
 from rig.panel.stream import NOTHING, Outlet, ReadingSource, Row
 from rig.plan.config import Config
 from rig.settings import BenchSettings
@@ -22,7 +22,7 @@ COLUMNS = ("unix_s", "t_s", "force_gwt", "x_mm", "y_mm", "z_mm", "height_mm")
 HAND = ReadingSource(None, COLUMNS, hand=True)
 
 
-class SeenBench:
+class BenchView:
     """Last state of manual control; empty if no process provides it."""
 
     def __init__(self, path: Path | None = None, config: Config | None = None) -> None:
@@ -125,15 +125,15 @@ class Watcher:
     """State of the rig; its loops run until they are cancelled."""
 
     out: Path
-    bench: SeenBench
+    bench: BenchView
     find: Find
     clock: Clock
     outlet: Outlet = field(default_factory=Outlet)
     tabs: Tabs = field(default_factory=Tabs)
     owners: Sequence[Owner] = ()
-    run: SeenRun | None = None
+    run: RunView | None = None
     problem: str = ""
-    last_words: Callable[[], str] = str  # of an ended process of manual control
+    last_line: Callable[[], str] = str  # of an ended process of manual control
 
     def __post_init__(self) -> None:
         self._asking, self._reading = ThreadPoolExecutor(2, "asking"), ThreadPoolExecutor(1, "reading")
@@ -155,7 +155,7 @@ class Watcher:
             return self.run.job
         return self.bench.job
 
-    async def look_on(self) -> None:
+    async def follow(self) -> None:
         """Poll until cancelled."""
         async with asyncio.TaskGroup() as loops:
             for each_s, look in ((ASK_S, self.ask), (LOOK_S, self.read), (LOOK_S, self.beat)):
@@ -175,16 +175,16 @@ class Watcher:
             status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since_of(owner.pid))
         self.owners, self.problem, self._status = owners, problem, status
         if owner is not None and owner.kind == "by hand":
-            self._show_hand(owner)
+            self._show_manual(owner)
             self.outlet.add(self.bench.update(status))
 
-    def _show_hand(self, owner: Owner) -> None:
+    def _show_manual(self, owner: Owner) -> None:
         """Show readings of manual control from now on."""
         if self.outlet.source != HAND or self.bench.owner != owner.pid:
             self.run, self._run_state = None, None
             self.bench.begin(owner.pid)
             self.outlet.begin(HAND)
-            self._tell_schedule([])
+            self._publish_schedule([])
 
     async def read(self) -> None:
         """Read new entries of the journal of the running protocol."""
@@ -194,14 +194,14 @@ class Watcher:
             if owner is not None:
                 self._follow(None)
         elif self.run is None or self.run.folder.path != folder:
-            self._follow(SeenRun(folder))
+            self._follow(RunView(folder))
         if (run := self.run) is None:
             return
         rows = await loop.run_in_executor(self._reading, run.look, self.clock.unix_s())
         if run is self.run:
             self.outlet.add(rows)
             self._run_state = run.as_json(going=not run.ended and (run.alive or owner is not None))
-            self._tell_schedule(run.schedule_state())
+            self._publish_schedule(run.schedule_state())
 
     async def _folder(self, owner: Owner | None) -> Path | None:
         """Return the folder of the followed run."""
@@ -215,16 +215,16 @@ class Watcher:
             self._found = found, now_s
         return found
 
-    def _follow(self, run: SeenRun | None) -> None:
+    def _follow(self, run: RunView | None) -> None:
         if run is None and self.run is None:
             return
         self.run, self._run_state = run, None
         self.outlet.begin(NOTHING if run is None else run.source)
-        self._tell_schedule([])
+        self._publish_schedule([])
 
     # --- publishing ---
 
-    def _tell_schedule(self, steps: list[dict[str, Any]]) -> None:
+    def _publish_schedule(self, steps: list[dict[str, Any]]) -> None:
         if steps != self._schedule:
             self._schedule = steps
             run = None if self.run is None else self.run.name
@@ -245,7 +245,7 @@ class Watcher:
         owner, status = self.owner, self._status
         by_hand = status is not None and owner is not None and owner.kind == "by hand"
         hand = {name: value for name, value in status.items() if name != "readings"} if status and by_hand else None
-        seen: SeenRun | SeenBench = self.bench if self.run is None else self.run
+        seen: RunView | BenchView = self.bench if self.run is None else self.run
         return {
             "unix_s": unix_s,
             "controls": self.tabs.holder,
@@ -256,7 +256,7 @@ class Watcher:
             "devices": seen.devices_state(unix_s),
             "newest": seen.newest_state(unix_s),
             "limits": seen.limits_state(),
-            "notice": (self.last_words() or None) if status is None else _NOTICES.get(str(status.get("state"))),
+            "notice": (self.last_line() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
 

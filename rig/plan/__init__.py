@@ -1,1 +1,1 @@
-"""What the finger model says of a script: the check before anything moves, and the answers afterwards."""
+"""Predictions of the finger model for a script: checks before a motion, and responses afterwards."""

@@ -149,7 +149,7 @@ class IdentifiedFinger(Settings):
         description="whether the identification collapsed onto too few fingers, which makes its bands meaningless",
     )
     flagged: str | None = Field(
-        None, description="why no finger of the prior answers like the pressed one; absent if one does"
+        None, description="why no finger of the prior explains the presses; absent if one does"
     )
     not_learned: tuple[str, ...] = ()
     place: Place
@@ -230,7 +230,7 @@ def read_finger_file(path: Path) -> FingerFile:
 
 
 def tables_in(what: str, path: Path) -> dict[str, Any]:
-    """Read the tables of a TOML file. Raises BadInputError, which begins with `what`."""
+    """Read the tables of a TOML file. Raises BadInputError whose message begins with `what`."""
     try:
         return toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES))
     except OSError as error:
@@ -257,7 +257,7 @@ def is_finger_file(tables: dict[str, Any]) -> bool:
 
 
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:
-    """Validate the tables of a finger file. Raises BadInputError, which begins with `what`."""
+    """Validate the tables of a finger file. Raises BadInputError whose message begins with `what`."""
     if not is_finger_file(tables):
         raise BadInputError(
             "{where}: no [identified] table; give a file that `rig identify` wrote",

@@ -45,23 +45,28 @@ _STEPS = 32  # of a ramp, and of a hold
 _MOST_LOST = 0.25  # share of the likely fingers that a band may leave out
 
 
-class Left(NamedTuple):
+class RemainingShares(NamedTuple):
     """Shares of the elastic force at the target."""
 
     held: float  # mean of the last hold
     highest: float  # on a ramp that nothing interrupts
 
 
-def left_of(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) -> Left:
+def remaining_shares(series: tuple[tuple[float, float], ...], pace: Pace, doi_mm: float) -> RemainingShares:
     """Return the remaining shares for a Prony series of (share, time constant in s)."""
     if not series:
-        return Left(1.0, 1.0)
+        return RemainingShares(1.0, 1.0)
     each_s, quick_s = pace.ramp_s(doi_mm) / pace.ramps, doi_mm / pace.speed_mm_s
     since_s = pace.hold_s * (np.arange(_STEPS) + 0.5) / _STEPS
-    return Left(_felt(series, pace.ramps, each_s, pace.hold_s, since_s), _felt(series, 1, quick_s, 0.0, np.zeros(1)))
+    return RemainingShares(
+        _mean_share(series, pace.ramps, each_s, pace.hold_s, since_s),
+        _mean_share(series, 1, quick_s, 0.0, np.zeros(1)),
+    )
 
 
-def _felt(series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, hold_s: float, since_s: Array) -> float:
+def _mean_share(
+    series: tuple[tuple[float, float], ...], ramps: int, ramp_s: float, hold_s: float, since_s: Array
+) -> float:
     """Return the mean force after the last ramp, relative to the elastic force at the target."""
     ramp, part_of_one = np.arange(ramps)[:, None], np.arange(1, _STEPS + 1) / _STEPS
     ended_s = (ramp * (ramp_s + hold_s) + ramp_s * part_of_one).ravel()
@@ -119,27 +124,31 @@ def _answer(
     pace: Pace,
     series: tuple[tuple[float, float], ...],
 ) -> tuple[float, float, float]:
-    """Held force, depth and highest force."""
+    """Return the force during the hold (gwt), the depth (mm) and the highest force (gwt)."""
     if target.kind == "doi_mm":
-        left = left_of(series, pace, target.value)
+        left = remaining_shares(series, pace, target.value)
         found = finger.indent(shape, x_mm, doi_mm=target.value)
         force = found.force_gwt if found.state.converged else math.nan
         return left.held * force, found.doi_mm, left.highest * force
-    left = _left_at_force(finger, shape, x_mm, target.value, pace, series)
+    left = _shares_at_force(finger, shape, x_mm, target.value, pace, series)
     found = finger.indent(shape, x_mm, force_gwt=target.value / left.held)
     return target.value, found.doi_mm if found.state.converged else math.nan, target.value
 
 
-def _left_at_force(
+def _shares_at_force(
     finger: "Fingertip",
     shape: Indentor,
     x_mm: float,
     force_gwt: float,
     pace: Pace,
     series: tuple[tuple[float, float], ...],
-) -> Left:
+) -> RemainingShares:
     """Return the remaining shares for a commanded force, with the ramp of elastic tissue."""
-    return left_of(series, pace, finger.indent(shape, x_mm, force_gwt=force_gwt).doi_mm) if series else Left(1.0, 1.0)
+    return (
+        remaining_shares(series, pace, finger.indent(shape, x_mm, force_gwt=force_gwt).doi_mm)
+        if series
+        else RemainingShares(1.0, 1.0)
+    )
 
 
 Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], Prediction]
@@ -148,7 +157,8 @@ Predictions = dict[tuple[str, float, Target] | tuple[str, float, Target, Pace], 
 class FingerModel:
     """Predictions of a fingertip, cached in `kept`.
 
-    A shape is read once, by the name that `where` makes of the protocol's; later edits of its file have no effect.
+    A shape is read once, from the path that `where` returns for its name in the protocol; later edits of its file
+    have no effect.
     """
 
     def __init__(
@@ -158,7 +168,7 @@ class FingerModel:
         where: Callable[[str], str] = str,
         identified: IdentifiedFinger | None = None,
     ) -> None:
-        """identified: result of the identification, if the finger was identified."""
+        """Prepare predictions. identified: result of the identification, if the finger was identified."""
         self._finger, self._kept, self._where, self._identified = finger, kept, where, identified
         self._shapes: dict[str, Indentor] = {}
 
@@ -284,7 +294,7 @@ def from_copy(folder: Path, indentor: str) -> str:
     return shapes.with_file(indentor, str(folder / copy_name(file)))
 
 
-def kept_in(folder: Path, indentor: str) -> str:
+def with_stored_file(folder: Path, indentor: str) -> str:
     """Return the shape with the run's copy of its file, copying it if needed. Raises OSError."""
     file = named_file(indentor)
     if file is not None and Path(file).is_file() and not (folder / copy_name(file)).is_file():
@@ -348,6 +358,9 @@ def by_group(found: list[PredictedHold]) -> dict[str, list[PredictedHold]]:
 
 
 def measured(found: list[PredictedHold], measure: str) -> tuple[Array, Array]:
-    """Indentor positions (n,) mm and the raw measure (n, receptors): rows are population responses, columns SSRPs."""
+    """Return the indentor positions (n,) in mm and the raw measure (n, receptors).
+
+    Rows are population responses, columns are SSRPs.
+    """
     x = np.array([response.hold["x_mm"] for response in found])
     return x, np.array([response.result.receptor_measures[measure] for response in found])

@@ -25,7 +25,15 @@ from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
-from sim.nerve.population import DENSITY_PER_CM2, PATH_M, Afferent, AfferentPopulation, draw, population, wanted
+from sim.nerve.population import (
+    DENSITY_PER_CM2,
+    PATH_M,
+    Afferent,
+    AfferentPopulation,
+    draw,
+    parse_afferents,
+    population,
+)
 from sim.nerve.skin import SkinUnderIndentor, table_of_presses
 from sim.nerve.spike_stream import SpikeStream
 from sim.nerve.staircase import Staircase, Swing
@@ -42,7 +50,7 @@ _PLACE_DECIMALS = 4
 
 
 class Knot(NamedTuple):
-    """A known position: its time, height above the nominal apex, force, and the speed of the move to it."""
+    """Known position: time, height above the nominal apex, force, and the speed of the move to it."""
 
     t_s: float
     height_mm: float
@@ -51,8 +59,8 @@ class Knot(NamedTuple):
 
 
 @dataclass(frozen=True)
-class WantedSpikes:
-    """What a command asks for: afferents as text, the seed, and the nerve to the electrode (m)."""
+class SpikeRequest:
+    """Request for spikes: afferents as text, the seed, and the length of the nerve to the electrode (m)."""
 
     afferents: str
     seed: int = 0
@@ -61,7 +69,7 @@ class WantedSpikes:
     def refuse(self) -> None:
         """Raise ModelRangeError for afferents that cannot be read, without a finger."""
         if self.afferents not in DENSITY_PER_CM2:
-            wanted(self.afferents)
+            parse_afferents(self.afferents)
 
     def drawn(self, finger: Fingertip) -> AfferentPopulation:
         """Return the afferents of a finger. Raises ModelRangeError."""
@@ -81,7 +89,7 @@ class Visit:
 
     @property
     def place(self) -> tuple[str, float, float]:
-        """What presses have in common."""
+        """Indentor and rounded position, which presses at one place share."""
         return self.indentor, round(self.x_mm, _PLACE_DECIMALS), round(self.along_mm, _PLACE_DECIMALS)
 
 
@@ -119,7 +127,7 @@ def visits_of(run: Run, config: Config) -> Visits:
 
 
 class _Walk:
-    """Walk through the journal that collects what is known of each visit."""
+    """Walk through the journal that collects the known positions of each visit."""
 
     def __init__(self, config: Config) -> None:
         self.found: list[Visit] = []

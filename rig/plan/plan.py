@@ -12,7 +12,7 @@ from rig.data import Run
 from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, VibrationBound, pressure_limit_gwt, swing_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel, Predictions, copy_name, kept_in, named_file
+from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk, refuse_force
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
@@ -89,13 +89,13 @@ def make_plan(
     finger: Finger,
     before: Run | None = None,
     folder: Path | None = None,
-    told: Callable[[int], None] = lambda steps: None,
+    on_step: Callable[[int], None] = lambda steps: None,
     known: Predictions | None = None,
 ) -> Plan:
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
-    copies of shape files are used. told: called with the number of steps so far. known: predictions that are not
+    copies of shape files are used. on_step: called with the number of steps so far. known: predictions that are not
     solved again; further ones are added.
     """
     if inspect.iscoroutinefunction(script.run):
@@ -106,14 +106,14 @@ def make_plan(
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
-    where = partial(_kept, plan) if folder is None else partial(kept_in, folder)
+    where = partial(_kept, plan) if folder is None else partial(with_stored_file, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
         planner = ResumeHandler(before, planner)
     try:
         with impatient():
-            script.run(Rig(script.parameters, walk, Patience(planner, told)))
+            script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
@@ -236,7 +236,7 @@ _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "refe
 
 
 @dataclass(frozen=True)
-class Promise:
+class PredictedBand:
     """Predicted band of the uncontrolled quantity: force at a depth (gwt), depth at a force (mm)."""
 
     purpose: Purpose
@@ -251,7 +251,7 @@ class Promise:
 class PredictionCheck:
     """Predicted band and the measurement in the last hold."""
 
-    promise: Promise
+    predicted: PredictedBand
     indentor: str
     x_mm: float
     measured: float
@@ -259,32 +259,32 @@ class PredictionCheck:
     @property
     def kept(self) -> bool:
         """Whether the measurement lies in the band."""
-        return self.promise.low <= self.measured <= self.promise.high
+        return self.predicted.low <= self.measured <= self.predicted.high
 
 
-def promised(plan: Plan) -> list[dict[str, Any]]:
+def predicted_bands(plan: Plan) -> list[dict[str, Any]]:
     """Return the predicted bands for the run's first document; empty without an identified finger."""
     return [
-        asdict(_promise(purpose, index, press))
+        asdict(_predicted_band(purpose, index, press))
         for purpose, presses in plan.presses.items()
         for index, press in enumerate(presses)
         if press.band is not None
     ]
 
 
-def _promise(purpose: Purpose, index: int, press: PlannedIndentation) -> Promise:
+def _predicted_band(purpose: Purpose, index: int, press: PlannedIndentation) -> PredictedBand:
     assert press.band is not None
     if press.target.kind == "doi_mm":
         low, high = press.band.force_gwt
-        return Promise(purpose, index, "force_gwt", low, press.predicted_force_gwt, high)
+        return PredictedBand(purpose, index, "force_gwt", low, press.predicted_force_gwt, high)
     low, high = press.band.doi_mm
-    return Promise(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
+    return PredictedBand(purpose, index, "doi_mm", low, press.predicted_doi_mm, high)
 
 
 def found(run: Run) -> list[PredictionCheck]:
     """Return the check of every finished press that has a predicted band."""
     pairs = []
-    for promise in (Promise(**one) for one in run.start.get("promised", [])):
+    for promise in (PredictedBand(**one) for one in run.start.get("promised", [])):
         prefix = _PREFIX[promise.purpose]
         begun = [e for e in run.stream(f"{prefix}indentation_start") if e["index"] == promise.index]
         holds = [e for e in run.stream(f"{prefix}hold_end") if e["index"] == promise.index]

@@ -24,6 +24,7 @@ from rig.protocol.steps import (
     Vibrate,
     Zero,
 )
+from rig.protocol.turns import Turns
 from rig.records import Indentation
 
 E = TypeVar("E")
@@ -55,7 +56,7 @@ class Handler(Protocol):
 
 
 class Rig:
-    """The verbs of a protocol script.
+    """Verbs of a protocol script.
 
     The program runs a script several times: to check it while nothing moves, and to carry it out. Each verb makes a
     step, checks it, and passes it to a handler. A script receives its `Rig` from the program.
@@ -85,10 +86,11 @@ class Rig:
     def __init__(self, parameters: ProtocolParameters, walk: Walk, handler: Handler) -> None:
         self._parameters, self._walk, self._handler = parameters, walk, handler
         self._marks: dict[str, Any] = {}
+        self._turns = Turns()
 
     @property
     def parameters(self) -> Any:
-        """The script's own `Parameters`, with the values of `--set`."""
+        """Parameters of the script, with the values of `--set`."""
         return self._parameters
 
     def mark(self, marks: Mapping[str, Any]) -> None:
@@ -105,7 +107,8 @@ class Rig:
 
     def _do(self, step: Step[E, A]) -> A:
         marked = replace(step, **self._marks)
-        return self._handler.handle(marked, marked.check(self._walk))
+        with self._turns.verb(step.verb):
+            return self._handler.handle(marked, marked.check(self._walk))
 
     def mount(self, indentor: str) -> None:
         """Ask the operator to mount an indentor.

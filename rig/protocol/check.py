@@ -217,7 +217,7 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
     """Raise an error for too much force on the predicted contact area."""
     if planned.contact_area_mm2 <= 0:
         raise BadInputError(
-            _MEANS + "no contact that the model could tell from none: expected a larger target",
+            _MEANS + "no contact that the model can detect; use a larger target",
             code="no_contact",
             **_request(verb, planned),
         )
@@ -304,8 +304,8 @@ def refuse_vibration(
                                 verb=verb, key=key, value=value, low=low, high=high)  # fmt: skip
     if highest_hz(settings.stage, amplitude_um / 1000) is None:
         raise BadInputError(
-            "{verb}: a {kind} stage makes no sine by itself; single moves, each confirmed, would give a triangle of "
-            "{low_hz:g} to {high_hz:g} cycles per second",
+            "{verb}: a {kind} stage cannot generate a sine; single confirmed moves would give a triangle wave of "
+            "{low_hz:g} to {high_hz:g} Hz",
             code="no_vibration",
             verb=verb,
             kind=settings.stage.kind,

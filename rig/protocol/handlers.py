@@ -1,4 +1,4 @@
-"""Handlers around another one: replay of a resumed run, and the end of a script that makes no steps."""
+"""Handlers around another handler: replay of a resumed run, and the timeout of a script that makes no steps."""
 
 import ctypes
 import signal
@@ -14,6 +14,7 @@ from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
 from rig.protocol.steps import Journalled, Owed, Step
+from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -55,7 +56,7 @@ class ResumeHandler:
         data = press.purpose == "data"
         if press.index in answers:
             if data:
-                self._forget_what_was_for_this_one()
+                self._drop_steps_of_next_press()
             return answers[press.index]
         owed, self._owed = self._owed, {}
         for step_owed, where in owed.values():
@@ -64,7 +65,7 @@ class ResumeHandler:
             self._behind = press.index < self._last_done
         return self._then.handle(step, spot)
 
-    def _forget_what_was_for_this_one(self) -> None:
+    def _drop_steps_of_next_press(self) -> None:
         self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
@@ -85,7 +86,7 @@ class SilentScriptError(BaseException):
 
     def __init__(self, longest_s: float | None = None) -> None:
         longest_s = LONGEST_SILENCE_S if longest_s is None else longest_s
-        super().__init__(f"the script makes no step for {longest_s:g} s, expected one")
+        super().__init__(f"the script timed out: no step for {longest_s:g} s")
         self.fields = {"longest_s": longest_s}
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -114,7 +115,7 @@ class Patience:
         self._steps += 1
         self._on_step(self._steps)
         if self._steps > MOST_STEPS:
-            raise BadInputError("{verb}: the script makes more than {high} steps, expected no more",
+            raise BadInputError("{verb}: the script makes more than {high} steps, which is the limit",
                                 code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip
         _alarm_in(0.0)
         try:
@@ -125,11 +126,12 @@ class Patience:
 
 @contextmanager
 def impatient() -> Iterator[None]:
-    """Raise SilentScriptError in a script that makes no step for LONGEST_SILENCE_S."""
+    """Take the steps of a script, and raise SilentScriptError if it makes none for LONGEST_SILENCE_S."""
     if threading.current_thread() is not threading.main_thread():
-        yield
+        with script_under_way():
+            yield
         return
-    with _alarms():
+    with script_under_way(), _alarms():
         _alarm_in(LONGEST_SILENCE_S)
         try:
             yield

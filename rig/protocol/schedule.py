@@ -28,7 +28,7 @@ _SHORT.maxother = 80
 
 @dataclass(frozen=True)
 class Block(Generic[T]):
-    """The items between two zeros of the force sensor, in order.
+    """Items between two zeros of the force sensor, in order.
 
     Iterate over a block to get its items; `Schedule.on` makes the blocks.
 
@@ -206,7 +206,7 @@ class Schedule(Generic[T]):
 
 
 def _as_text(item: object) -> str:
-    """Return the name of the condition that an item stands for."""
+    """Return the name of the condition of an item."""
     if isinstance(item, float):
         return f"{item:g}"
     return item if isinstance(item, str) else _SHORT.repr(item)

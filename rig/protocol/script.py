@@ -122,7 +122,7 @@ def where_in_script(path: Path, error: BaseException) -> str:
 
 
 def failed_in_script(error: BaseException) -> BadInputError:
-    """Return an error for what a script raised; for a misspelled or wrongly called verb, with the right form."""
+    """Return the error for an exception in a script; it corrects a misspelled or wrongly called verb."""
     fields = {"exception": type(error).__name__, "problem": str(error)}
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]

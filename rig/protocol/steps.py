@@ -203,7 +203,7 @@ def check_press(
     """Check a press without the model. Raises BadInputError."""
     walk.need_ready(verb)
     if walk.along_mm:
-        raise BadInputError("{verb}: along_mm = {along_mm:g}: expected 0, elsewhere only touch()",
+        raise BadInputError("{verb}: along_mm = {along_mm:g}: must be 0; elsewhere only touch() is allowed",
                             code="along_the_finger", verb=verb, along_mm=walk.along_mm)  # fmt: skip
     refuse_count(verb, "increments", increments)
     refuse_seconds(verb, "hold_s", hold_s)
@@ -406,7 +406,7 @@ class Vibrate(PressStep):
 
     @property
     def vibration(self) -> SineMotion:
-        """The sine, in whole cycles."""
+        """Sine, in whole cycles."""
         return SineMotion.of(self.frequency_hz, self.amplitude_um, self.duration_s)
 
     def check(self, walk: Walk) -> Spot:
@@ -486,8 +486,8 @@ class Reference(Step[ExpectedPresses, None]):
         first = walk.reference_request = walk.reference_request or requested
         if requested != first:
             raise BadInputError(
-                "{verb}: expected the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm in "
-                "{increments}",
+                "{verb}: must be the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm, "
+                "increments = {increments}",
                 code="another_reference",
                 verb=self.verb,
                 indentor=first[0],

@@ -56,8 +56,8 @@ def choice_figures(run: Run) -> list[PageFigure]:
     if verdict is None:
         return []
     truth = "" if verdict.truth is None else f" Dashed: {label(verdict.truth)}, the truth of the virtual nerve."
-    others = " Grey: all others." if len(verdict.probability) > len(_COLORS) else ""
-    plan = "" if verdict.planned_from is None else " From there on counts are missing, and the run goes by the plan."
+    others = " Gray: all others." if len(verdict.probability) > len(_COLORS) else ""
+    plan = "" if verdict.planned_from is None else " From there on counts are missing, and the run follows the plan."
     caption = (
         "Probability of each candidate against the number of counts. "
         f"Dotted: {100 * LEVEL:g} %, at which the presses end.{truth}{others}{plan} Data: choice.csv."

@@ -20,7 +20,7 @@ from sim.coding.raju_table_6_1 import Deformed
 Array = NDArray[np.float64]
 
 
-class DrawnDecoding(NamedTuple):
+class DecodingPlot(NamedTuple):
     """Decoded pressures and the readings behind them; pseudo-units."""
 
     place_mm: Array  # (n,)
@@ -32,12 +32,12 @@ class DrawnDecoding(NamedTuple):
     explained: Array  # (m,) SED under the decoded pressures
 
 
-def decoded_figure(drawn: DrawnDecoding) -> Plot:
+def decoded_figure(drawn: DecodingPlot) -> Plot:
     """Plot pressures above readings, against the position on the skin."""
     return Plot((6.0, 5.4), lambda figure: _draw_decoded(figure, drawn))
 
 
-def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
+def _draw_decoded(figure: Figure, drawn: DecodingPlot) -> None:
     skin, energy = figure.subplots(2, sharex=True)
     if drawn.band is not None:
         skin.fill_between(drawn.place_mm, *drawn.band, color=BLUE, alpha=0.25, lw=0, label="90 % band")
@@ -53,7 +53,7 @@ def _draw_decoded(figure: Figure, drawn: DrawnDecoding) -> None:
     energy.legend()
 
 
-class DrawnEncoding(NamedTuple):
+class EncodingPlot(NamedTuple):
     """Encoded pressures, and the finite-element result of the same press if available."""
 
     operator: ForwardOperator
@@ -63,12 +63,12 @@ class DrawnEncoding(NamedTuple):
     receptor: bool = False  # whether the rates are those of a receptor; else they repeat the SED
 
 
-def encoding_figure(drawn: DrawnEncoding) -> Plot:
+def encoding_figure(drawn: EncodingPlot) -> Plot:
     """Plot pressure, SED and, with a receptor, its rate against the position on the skin."""
     return Plot((6.0, 7.2 if drawn.receptor else 5.4), lambda figure: _draw_encoding(figure, drawn))
 
 
-def _draw_encoding(figure: Figure, drawn: DrawnEncoding) -> None:
+def _draw_encoding(figure: Figure, drawn: EncodingPlot) -> None:
     operator, encoded = drawn.operator, drawn.encoded
     panels = figure.subplots(3 if drawn.receptor else 2, sharex=True)
     skin, energy = panels[:2]
@@ -100,19 +100,19 @@ _IMPULSE_COLOURS = (BLUE, ORANGE, GREEN)
 _MEANS = ("e11", "e22", "e12")
 
 
-class DrawnImpulse(NamedTuple):
+class ImpulsePlot(NamedTuple):
     """Impulse responses in one kind of axes."""
 
     responses: ImpulseResponses
     errors: ShiftErrors
 
 
-def impulse_figure(drawn: Mapping[str, DrawnImpulse]) -> Plot:
+def impulse_figure(drawn: Mapping[str, ImpulsePlot]) -> Plot:
     """Plot one column for each kind of axes, by its name."""
     return Plot((4.6 * len(drawn), 8.4), lambda figure: _draw_impulse(figure, drawn))
 
 
-def _draw_impulse(figure: Figure, drawn: Mapping[str, DrawnImpulse]) -> None:
+def _draw_impulse(figure: Figure, drawn: Mapping[str, ImpulsePlot]) -> None:
     panels = figure.subplots(3, len(drawn), squeeze=False, sharey="row")
     for (response, spectrum, error), (name, (responses, errors)) in zip(panels.T, drawn.items(), strict=True):
         response.set_title(f"{name} axes")
@@ -150,19 +150,19 @@ def _errors(axes: Axes, errors: ShiftErrors) -> None:
 _LARGEST_MM = 0.5  # drawn displacement under the load
 
 
-class DrawnPointSpread(NamedTuple):
+class PointSpreadPlot(NamedTuple):
     """Section through a receptor site, and the spread of SED under a point load."""
 
     deformed: Deformed
     judged: Judged
 
 
-def point_spread_figure(drawn: DrawnPointSpread) -> Plot:
+def point_spread_figure(drawn: PointSpreadPlot) -> Plot:
     """Plot the deformed mesh, SED over the skin, and SED against distance."""
     return Plot((10.2, 3.6), lambda figure: _draw_point_spread(figure, drawn))
 
 
-def _draw_point_spread(figure: Figure, drawn: DrawnPointSpread) -> None:
+def _draw_point_spread(figure: Figure, drawn: PointSpreadPlot) -> None:
     mesh, spread, fall = figure.subplots(1, 3)
     _mesh(mesh, drawn.deformed, drawn.judged.spread.load_mm)
     _spread(figure, spread, drawn.judged)
@@ -280,7 +280,7 @@ def _what_is_left(axes: Axes, paths: Mapping[str, Array], true: Array | None) ->
     axes.legend(handles=handles if true is not None else handles[:-1])
 
 
-class DrawnSheet(NamedTuple):
+class SheetPlot(NamedTuple):
     """Decoded pressures on a sheet of skin; pseudo-units."""
 
     x_mm: Array  # (n_x,)
@@ -290,12 +290,12 @@ class DrawnSheet(NamedTuple):
     receptor_mm: Array  # (m, 2) x and z
 
 
-def sheet_figure(drawn: DrawnSheet) -> Plot:
+def sheet_figure(drawn: SheetPlot) -> Plot:
     """Plot pressures and their standard deviation on one color scale, with the receptors."""
     return Plot((9.6, 4.2), lambda figure: _draw_sheet(figure, drawn))
 
 
-def _draw_sheet(figure: Figure, drawn: DrawnSheet) -> None:
+def _draw_sheet(figure: Figure, drawn: SheetPlot) -> None:
     highest = max(float(drawn.pressure.max()), float(drawn.sd.max()))
     for axes, values, title in zip(
         figure.subplots(1, 2, sharey=True),

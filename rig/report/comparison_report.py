@@ -81,7 +81,7 @@ def _profiles(stimulus: StimulusRow, shown: Sequence[str], *, tested: bool) -> P
         "One profile per receptor, shifted upwards. Dotted: the mean of the two ends; black tick: x of the receptor."
     )
     test = (
-        " Blue profiles pass the shape test, grey ones do not. Orange: the smallest dip (steps) or "
+        " Blue profiles pass the shape test, gray ones do not. Orange: the smallest dip (steps) or "
         f"prominence (bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range."
     )
     drawn = profile_figures.ssrps(stimulus, shown)

@@ -1,4 +1,4 @@
-"""Page of a design: expected confusion against minutes beside usual designs, and what each press adds."""
+"""Page of a design: expected confusion against minutes beside usual designs, and the gain of each press."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,6 +22,7 @@ from rig.design.design_text import (
 from rig.design.power import PowerRow
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, signed
+from rig_shared.plural import number_of
 
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE)
 _MOST_NAMED = 9  # candidates whose cells have numbers
@@ -214,7 +215,7 @@ def _power(rows: Sequence[PowerRow]) -> Section:
         "Share of experiments whose 95 % set has the truth and at most one other candidate, and the truth alone. The "
         "fibers of an experiment share the candidate and nothing else. Repeats are the mean number of times "
         "that a press is made.",
-        ("minutes a fiber", "presses a fiber", "repeats", "fibers", "truth and at most one other", "truth alone"),
+        ("minutes per fiber", "presses per fiber", "repeats", "fibers", "truth and at most one other", "truth alone"),
         tuple(
             (
                 f"{row.minutes:g}",
@@ -239,7 +240,7 @@ def _assumptions(found: Design, command: str) -> Section:
         "the epidermis, in the receptor plane.",
         f"Counts in {found.request.hold_s:g} s have {_between(u.dispersion)} times the variance of Poisson's. The "
         f"gain drifts by a standard deviation of {100 * u.drift:.0f} % in ten minutes.",
-        f"{found.fingers} finger{'s' if found.fingers > 1 else ''}: "
+        f"{number_of(found.fingers, 'fingers')}: "
         + (
             "interpolated quadratically between them." if found.fingers > 1 else "the configured one is the true one."
         ),

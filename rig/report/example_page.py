@@ -28,11 +28,11 @@ DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
 """Command that presses the range of the rehearsal on the virtual bench."""
 
 SENSITIVITY = files("rig.compare") / "data" / "bar3_sensitivity.csv"
-"""How both phases change with what the comparison assumes; `python -m studies run bar3-sensitivity` writes it."""
+"""Sensitivity of both phases to the assumptions; `python -m studies run bar3-sensitivity` writes it."""
 
 
 class Level(NamedTuple):
-    """One row of the table of sensitivity: a level of an axis, and what leads there."""
+    """Row of the table of sensitivity: a level of an axis, and the leading measure there."""
 
     axis: str
     level: str
@@ -65,7 +65,7 @@ def measure(candidate: str) -> str:
 
 
 def lead_sentences(verdicts: Sequence[PhaseVerdict], levels: Sequence[Level]) -> tuple[str, str, str]:
-    """Return the verdict, what cannot be distinguished, and what it depends on."""
+    """Return the verdict, the measures that cannot be distinguished, and the assumptions that matter."""
     first, second = "; ".join(map(_verdict, verdicts)), _undecided(verdicts)
     return f"{first[0].upper()}{first[1:]}.", f"{second[0].upper()}{second[1:]}.", _depends(levels)
 

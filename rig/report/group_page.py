@@ -45,7 +45,7 @@ class GroupPage:
 
     @property
     def title(self) -> str:
-        """Title; it says if a recording is synthetic."""
+        """Title, which marks synthetic recordings."""
         names = [one.name for some in self.recordings.values() for one in some.values()]
         made = " (synthetic recordings)" if is_synthetic(names) else ""
         return f"Which measure explains {len(self.recordings)} afferents?{made}"

@@ -12,6 +12,7 @@ from rig.data.folder import replace_text
 from rig.plan.config import unit
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot, signed
+from rig_shared.plural import number_of
 from sim.identification.posterior import Learned
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import named, plain
@@ -63,7 +64,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         alone(before_and_after),
         alone(correlated),
     ]
-    presses = f"{len(page.measured)} press{'es' if len(page.measured) > 1 else ''}"
+    presses = number_of(len(page.measured), "presses")
     title = "Identified finger" if page.mismatch is None else "The identified object is not a finger of the prior"
     agree = "the predicted forces agree with the measured ones within the errors of sensor and model"
     about = f"{presses}: {page.mismatch or agree}"
@@ -90,7 +91,7 @@ _OVER_TIME = (
     "The hold begins where a line turns, and the tissue relaxes."
 )
 _BEFORE_AND_AFTER = (
-    "Probability density of each parameter along its axis, which may be logarithmic. Grey: before the first "
+    "Probability density of each parameter along its axis, which may be logarithmic. Gray: before the first "
     "press. Blue: after the last press. Orange: the estimate."
 )
 _CORRELATED = (

@@ -114,7 +114,7 @@ def _groups(presses: Sequence[Pressed]) -> list[str]:
 
 
 def _raster_in(record: SpikeRecord) -> float:
-    """Height of a raster (in)."""
+    """Return the height of a raster (in)."""
     return float(np.clip(0.17 * len(record.trains), 0.8, 4.2))
 
 

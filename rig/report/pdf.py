@@ -166,7 +166,7 @@ def _picture(pdf: FPDF, content: bytes) -> None:
 
 
 def _size_mm(pdf: FPDF, content: bytes) -> tuple[float, float]:
-    """Return width and height (mm): the image's own size, or what fits a page below a heading."""
+    """Return width and height (mm): the size of the image, or the largest that fits a page below a heading."""
     with Image.open(io.BytesIO(content)) as image:
         own = image.width / PNG_DOTS_PER_INCH * _MM_PER_INCH
         shape = image.height / image.width

@@ -179,7 +179,7 @@ def _correlations(
 def _heat_map(
     axes: Axes, stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np.bool_] | None
 ) -> AxesImage:
-    """Plot r where a receptor sees enough positions; its number of positions is beside its place."""
+    """Plot r at receptors with enough positions, and the number of positions beside each location."""
     n = len(stimulus.receptor_mm)
     used = np.zeros(n, dtype=int) if overlay is None else overlay.used
     shown = (
@@ -293,7 +293,7 @@ def _map(axes: Axes, one: StimulusMap, measure: str, top: float) -> QuadMesh:
 
 
 def _seen_mm(maps: Sequence[StimulusMap]) -> Limits:
-    """Return the ends of what maps show, across and up (mm)."""
+    """Return the limits of the maps, across and up (mm)."""
     (x, y), (across, up) = np.concatenate([one.receptor_mm for one in maps]).T, _ABOUT_MM
     return (float(x.min()) - across[0], float(x.max()) + across[1]), (float(y.min()) - up[0], float(y.max()) + up[1])
 

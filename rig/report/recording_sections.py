@@ -174,7 +174,7 @@ def _row_of_table(comparison: Comparison) -> tuple[str, ...]:
 
 
 def _here(comparison: Comparison, one: PublishedRecordings) -> str:
-    """Return the files that fill the figure, or what is missing."""
+    """Return the files that fill the figure, or the missing ones."""
     found = {overlay.stimulus.shape: overlay.recording.name for overlay in _recorded(comparison, one)}
     missing = [shape for shape in one.shapes if shape not in found]
     if not missing:

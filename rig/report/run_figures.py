@@ -50,7 +50,7 @@ _TITLE_IN, _SKIN_IN, _PRESSURE_IN, _AXIS_IN = 0.36, 0.9, 0.7, 0.5
 _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _DRAWN = 361
 _ROOM_MM = 0.2
-"""Room between what is drawn of a contact and the edges of its panel."""
+"""Margin between the contact and the edges of its panel (mm)."""
 _HIGHEST_MM = 1.3
 """Height above the lowest point (mm) up to which an indentor is plotted."""
 

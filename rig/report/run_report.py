@@ -25,6 +25,7 @@ from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text
 from sim.models.fingertip import Fingertip
 
@@ -53,8 +54,9 @@ def finger_section(run: Run, finger: Fingertip) -> FingerSection | None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Identified on {identified.date} in {identified.presses} presses. Of {len(pairs)} presses in this run, "
-        f"{inside} lie within their band, whose nominal coverage is {identified.band.coverage:.0%}."
+        f"Identified on {identified.date} in {number_of(identified.presses, 'presses')}. {inside} of "
+        f"{number_of(len(pairs), 'presses')} in this run lie within the predicted band, whose nominal coverage is "
+        f"{identified.band.coverage:.0%}."
     )
     return FingerSection(sentence, pairs, [] if after is None else _rows(identified.draw, after.identified.draw))
 
@@ -148,7 +150,7 @@ def _over_time(run: Run) -> PageFigure:
     return PageFigure(
         "Force against time",
         run_figures.force_time(run),
-        "All readings of the run; grey: presses that are not data. Below: the phases of the run; white: "
+        "All readings of the run; gray: presses that are not data. Below: the phases of the run; white: "
         f"lateral moves, rests, zeroing and waits.{cut} Data: sample.csv.",
     )
 
@@ -177,7 +179,7 @@ def _press_figures(run: Run) -> list[PageFigure]:
 
 
 def _population_lines(found: list[PredictedHold]) -> str:
-    """Return what the lines of the population responses are, and what is left out."""
+    """Return the description of the lines of the population responses, and of those left out."""
     if len({response.hold["x_mm"] for response in found}) == 1:
         return "One line per depth or force (first repeat)."
     *others, shown = by_group(found)
@@ -189,7 +191,7 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top = run_figures.highest_pressure(last)
     caption = (
-        "Black: the indentor. Grey: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
+        "Black: the indentor. Gray: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
         "nodal pressure against undeformed x, unfiltered. Repeats are superimposed. The last hold of each "
         "indentation. Data: model_contact.csv, model_pressure.csv."
     )
@@ -210,7 +212,7 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
             [response for response in last if is_relief(response.result.indentor)],
             PICTURES_A_PAGE,
             lambda part: contacts_from_below([r.result for r in part], [_title(r) for r in part]),
-            "Nodal pressure over x and z, fingertip up. Grey: contours of the indentor's height. Orange: "
+            "Nodal pressure over x and z, fingertip up. Gray: contours of the indentor's height. Orange: "
             "contact. Dotted: the receptor plane. The last hold of each indentation.",
         ),
         PageFigure(

@@ -47,14 +47,14 @@ class Plot:
 
     @cached_property
     def svg(self) -> str:
-        """The figure as SVG text."""
+        """Figure as SVG text."""
         text = io.StringIO()
         self._save(text, format="svg", dpi=_IMAGES_DOTS_PER_INCH, metadata={"Date": None})
         return text.getvalue()
 
     @cached_property
     def png(self) -> bytes:
-        """The figure as a PNG image."""
+        """Figure as a PNG image."""
         content = io.BytesIO()
         self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
         return content.getvalue()

@@ -49,7 +49,7 @@ USUAL = 2.0  # standard deviations
 _STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"), ("black", "P"))
 
 
-def drawn_pairs(answer: AfferentVerdict) -> list[PairRow]:
+def plotted_pairs(answer: AfferentVerdict) -> list[PairRow]:
     """Return the maximum-likelihood pair, the best pair of another measure, and the best control."""
     first = answer.headline or answer.closest
     found = (first, rival(answer), next(iter(answer.controls), None))
@@ -109,7 +109,7 @@ def residuals(answer: AfferentVerdict, shown: Sequence[int], frame: str) -> Plot
 
 def scatter(answer: AfferentVerdict, frame: str) -> Plot:
     """Plot recorded rate against each pair's measure, with the fit."""
-    rows = [row for row in drawn_pairs(answer) if np.isfinite(row.eps).any()]
+    rows = [row for row in plotted_pairs(answer) if np.isfinite(row.eps).any()]
     return Plot((0.6 + 2.4 * len(rows), 3.0), lambda figure: _scatter(figure, answer, rows, frame))
 
 
@@ -141,7 +141,7 @@ def _the_answer(figure: Figure, answer: AfferentVerdict, shown: Sequence[int], f
     parts: Any = figure.subfigures(2, 1, height_ratios=(_PROFILES_IN, _ranking_in(answer)))
     above, below = parts
     panels = above.subplots(1, len(shown), squeeze=False, sharey=True)[0]
-    pairs = drawn_pairs(answer)
+    pairs = plotted_pairs(answer)
     for axes, number in zip(panels, shown, strict=True):
         _recorded(axes, answer, number)
         for row, (colour, style, width) in zip(pairs, _LINES, strict=False):
@@ -228,7 +228,7 @@ Draw = Callable[[Axes, AfferentVerdict, int, PairRow], None]
 
 def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tuple[str, str]) -> Plot:
     """Plot panels of pairs and stimuli; `labels` are those of the vertical axis and of the whole figure."""
-    pairs = len(drawn_pairs(answer))
+    pairs = len(plotted_pairs(answer))
     rows, columns = (pairs, len(shown)) if len(shown) > 1 else (1, pairs)
     size = (_ROOM.left + 2.3 * columns, _ROOM.top + _ROOM.bottom + 1.45 * rows)
     return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, labels), layout=None)
@@ -237,7 +237,7 @@ def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tup
 def _draw_grid(
     figure: Figure, answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tuple[str, str]
 ) -> None:
-    pairs, (quantity, frame) = drawn_pairs(answer), labels
+    pairs, (quantity, frame) = plotted_pairs(answer), labels
     rows, columns = (len(pairs), len(shown)) if len(shown) > 1 else (1, len(pairs))
     panels = _ROOM.panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
     drawn = ((row, number) for row in pairs for number in shown)
@@ -285,7 +285,7 @@ def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], f
 
 
 def _curve(row: PairRow) -> tuple[Array, Array]:
-    """Return the fit between the smallest and largest measure, also where no position lies (n,)."""
+    """Return the fit (n,) on a fine grid between the smallest and the largest measure."""
     known = row.eps[np.isfinite(row.eps)]
     corner = [row.eps0] if known.min() < row.eps0 < known.max() else []
     eps = np.unique(np.concatenate([np.linspace(known.min(), known.max(), _CURVE_POINTS), corner]))

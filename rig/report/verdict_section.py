@@ -11,7 +11,7 @@ from rig.compare.verdict_text import TOO_FEW, methods, percent, probability, sen
 from rig.report import verdict_figures
 from rig.report.page_parts import PageFigure, Section, figures_of
 from rig.report.style import as_limits, as_number
-from rig.report.verdict_figures import STIMULI_ACROSS, apart, drawn_pairs, most_telling, of_stimulus, ranking, rival
+from rig.report.verdict_figures import STIMULI_ACROSS, apart, most_telling, of_stimulus, plotted_pairs, ranking, rival
 
 _PAIR = (
     "pair", "in the set", "misfit F", "p of the fit", "p in the set", "held-out deviance predicted", "k [95 %]",
@@ -72,7 +72,7 @@ def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
         f"Verdicts{of}",
         verdict_figures.the_answer(answer, shown, frame),
         f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of measure and "
-        "receptor, of the best pair of another measure, and of the best control; grey crosses: positions "
+        "receptor, of the best pair of another measure, and of the best control; gray crosses: positions "
         "left out. Below: the best receptor of the best measures and controls, with the p of its fit, best "
         "first. Dotted: noise alone gives about 1.",
     )
@@ -146,7 +146,7 @@ def _residuals(answer: AfferentVerdict, frame: str, of: str) -> Section:
         f"uncorrelated (|r| below {limit} here). Where they are correlated, the measure misses a part of the "
         "profile's shape. A measure without this misfit would change the answer, even if no test rejects the "
         "fit yet.",
-        points=tuple(f"{row.title}: {_residual_words(answer, row)}" for row in drawn_pairs(answer)),
+        points=tuple(f"{row.title}: {_residual_words(answer, row)}" for row in plotted_pairs(answer)),
         figures=tuple(figures),
     )
 

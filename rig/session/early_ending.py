@@ -21,8 +21,8 @@ from sim.finger_process import FingerLostError
 Left = Literal["lifted", "raised", "held", "not moved"]
 
 _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
-    (RunAborted, "check that the finger is well"),
-    (TripError, "check that the finger is well, and find out what caused the trip"),
+    (RunAborted, "check that the finger is unharmed"),
+    (TripError, "check that the finger is unharmed, and find out what caused the trip"),
     (LimitError, "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"),
     (CountError, "correct the counts, then resume"),
     (ScriptError, "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"),
@@ -86,7 +86,7 @@ class FinalPosition:
 
     @property
     def to_do(self) -> str | None:
-        """What the operator should do first about the indentor, or None."""
+        """First step for the operator about the indentor, or None."""
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
     @property

@@ -88,7 +88,13 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
             verb=step.verb,
             step=type(step).__name__,
         )
-    answer: A = executor(engine, step, expected)
+    try:
+        answer: A = executor(engine, step, expected)
+    except Exception:
+        raise
+    except BaseException:  # A stop: it acts before the script can make anything of it.
+        engine.stop()
+        raise
     return answer
 
 
@@ -103,7 +109,9 @@ class Live:
         self._engine, self._walk = engine, walk
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Carry out the step and return its result."""
+        """Carry out the step and return its result; after a trip or a failure that the script swallowed, raise it."""
+        if self._engine.problem is not None and not isinstance(step, Note | Checkpoint):
+            raise self._engine.problem
         return execute(self._engine, step, step.expect(spot, self._walk))
 
 

@@ -5,7 +5,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
@@ -20,14 +20,14 @@ _SET_POINT_WITHIN = 0.02  # Relative tolerance: a transmitter rounds to its divi
 class StopButton:
     """Stop button of a real run; close() it, or use it in a `with`."""
 
-    def __init__(self, settings: StopSettings, stage: StageInHand, stop: Callable[[], object]) -> None:
+    def __init__(self, settings: StopSettings, stage: OwnedStage, stop: Callable[[], object]) -> None:
         """Open the key, if one is configured.
 
         Parameters
         ----------
         settings : StopSettings
             Table [stop] of the configuration.
-        stage : StageInHand
+        stage : OwnedStage
             Stage of the run, whose inputs are read.
         stop : callable
             Stops the stage past every queue, from any thread but the main one.

@@ -41,7 +41,7 @@ class OrderScope(ProtocolParameters):
 
     @property
     def highest(self) -> dict[str, float]:
-        """The target of the highest press, as an argument of `Rig.indent`."""
+        """Target of the highest press, as an argument of `Rig.indent`."""
         targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
         return {name: value for name, value in targets.items() if value is not None}
 
@@ -60,7 +60,7 @@ class Order(BaseModel):
 
     @property
     def target(self) -> dict[str, float]:
-        """The target of the press."""
+        """Target of the press."""
         targets = {"doi_mm": self.doi_mm, "force_gwt": self.force_gwt}
         return {name: value for name, value in targets.items() if value is not None}
 
@@ -91,7 +91,7 @@ class PressOrders:
     """PressOrders of a run: other threads put them in, one at a time, and the script carries them out."""
 
     def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
-        """alone: returns whether the program that gives orders has ended, which ends the run."""
+        """Prepare to read orders. alone: returns whether their sender has ended, which ends the run."""
         self.scope, self._alone = scope, alone
         self._guard = threading.Lock()
         self._waiting = False
@@ -149,7 +149,7 @@ class PressOrders:
         return {}
 
     def _refuse(self, order: Order) -> None:
-        """Raise an error for an order outside of what was confirmed."""
+        """Raise an error for an order outside the confirmed scope."""
         scope = self.scope
         if order.what == "press" and order.target.keys() != scope.highest.keys():
             raise BadInputError("order: a press needs {target} alone, as it was confirmed", code="another_target",
@@ -192,7 +192,7 @@ class PressOrders:
             clock.wait_s(LOOK_S)
 
     def _look(self) -> tuple[Order | None, bool]:
-        """Return the order if there is one, and whether none can come any more."""
+        """Return the order if there is one, and whether no order can follow."""
         with self._guard:
             over = self._order is None and self._alone()
             self._waiting = self._waiting and not over

@@ -15,6 +15,7 @@ from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
+from rig_shared.plural import number_of
 from sim.contact.shapes import with_size
 from sim.models.small_strain_error import small_strain
 
@@ -149,7 +150,7 @@ def press_speed(config: Config, plan: Plan) -> dict[str, float]:
 
 
 def press_speed_in_words(found: Mapping[str, Any]) -> str:
-    """Return the sentence about what `press_speed` found."""
+    """Return the result of `press_speed` as a sentence."""
     return (
         f"the sensor is read after each increment: press at most {found['press_speed_mm_s']:.2g} mm/s; a sample "
         f"is up to {found['sample_age_s']:g} s old, in which the force may rise by {found['rise_gwt']:.3g} gwt"
@@ -226,12 +227,16 @@ class Page:
     @property
     def _steps(self) -> str:
         presses = self._plan.presses
-        counts = {"indentations": len(presses["data"]), "touches": len(self._plan.touches)}
-        counts |= {"preconditioning presses": len(presses["precondition"]), "references": len(presses["reference"])}
-        summary = ", ".join(f"{number} {what}" for what, number in counts.items() if number) or "nothing to press"
+        counts = [(len(presses["data"]), "indentations"), (len(self._plan.touches), "touches")]
+        counts += [
+            (len(presses["precondition"]), "preconditioning presses"),
+            (len(presses["reference"]), "references"),
+        ]
+        summary = ", ".join(number_of(*one) for one in counts if one[0]) or "nothing to press"
         before, possible = self.session.before, self.session.possible
         if possible is not None:
-            summary += f" planned; each is chosen from {len(possible.all_presses)} presses, all of them checked"
+            checked = number_of(len(possible.all_presses), "checked presses")
+            summary += f" planned; each is chosen from {checked}"
         return (
             summary
             if before is None
@@ -254,7 +259,7 @@ class Page:
             ""
             if identified is None
             else f", the upper end of the band for the finger identified on {identified.date} from "
-            f"{identified.presses} presses"
+            f"{number_of(identified.presses, 'presses')}"
         )
         below = f"{in_both_units(self._soft_trip_n - peak_n)} below the trip"
         return f"predicted peak {in_both_units(peak_n)}{band}, {below}{self._small_strain}"

@@ -17,7 +17,7 @@ from rig.data.run_state import Course, Marks, Milestone, Timeline
 from rig.engine import Engine, Target, verbs
 from rig.engine.limits import CONTACT_EXPONENT
 from rig.plan.config import Config, VirtualSettings
-from rig.plan.finger_model import FingerModel, kept_in
+from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Model, NoPredictionError, Spot, Walk
@@ -114,7 +114,7 @@ class Rehearsed:
 
     @property
     def course(self) -> Course:
-        """The course of the run, for its monitors."""
+        """Course of the run, for its monitors."""
         return Course(self.duration_s, self.instants_s, self.words, self.marks)
 
 
@@ -151,7 +151,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     bench = bench_around(make_plant, settings, clock, io.StringIO())
     timeline = Timeline(clock.monotonic_s)
     engine = Engine(settings, bench, timeline, plan.soft_trip_n)
-    where = str if before is None else partial(kept_in, before.folder.path)
+    where = str if before is None else partial(with_stored_file, before.folder.path)
     walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.identified))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:

@@ -45,7 +45,7 @@ class StoppedRun:
 
     @property
     def begins_at_s(self) -> float:
-        """Time of the run (`t_s`) of a part that begins now; a virtual run stands still between its parts."""
+        """Time of the run (`t_s`) at which a part begins now; the clock of a virtual run stops between its parts."""
         if self.run is None:
             return 0.0
         since_start_s = WallClock().unix_s() - self.run.start["unix_s"]
@@ -53,7 +53,7 @@ class StoppedRun:
 
     @property
     def complete(self) -> bool:
-        """Whether nothing remains to be done."""
+        """Whether all steps are done."""
         return self.run is not None and self.run.complete
 
 

@@ -14,17 +14,18 @@ from rig.bench.checks import refuse_expired
 from rig.bench.real import Request, open_bench, refuse_silent_sensor
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
 from rig.data.schema import STREAMS, streams_with
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
+from rig.engine.bench import Meanwhile
 from rig.errors import LostRecordError
 from rig.plan.config import Config
-from rig.plan.finger_model import FingerModel, kept_in
-from rig.plan.plan import Plan, promised
+from rig.plan.finger_model import FingerModel, with_stored_file
+from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, ResumeHandler
@@ -59,11 +60,11 @@ class Attendant(Protocol):
     def interrupted(self) -> bool:
         """Return whether a pause is requested for the next safe point."""
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return whether to continue after the pause."""
 
 
-class Nobody:
+class NoAttendant:
     """Observer that requests nothing."""
 
     def stopped(self) -> bool:
@@ -85,7 +86,7 @@ class Nobody:
         """Return False."""
         return False
 
-    def go_on(self) -> bool:
+    def go_on(self, meanwhile: Meanwhile) -> bool:
         """Return False."""
         return False
 
@@ -149,7 +150,7 @@ class Session:
     finger: Finger
     plan: Plan
     into: NewRun | StoppedRun
-    attendant: Attendant = field(default_factory=Nobody)
+    attendant: Attendant = field(default_factory=NoAttendant)
     handler: Callable[[Engine, Walk], Handler] = Live  # carries out the steps
     button: StopButton | None = None  # of a real run
     chooses: Mapping[str, Any] | None = None  # what the journal says of an adaptive run
@@ -190,7 +191,7 @@ def dry_run(session: Session, speed: float | None = None) -> FinishedRun:
     return run_on(session, open_bench, virtual=True, speed=speed)
 
 
-def real_run(session: Session, ask: Callable[[Request], str], stage: StageInHand) -> FinishedRun:
+def real_run(session: Session, ask: Callable[[Request], str], stage: OwnedStage) -> FinishedRun:
     """Carry out a session on the configured ports, with the stage already open.
 
     Raises BadInputError for a calibration out of date.
@@ -226,7 +227,7 @@ def run_on(
     folder = _folder(session, now, virtual=virtual)
     problem, at, lost = None, FinalPosition("not moved"), None
     there = session.before is not None and session.before.complete
-    with _nothing_left(session, folder), ExitStack() as owned:
+    with _removed_if_empty(session, folder), ExitStack() as owned:
         owned.enter_context(folder.owned())
         if not there:
             problem, at, lost = _on_a_bench(
@@ -269,7 +270,7 @@ def _on_a_bench(
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
-            engine.keep_contact = bench.touched
+            engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
@@ -285,16 +286,17 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
             stop_inputs_heeded(session.config, engine, session.button),
         ):
-            with bench.look_after(engine.heartbeat):
+            with bench.monitor(engine.heartbeat):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
+            if session.attendant.stopped():  # The script has swallowed the interrupt.
+                raise KeyboardInterrupt
             journal.stop("done")
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
     finally:
-        bench.left_with(engine.sensing.lasting_zero)
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
@@ -318,7 +320,7 @@ def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
 
 
 @contextmanager
-def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
+def _removed_if_empty(session: Session, folder: RunFolder) -> Iterator[None]:
     """Remove the folder of a new run that has journalled nothing."""
     try:
         yield
@@ -333,7 +335,7 @@ def _nothing_left(session: Session, folder: RunFolder) -> Iterator[None]:
 
 def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
-    config, where = session.config, partial(kept_in, folder.path)
+    config, where = session.config, partial(with_stored_file, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
     handler = session.handler(engine, walk)
     if session.before is not None:
@@ -355,7 +357,7 @@ def _about(session: Session, *, virtual: bool) -> dict[str, Any]:
         "virtual": virtual,
         **_button(session),
         **_choose(session),
-        **({} if session.config.identified is None else {"promised": promised(session.plan)}),
+        **({} if session.config.identified is None else {"promised": predicted_bands(session.plan)}),
     }
 
 

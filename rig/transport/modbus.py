@@ -74,7 +74,7 @@ class ModbusRefused(ModbusError):  # noqa: N818
     default_code = "refused"
 
     def __init__(self, message: str, number: int, **fields: Any) -> None:
-        """message: format string over the fields and `number`, or plain text if there are no fields."""
+        """Build the error. message: format string over the fields and `number`; plain text without fields."""
         super().__init__(message if fields else "{message}", **(fields or {"message": message}), number=number)
         self.number = number
 
@@ -279,7 +279,7 @@ class ModbusMaster:
         return received, None
 
     def _refuse_two_answers(self, request: ModbusPDU, received: bytes) -> None:
-        """After an unanswered request, reject two replies, since either may be the late one."""
+        """Reject two replies after an unanswered request, since either may be the late one."""
         late, now_s = self._unanswered, self._clock.monotonic_s()
         if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
             return

@@ -91,7 +91,7 @@ class Sink(Protocol):
     """Destination of lines."""
 
     def write(self, text: str, /) -> object:
-        """Take one whole line."""
+        """Write one whole line."""
 
 
 class LoggedTransport:

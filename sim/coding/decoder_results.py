@@ -40,7 +40,7 @@ class Decoded:
 
 
 class DecodingErrors(NamedTuple):
-    """Three metrics of one difference; name the metric beside each number."""
+    """Three metrics of the difference between decoded and true pressures; state the metric with each number."""
 
     eq_6_8: float  # Σ (x − x̂)² / Σ x², squared: Raju (1998), Eq. 6.8
     relative_l2: float

@@ -101,14 +101,14 @@ class Sampled(NamedTuple):
     force_gwt: float = 1.0
 
 
-class Kept(NamedTuple):
+class CachedSites(NamedTuple):
     """Sites, and the mesh under the load of the plotted one."""
 
     sites: AllSites
     deformed: Deformed
 
 
-def kept_sites(config: FingertipConfig, sampled: Sampled, progress: Progress | None = None) -> Kept:
+def cached_sites(config: FingertipConfig, sampled: Sampled, progress: Progress | None = None) -> CachedSites:
     """Read the sites from the cache, or solve in some twenty seconds; `progress(done, of)` then counts receptors.
 
     Both are equal to the last bit. Raises ModelRangeError and ReceptorError.
@@ -119,15 +119,15 @@ def kept_sites(config: FingertipConfig, sampled: Sampled, progress: Progress | N
     return _read(cast(dict[str, Array], arrays))
 
 
-def _solved(config: FingertipConfig, sampled: Sampled, progress: Progress | None) -> Kept:
+def _solved(config: FingertipConfig, sampled: Sampled, progress: Progress | None) -> CachedSites:
     finger = LoadedFinger(config)
     sheet = receptor_sheet(finger, sampled.spacing_mm, sampled.depth_mm)
     finger.recovery(sheet.at_mm, progress)
     found = all_sites(MovedResponse.of(finger, sheet), sampled.force_gwt, sampled.half_width_mm)
-    return Kept(found, deformed_by(finger, found.sites[DRAWN], sampled.force_gwt))
+    return CachedSites(found, deformed_by(finger, found.sites[DRAWN], sampled.force_gwt))
 
 
-def _arrays(kept: Kept) -> Arrays:
+def _arrays(kept: CachedSites) -> Arrays:
     spreads = [site.spread for site in kept.sites.sites]
     each = [(*spread.sheet, spread.sed, spread.young_ratio) for spread in spreads]
     return {
@@ -139,7 +139,7 @@ def _arrays(kept: Kept) -> Arrays:
     }
 
 
-def _read(arrays: dict[str, Array]) -> Kept:
+def _read(arrays: dict[str, Array]) -> CachedSites:
     """Restore the sites; fits are quick to repeat."""
     cuts = np.cumsum(arrays["receptors"])[:-1].astype(np.int64)
     each = zip(*(np.split(arrays[name], cuts) for name in _PER_RECEPTOR), strict=True)
@@ -148,4 +148,4 @@ def _read(arrays: dict[str, Array]) -> Kept:
         for site, load, (skin, at, sed, young) in zip(published_sites(), arrays["load_mm"], each, strict=True)
     ]
     found = AllSites([judged(spread) for spread in spreads], arrays["missed"].tolist(), published_table())
-    return Kept(found, Deformed(**{name: arrays[f"plane {name}"] for name in Deformed._fields}))
+    return CachedSites(found, Deformed(**{name: arrays[f"plane {name}"] for name in Deformed._fields}))

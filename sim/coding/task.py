@@ -347,7 +347,7 @@ class Observation:
         return self.reading if receptor is None else self.reading / receptor.gain + receptor.threshold
 
     @property
-    def heard(self) -> NDArray[np.bool_]:
+    def responding(self) -> NDArray[np.bool_]:
         """(m,) receptors whose reading is a number, not only a bound."""
         if self.receptor is None:
             return np.ones(len(self.reading), np.bool_)
@@ -359,7 +359,7 @@ class Observation:
             return ()
         noise, sed = self.noise.sd / (1.0 if self.receptor is None else self.receptor.receptor.gain), self.sed
         off = (self.operator.sed(pressure) - sed) / np.hypot(noise, share * sed)
-        expected, misfit = int(self.heard.sum()), float((off[self.heard] ** 2).sum())
+        expected, misfit = int(self.responding.sum()), float((off[self.responding] ** 2).sum())
         if misfit <= expected + SURPRISING * np.sqrt(2 * expected):
             return ()
         return (
@@ -403,7 +403,7 @@ class DecodeResult:
     def left_of_sed(self) -> float:
         """Root mean square of SED (pseudo-units) that the pressures do not explain, without silent receptors."""
         seen = self.observation
-        return float(np.sqrt(np.mean((seen.operator.sed(self.pressure) - seen.sed)[seen.heard] ** 2)))
+        return float(np.sqrt(np.mean((seen.operator.sed(self.pressure) - seen.sed)[seen.responding] ** 2)))
 
     @property
     def errors(self) -> DecodingErrors | None:
@@ -446,7 +446,7 @@ def observe(task: DecodeTask) -> Observation:
 
 def decode_observation(observation: Observation, decoder: DecoderName, search: SearchOptions) -> DecodeResult:
     """Find the pressures. Raises CodingError for an invalid start, bounds or readings."""
-    if not observation.heard.any():
+    if not observation.responding.any():
         raise CodingError("no reading exceeds its noise; at least one receptor must respond", code="all_noise")
     if decoder == "bayes":
         return _bayes(observation, search.seed)
@@ -612,7 +612,7 @@ def _encoded(
 
 
 def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -> ReadingNoise:
-    """Return the noise as measured from the same receptors at rest, or as known for silent ones."""
+    """Return the noise, measured from the same receptors at rest, or as given if receptors can be silent."""
     m = encoded.samples
     if noise is None or not encoded.noise_sd:
         return ReadingNoise(np.full(m, NO_NOISE * float(encoded.rate.max())), "none; a small sd is assumed")

@@ -34,7 +34,7 @@ class SkinSurface(Protocol):
         """Return y at (x, z) in mm, −inf where there is no skin."""
 
     def __hash__(self) -> int:
-        """Return a hash, by which heights of the same skin are kept."""
+        """Return a hash, by which heights of the same skin are cached."""
 
 
 class FirstTouch(NamedTuple):

@@ -45,7 +45,7 @@ class SerialLine:
         self._to_device = _OneWay(scheduler, baud)
         self._to_host = _OneWay(scheduler, baud)
         self._arrived = bytearray()
-        self._on_bytes: Callable[[bytes], None] = _nobody
+        self._on_bytes: Callable[[bytes], None] = _drop
         self.renewed: Callable[[], None] = _nothing
         self._on_host_bytes: Callable[[bytes], object] = self._arrived.extend
         self.echoes = False  # as an RS-485 adapter that receives what the host writes
@@ -54,7 +54,7 @@ class SerialLine:
 
     def host_write(self, data: bytes) -> None:
         if data:
-            self._to_device.send(data, self._hand_over)
+            self._to_device.send(data, self._deliver)
 
     def host_read(self) -> bytes:
         """Return and clear the bytes that have arrived at the host."""
@@ -75,22 +75,22 @@ class SerialLine:
 
     def device_write(self, data: bytes) -> None:
         if data:
-            self._to_host.send(data, self._hand_to_host)
+            self._to_host.send(data, self._deliver_to_host)
 
     def device_blocked_until_s(self, buffered: int) -> float:
         """Return when all written bytes are sent, or fit into a transmit buffer of a size."""
         return self._to_host.full_until_s(buffered)
 
-    def _hand_to_host(self, data: bytes) -> None:
+    def _deliver_to_host(self, data: bytes) -> None:
         self._on_host_bytes(data)
 
-    def _hand_over(self, data: bytes) -> None:
+    def _deliver(self, data: bytes) -> None:
         if self.echoes:
-            self._hand_to_host(data)
+            self._deliver_to_host(data)
         self._on_bytes(data)
 
 
-def _nobody(_data: bytes) -> None:
+def _drop(_data: bytes) -> None:
     """Drop bytes to a line without a device."""
 
 
@@ -129,7 +129,9 @@ class Samples:
         return (self.newest() + 1) * self._period_s
 
     def grams(self, number: int) -> float:
-        """Return one sample; NaN with a dead cell. A force that is not fresh is not kept: it may be known later."""
+        """Return one sample; NaN with a dead cell. A force that is not fresh is not stored, because it may be solved
+        later.
+        """
         grams = self._grams.get(number)
         if grams is None:
             instant_s = self._instant_s(number)

@@ -134,7 +134,7 @@ class VirtualStandaController:
         self._power = POWER_OFF
 
     def slip(self, counts: int) -> None:
-        """Lose steps: the carriage counts on from another position."""
+        """Lose steps: the position counter no longer matches the carriage."""
         self._zero += counts
 
     def push_button(self) -> None:

@@ -23,9 +23,9 @@ class VirtualTextCell:
             self._send_next()
 
     def _send_next(self) -> None:
-        self._scheduler.call_at(self._samples.next_s(), self._send_and_go_on)
+        self._scheduler.call_at(self._samples.next_s(), self._send_and_reschedule)
 
-    def _send_and_go_on(self) -> None:
+    def _send_and_reschedule(self) -> None:
         self._send_reading()
         self._send_next()
 

@@ -205,7 +205,7 @@ class VirtualTmclAxis:
         self._go([(height, abs(speed) / self._units.speed)])
 
     def stop(self) -> None:
-        """Brake to rest; a reference search goes on."""
+        """Brake to rest; a reference search continues."""
         if not self.searching:
             self._positions, self._target_speed = False, 0
             self._brake(self._acceleration)

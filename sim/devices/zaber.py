@@ -29,7 +29,7 @@ ESTOP_S, BACK_OFF_MM, HOME_MM_S = 0.01, 0.5, 5.0
 SINE_MS = 0.2, 429496729.5
 """Shortest and longest period of a sine."""
 LONGEST_SINE = 100_000
-"""Half cycles after which a sine ends by itself here; a device goes on as long as it is commanded."""
+"""Half cycles after which a sine ends here; a real device continues as commanded."""
 _SEALED = re.compile(rb"/(.*):([0-9A-F]{2})")
 _LONGEST = 256
 
@@ -246,7 +246,7 @@ class VirtualZaberAxis:
         period_s, halves, now_s = period_ms / 1000, int(min(2 * count, LONGEST_SINE)), self._now_s
         self._axis.oscillate(-amplitude, period_s, halves, now_s)
         self._sine = now_s, period_s
-        self._tell_end()
+        self._schedule_end()
 
     def _end_sine(self) -> None:
         """End the present sine with its present cycle."""
@@ -256,10 +256,10 @@ class VirtualZaberAxis:
         over_s = begun_s + ceil((self._now_s - begun_s) / period_s) * period_s
         if over_s < self._axis.end_s:
             self._axis.end_at(over_s)
-            self._tell_end()
+            self._schedule_end()
 
     def _begin(self) -> None:
-        """Begin a movement command: it interrupts a running one, and clears what lasts until the next one."""
+        """Begin a movement command, which interrupts a running one and clears the warnings that last until then."""
         if any(flag in DISABLING for flag in self._warnings):
             raise CommandRejected("DRIVERDISABLED")
         if self.busy and "NC" not in self._warnings:
@@ -273,7 +273,7 @@ class VirtualZaberAxis:
             self._warnings.add("NI")
             self._homing, self._sine = False, None
             self._brake(deceleration)
-            self._tell_end()
+            self._schedule_end()
 
     def _home(self) -> None:
         fast, off = HOME_MM_S * self._counts_per_mm, BACK_OFF_MM * self._counts_per_mm
@@ -288,13 +288,13 @@ class VirtualZaberAxis:
 
     def _go(self, targets: list[tuple[float, float]], acceleration: float) -> None:
         self._axis.go(targets, acceleration, acceleration, self._now_s)
-        self._tell_end()
+        self._schedule_end()
 
     def _brake(self, deceleration: float) -> None:
         if self._axis.velocity_at(self._now_s):
             self._axis.brake(deceleration, self._now_s)
 
-    def _tell_end(self) -> None:
+    def _schedule_end(self) -> None:
         if self._ending is not None:
             self._ending.cancel()
         self._ending = self._scheduler.call_at(self._axis.end_s, self.on_idle)
@@ -464,14 +464,14 @@ class ZaberChain:
             flag, data = "RJ", str(refusal)
         state, warning = device.flags(scope)
         shown = "" if number is None else f" {number:02d}"
-        self._say(device, f"@{device.address:02d} {scope}{shown} {flag} {state} {warning} {data}")
+        self._send(device, f"@{device.address:02d} {scope}{shown} {flag} {state} {warning} {data}")
 
     def _alert(self, device: VirtualZaberDevice, number: int) -> None:
         if device.settings["comm.alert"] == "1":
             state, warning = device.flags(number)
-            self._say(device, f"!{device.address:02d} {number} {state} {warning}")
+            self._send(device, f"!{device.address:02d} {number} {state} {warning}")
 
-    def _say(self, device: VirtualZaberDevice, line: str) -> None:
+    def _send(self, device: VirtualZaberDevice, line: str) -> None:
         content = line.encode("ascii")
         seal = f":{-sum(content[1:]) & 0xFF:02X}" if device.settings["comm.checksum"] == "1" else ""
         self._line.device_write(content + seal.encode("ascii") + b"\r\n")

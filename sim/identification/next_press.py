@@ -64,7 +64,7 @@ class Chooser:
         pace: RampAndHold,
         search: SkinSearch | None = None,
     ) -> None:
-        """search: None if the skin is found at any height."""
+        """Prepare the choice. search: None if the skin is found at any height."""
         self.predicted, self.goals, self.pace, self.search = predicted, tuple(goals), pace, search
 
     def goal_widths(self, learned: Learned, model_error: float) -> list[Width]:

@@ -139,7 +139,9 @@ class PredictedForces:
     def __init__(
         self, config: FingertipConfig, prior: Prior, scope: Scope, tables: Mapping[str, ShapeTable] | None = None
     ) -> None:
-        """config: geometry, layers and mesh of the finger; the prior has its moduli. tables: tables that exist."""
+        """Prepare the predictions. config: geometry, layers and mesh of the finger; the prior has its moduli. tables:
+        existing tables.
+        """
         self.config, self.prior, self.scope = config, prior, scope
         self._tables = dict(tables or {})
 

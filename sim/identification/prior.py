@@ -188,7 +188,7 @@ _LOGARITHM = "ln_"
 
 
 def named(name: str) -> str:
-    """What a parameter is of."""
+    """Return the quantity of a parameter: its name without the prefix of a logarithm."""
     return name.removeprefix(_LOGARITHM)
 
 

@@ -169,6 +169,7 @@ def cached_arrays(
         if found is not None:
             return found, True
         made = make()
+        _log.debug("made: %s", kind, extra={"made": True})
         content = _packed(made)
         try:
             with _replacing(path) as partial, open_new(partial) as stream:

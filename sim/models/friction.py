@@ -133,13 +133,13 @@ class FrictionResult(IndentationResult):
 
     @property
     def sticking_share(self) -> float:
-        """Share of the normal force that is borne by points that stick."""
+        """Share of the normal force that sticking points carry."""
         state = self._friction_state
         p, _ = state.split
         return float(p[~state.slipping].sum() / p.sum()) if p.sum() > 0 else 1.0
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `rig indent --json` prints, without the build time of the model."""
+        """Return the JSON object of `rig indent --json`, without the build time of the model."""
         errors, shear = self._friction_state.errors, self.shear_force_n
         return super().as_json() | {
             "friction": {

@@ -73,7 +73,7 @@ def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Arra
         file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NFIX,TOTALS=ONLY\nRF\n*END STEP\n")
 
 
-def write_held_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_mm: Array) -> None:
+def write_displacement_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_mm: Array) -> None:
     """Write the finger with n nodes displaced by (n, 3) mm; it prints displacements, then their reactions."""
     with path.open("w", encoding="ascii") as file:
         _write_finger(file, finger)

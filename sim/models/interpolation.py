@@ -124,7 +124,7 @@ def nodes_of(source: OnDisk, slopes: tuple[int, ...]) -> list[Node]:
 
 @dataclass(frozen=True)
 class NodeBuilds:
-    """Compliances and columns of the nodes, in their order, and what all of them share."""
+    """Compliances and columns of the nodes, in their order, and the arrays that they share."""
 
     compliance: Singles  # (16, k) packed
     columns: Singles  # (16, 6 n_receptors, n_z, n_phi, 3)

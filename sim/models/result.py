@@ -264,7 +264,7 @@ class IndentationResult:
         return self.strained.measures(model.measures(self.receptor_strain), model.receptor_e, model.poisson)
 
     def as_json(self) -> dict[str, Any]:
-        """Return what `rig indent --json` prints, without the build time of the model.
+        """Return the JSON object of `rig indent --json`, without the build time of the model.
 
         Returns
         -------
@@ -392,7 +392,7 @@ class PointLoadResult:
         return self.model.measures(self.receptor_strain)
 
     def as_json(self) -> dict[str, Any]:
-        """Return the same keys as for an indentation; what a point load does not have is null or empty.
+        """Return the same keys as for an indentation; keys that a point load lacks are null or empty.
 
         Returns
         -------

@@ -311,13 +311,13 @@ class Stiffened(NamedTuple):
         """
         if self.stiffening == 0:
             return linear
-        receptors = self.felt(linear[_ENERGY], young_ratio, poisson)
+        receptors = self.at_receptors(linear[_ENERGY], young_ratio, poisson)
         strain, stress = strain_and_stress(self.stiffening, self.press, receptors)
         factor = dict.fromkeys(STRAINS, strain) | dict.fromkeys(STRESSES, stress)
         factor |= {_ENERGY: strain * stress, _CUBED: stress**3}
         return {name: linear[name] * factor[name] for name in linear}
 
-    def felt(self, sed: Array, young_ratio: Array, poisson: float) -> ReceptorPress:
+    def at_receptors(self, sed: Array, young_ratio: Array, poisson: float) -> ReceptorPress:
         """Return the press at the receptors from the SED of linear tissue in pseudo-units."""
         half_shear_modulus = PSEUDO_E_EPIDERMIS * young_ratio / (4 * (1 + poisson))
         return ReceptorPress(self.squeeze, self.below / young_ratio, sed / half_shear_modulus)

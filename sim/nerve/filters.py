@@ -16,7 +16,7 @@ _RESIDUES = (1.0, -0.5 + 0.5j / np.sqrt(3))
 
 
 class FilterMemory:
-    """What filters know of a signal whose samples come in blocks: its last sample, and their states.
+    """State of filters between blocks of a signal: the last sample, and the filter states.
 
     A model calls its filters in the same order for every block.
     """
@@ -51,7 +51,7 @@ def fading(signal: Array, tau_s: float, step_s: float, memory: FilterMemory | No
     step_s : float
         Time between samples (s).
     memory : FilterMemory, optional
-        What is known of earlier blocks of the signal; the samples follow those.
+        State after the earlier blocks of the signal, which the samples follow.
 
     Returns
     -------
@@ -62,7 +62,7 @@ def fading(signal: Array, tau_s: float, step_s: float, memory: FilterMemory | No
 
 
 def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
-    """Return what of a drive exceeds a slow threshold, which approaches a share of the drive: τ dθ/dt = share·I − θ.
+    """Return the excess of a drive over a slow threshold, which approaches a share of it: τ dθ/dt = share·I − θ.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: Fil
     step_s : float
         Time between samples (s).
     memory : FilterMemory, optional
-        What is known of earlier blocks of the signal; the samples follow those.
+        State after the earlier blocks of the signal, which the samples follow.
 
     Returns
     -------
@@ -123,7 +123,7 @@ def derivative_low_pass(
     derivative : {1, 2}
         Which derivative.
     memory : FilterMemory, optional
-        What is known of earlier blocks of the signal; the samples follow those.
+        State after the earlier blocks of the signal, which the samples follow.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Afferents under the pad: where they end, how sensitive they are, how long their spikes take, and what they answer.
+"""Afferents under the pad: end organs, sensitivities, conduction delays, and responses.
 
 The words are those of TouchSim (Saal, Delhaye, Rayhaun and Bensmaia 2017, PNAS 114:E5693): `Stimulus`, `Afferent`,
 `AfferentPopulation`, `Response`, `rate`, `psth`. Times are seconds here, and places are on the finger model.
@@ -391,7 +391,7 @@ class AfferentPopulation(Sequence[Afferent]):
 
 @dataclass(frozen=True)
 class Pad:
-    """The part of the skin in which afferents end: an ellipse about the middle of the receptor plane.
+    """Part of the skin with end organs: an ellipse about the middle of the receptor plane.
 
     Attributes
     ----------
@@ -422,8 +422,8 @@ class Pad:
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """Afferents of one class that a text asks for; without a place they are drawn over the pad."""
+class AfferentRequest:
+    """Requested afferents of one class; without a location they are placed at random over the pad."""
 
     model: str
     count: int
@@ -433,8 +433,8 @@ class Wanted:
 _ITEM = re.compile(r"(?:(\d+)x)?([^@\s]+?)(?:@([^:]+)(?::(.+))?)?", re.ASCII)
 
 
-def wanted(text: str, models: Models = BUILT_IN) -> tuple[Wanted, ...]:
-    """Return the afferents that a text asks for.
+def parse_afferents(text: str, models: Models = BUILT_IN) -> tuple[AfferentRequest, ...]:
+    """Parse a request for afferents.
 
     Parameters
     ----------
@@ -446,7 +446,7 @@ def wanted(text: str, models: Models = BUILT_IN) -> tuple[Wanted, ...]:
 
     Returns
     -------
-    tuple of Wanted
+    tuple of AfferentRequest
         One for each item.
 
     Raises
@@ -468,7 +468,7 @@ def wanted(text: str, models: Models = BUILT_IN) -> tuple[Wanted, ...]:
                 "{model!r}: there is no such class of afferents; use {known}",
                 code="unknown_afferent", model=match[2], known=", ".join(models),
             )  # fmt: skip
-        found.append(Wanted(match[2], int(match[1] or 1), place))
+        found.append(AfferentRequest(match[2], int(match[1] or 1), place))
     total = sum(one.count for one in found)
     if not 0 < total <= MOST_AFFERENTS or any(one.count == 0 for one in found):
         raise ModelRangeError(
@@ -488,7 +488,7 @@ def _place(x: str | None, along: str | None) -> tuple[float, float] | None:
 
 def draw(
     finger: Fingertip,
-    afferents: str | Sequence[Wanted],
+    afferents: str | Sequence[AfferentRequest],
     seed: int = 0,
     *,
     density: str = "monkey fingertip",
@@ -502,7 +502,7 @@ def draw(
     ----------
     finger : Fingertip
         The finger.
-    afferents : str or sequence of Wanted
+    afferents : str or sequence of AfferentRequest
         What to draw, for example ``"3xSA1,5xRA"``.
     seed : int, optional
         Seed.
@@ -521,7 +521,7 @@ def draw(
     ModelRangeError
         If the text cannot be used, a place lies off the pad, or the pad has no room for so many.
     """
-    asked = wanted(afferents, models) if isinstance(afferents, str) else tuple(afferents)
+    asked = parse_afferents(afferents, models) if isinstance(afferents, str) else tuple(afferents)
     pad = Pad.of(finger)
     found: list[Afferent] = []
     drawn: dict[str, Iterator[tuple[float, float]]] = {}
@@ -577,7 +577,7 @@ def population(finger: Fingertip, density: str = "monkey fingertip", seed: int =
     area = Pad.of(finger).area_cm2
     return draw(
         finger,
-        [Wanted(name, max(round(area * per_cm2), 1)) for name, per_cm2 in _densities(density).items()],
+        [AfferentRequest(name, max(round(area * per_cm2), 1)) for name, per_cm2 in _densities(density).items()],
         seed,
         density=density,
     )

@@ -79,7 +79,7 @@ class SkinUnderIndentor:
 
     @classmethod
     def of_values(cls, depths_mm: ArrayLike, values: ArrayLike) -> "SkinUnderIndentor":
-        """Return the skin of a table that is known.
+        """Return a skin with a given table.
 
         Parameters
         ----------

@@ -4,12 +4,12 @@ import contextlib
 import math
 import multiprocessing
 import signal
+import sys
 import time
 from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing.connection import Connection
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeVar
 
 from threadpoolctl import threadpool_limits
@@ -23,6 +23,11 @@ from sim.workers import give_way, keep_freed_memory, leaving_ctrl_c_to_us
 
 if TYPE_CHECKING:  # the process that serves the bytes never solves
     from sim.plant import PressedFinger, RelaxingPress
+
+    if sys.platform == "win32":
+        from multiprocessing.connection import PipeConnection as Connection
+    else:
+        from multiprocessing.connection import Connection
 
 _READY_S = 300.0  # building a model takes some 15 s, minutes on a small machine
 _WARM_MM = 0.1
@@ -141,7 +146,7 @@ def _serve(
 
 
 def warmed(press: "PressedFinger") -> None:
-    """Load what the first contact needs by an unused press; ignore a pose outside the model."""
+    """Make an unused press, so that the first contact is not late; ignore a pose outside the model."""
     with contextlib.suppress(ModelRangeError):
         press.force_n(Pose(0.0, press.doi_mm(Pose(0.0, 0.0)) - _WARM_MM))
 
@@ -185,7 +190,7 @@ class TrajectoryUpdate:
 
 
 @dataclass(frozen=True)
-class WayAnswer:
+class TrajectoryForces:
     """Force at the end of each leg, completed and planned (N, NaN with a problem), and the solve time (s)."""
 
     forces_n: tuple[float, ...]
@@ -193,7 +198,7 @@ class WayAnswer:
     problem: str = ""
 
 
-class WayProcess(ForceProcess[TrajectoryUpdate, WayAnswer]):
+class TrajectoryProcess(ForceProcess[TrajectoryUpdate, TrajectoryForces]):
     """Process that returns forces along trajectories."""
 
     def __init__(
@@ -210,7 +215,7 @@ class Going:
         self._press = press
         self._predicted: list[tuple[Leg, float, RelaxingPress]] = []
 
-    def __call__(self, update: TrajectoryUpdate) -> WayAnswer:
+    def __call__(self, update: TrajectoryUpdate) -> TrajectoryForces:
         """Return the forces of an update; legs without a solution do not enter the history."""
         began, self._problem = time.perf_counter(), ""
         gone = [self._next(leg) for leg in update.gone]
@@ -224,7 +229,7 @@ class Going:
                 last = self._predicted[-1][2] if self._predicted else here
                 self._predicted.append((leg, *self._moved(last, leg)))
         forces = (*gone, *(force for _, force, _ in self._predicted))
-        return WayAnswer(forces, time.perf_counter() - began, self._problem)
+        return TrajectoryForces(forces, time.perf_counter() - began, self._problem)
 
     def _next(self, leg: Leg) -> float:
         if self._predicted and self._predicted[0][0] == leg:

@@ -46,7 +46,7 @@ class PtyPort:
     """Line behind a pseudo-terminal; clients may connect and disconnect."""
 
     def __init__(self, scheduler: WallScheduler, line: SerialLine) -> None:
-        """Raises PortBusyError on a system without pseudo-terminals."""
+        """Open the pseudo-terminal. Raises PortBusyError on a system without them."""
         self._scheduler, self._line = scheduler, line
         # The near end stays open here too: it keeps its raw mode, and the far end readable, between clients.
         self._far, self._near, self.name = _terminal()

@@ -18,7 +18,14 @@ import numpy as np
 
 from sim.carriage import Carriage, Pose
 from sim.devices.clock import sample_at
-from sim.serve.force_process import Leg, PressAnswer, PressProcess, TrajectoryUpdate, WayAnswer, WayProcess
+from sim.serve.force_process import (
+    Leg,
+    PressAnswer,
+    PressProcess,
+    TrajectoryForces,
+    TrajectoryProcess,
+    TrajectoryUpdate,
+)
 from sim.serve.real_time_loop import WallScheduler
 
 STALE_S = 0.5
@@ -248,14 +255,14 @@ _STRAIGHT_MM = 0.006  # two steps of a usual screw
 _LONGEST_MM = 0.1  # a press starts from a state no farther away
 
 
-class WayAhead(ForcePrefetcher):
+class TrajectoryPrefetcher(ForcePrefetcher):
     """Prefetched forces of a finger that relaxes, by sample."""
 
     def __init__(
         self,
         scheduler: WallScheduler,
         carriage: Carriage,
-        process: WayProcess,
+        process: TrajectoryProcess,
         period_s: float,
         complain: Callable[[str], object],
     ) -> None:
@@ -328,7 +335,7 @@ class WayAhead(ForcePrefetcher):
         for index, _ in request or []:  # the samples may be past by now
             self._note(index * self._period_s)
 
-    def _learn(self, samples: list[tuple[int, Pose]], answer: WayAnswer) -> None:
+    def _learn(self, samples: list[tuple[int, Pose]], answer: TrajectoryForces) -> None:
         self._forces.update({i: (pose, force) for (i, pose), force in zip(samples, answer.forces_n, strict=True)})
         for old in [index for index in self._forces if index < self._index() - _KEPT]:
             del self._forces[old]

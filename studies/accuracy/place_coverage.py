@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import compare
 from rig.compare.likelihood import Form
 from rig.compare.place_grid import PlaceRange, PlaceRow, finger_with_grid
-from rig.compare.receptor_place import whereabouts
+from rig.compare.receptor_place import receptor_location
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.spikes import afferent_for, record
 from rig.compare.stimuli import StimulusRow
@@ -96,7 +96,7 @@ def row(
     for _ in range(draws):
         truth, recordings = drawn(made, NOISES[noise], with_offset, rng)
         overlays = compare(fitted, {s.shape: one for s, one in zip(fitted, recordings, strict=True)}).overlays
-        found = whereabouts(overlays, where, Form(), (truth.measure,))
+        found = receptor_location(overlays, where, Form(), (truth.measure,))
         assert found is not None
         (one,) = found.rows
         rows.append([*held(one, truth), float(bool(one.at_bounds)), float(one.fits)])

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Joint, compare
 from rig.compare.intervals import limits
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import Laid, answers, laid
+from rig.compare.make_verdict import CandidatePool, answers, candidate_pool
 from rig.compare.model_confidence_set import set_probabilities
 from rig.compare.plausible_fingers import PlausibleFingers, read_plausible
 from rig.compare.recordings.recording import Recording, recording
@@ -192,7 +192,7 @@ def draws(of: CoverageStudy, made: Made, number: int) -> Iterator[tuple[str, Ans
 
 def judged(joint: Joint, truth: LinearAfferent, *, with_fingers: bool) -> AnsweredDraw:
     """What one answer says of the truth."""
-    given = laid(joint.overlays, Form(), with_fingers=with_fingers)
+    given = candidate_pool(joint.overlays, Form(), with_fingers=with_fingers)
     assert given is not None
     fit = given.candidates.fitted(given.observed)
     ratio, p_fit = given.candidates.tested(given.observed, fit)
@@ -215,7 +215,7 @@ def judged(joint: Joint, truth: LinearAfferent, *, with_fingers: bool) -> Answer
     )
 
 
-def _row(given: Laid, truth: LinearAfferent, joint: Joint) -> int:
+def _row(given: CandidatePool, truth: LinearAfferent, joint: Joint) -> int:
     x_mm = float(joint.overlays[0].stimulus.receptor_mm[truth.receptor])
     return next(n for n, one in enumerate(given.named) if (one.name, one.receptor_mm) == (truth.measure, x_mm))
 

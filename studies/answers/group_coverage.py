@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import compare
 from rig.compare.group import Ranked, ranked
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import Laid, laid
+from rig.compare.make_verdict import CandidatePool, candidate_pool
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from sim.config import FingertipConfig, Tissue
@@ -77,7 +77,7 @@ def profile(stimulus: StimulusRow, truth: str, receptor: int) -> Array:
 
 
 def pool(fitted: list[StimulusRow], there: list[StimulusRow], truth: str, made: Made, rng: np.random.Generator,
-         population: tuple[float, float, float]) -> Laid:  # fmt: skip
+         population: tuple[float, float, float]) -> CandidatePool:  # fmt: skip
     """The candidates of one afferent that was drawn from a population: mean log gain, threshold, sd of this."""
     peak = 0.0
     while peak < LEAST_PEAK:  # nobody keeps an afferent without a response
@@ -93,7 +93,7 @@ def pool(fitted: list[StimulusRow], there: list[StimulusRow], truth: str, made: 
         places = POSITIONS_MM[covered]
         rows = [(float(x), float(n) / WINDOW_S, np.nan) for row in counts for x, n in zip(places, row, strict=True)]
         found[stimulus.shape] = recording("synthetic", rows, WINDOW_S)
-    given = laid(compare(fitted, found).overlays, Form())
+    given = candidate_pool(compare(fitted, found).overlays, Form())
     assert given is not None
     return given
 

@@ -12,7 +12,7 @@ from rig.data.schema import streams_with
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Target
-from rig.engine.bench import NO_PAUSE
+from rig.engine.bench import NO_PAUSE, Meanwhile
 from rig.plan.config import Config
 from rig.session.rehearse import Spring
 from rig.transport import LoopbackTransport
@@ -64,7 +64,7 @@ class FaultyBench:
     def _stage_wire(self, line: SerialLine, name: str) -> LoopbackTransport:
         return self.stage_wire if line is self.stage_line else LoopbackTransport(line, self.clock, name)
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """Whatever is asked for."""
         return indentor
 

@@ -30,7 +30,7 @@ from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
-from rig.session.session import NewRun, Nobody, Session, dry_run
+from rig.session.session import NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from studies import posix
 from studies.faults.attempts import mixed
@@ -65,7 +65,7 @@ TITLES = {
 MUST_BE_NONE = ("lost", "missing", "repeated", "mixed", "touching")
 
 
-class Leaving(Nobody):
+class Leaving(NoAttendant):
     """Asks for a pause where a signal does, and does not come back from it."""
 
     def __init__(self, pause: PauseRequest) -> None:

@@ -23,7 +23,7 @@ from rig.identify.adaptive_presses import SHAPES, Identification, Identification
 from rig.identify.identification_script import IdentificationScript
 from rig.identify.random_finger import truth_of, with_parameters
 from rig.plan.config import Config, load_config
-from rig.plan.finger_model import left_of
+from rig.plan.finger_model import remaining_shares
 from rig.plan.plan import Plan
 from rig.records import Pace
 from rig.session.resume import commit
@@ -128,7 +128,7 @@ def held_gwt(stranger: Stranger, goal: PressAt) -> float:
     finger = stranger.made.load(config.finger, exact=stranger.exact)
     pace = Pace(habits.press_speed_mm_s, habits.increment_mm, 1, RampAndHold(0, 0).hold_s)
     elastic = finger.indent(goal.indentor, goal.x_mm - config.virtual.finger_x_offset_mm, doi_mm=goal.doi_mm)
-    return left_of(config.virtual.relaxation, pace, goal.doi_mm).held * elastic.force_gwt
+    return remaining_shares(config.virtual.relaxation, pace, goal.doi_mm).held * elastic.force_gwt
 
 
 def truth_numbers(config: Config) -> dict[str, float]:

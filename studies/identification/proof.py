@@ -34,7 +34,7 @@ from rig.identify.identification_script import IdentificationScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.session.resume import commit
-from rig.session.session import NewRun, Nobody, Session, run_on
+from rig.session.session import NewRun, NoAttendant, Session, run_on
 from rig.units import GWT_N
 from sim.config import FingertipConfig, MeshSpec
 from sim.identification.next_press import PressAt
@@ -60,7 +60,7 @@ GOALS = (
 """Of shapes that no meeting presses."""
 
 
-class Reading(Nobody):
+class Reading(NoAttendant):
     """Knows where the journal is."""
 
     def __init__(self, script: IdentificationScript) -> None:

@@ -10,6 +10,7 @@ that was stopped goes on where it was. `--survivors` tries again what survived, 
 import argparse
 import hashlib
 import json
+import math
 import os
 import random
 import subprocess
@@ -47,6 +48,9 @@ LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles", "tests/rig/test_patience
 where they strike: in a lock of coverage's own they end nothing, and coverage waits for ever."""
 
 SLOWEST_TEST_S = 20.0
+EVERY_S = 2.0
+"""Time between lines of progress (s)."""
+
 ACCEPTED = Path(__file__).with_name("accepted.toml")
 
 
@@ -60,6 +64,7 @@ def main() -> None:
             print(f"{group} {mutant.lines[0]} {mutant.key}")
         return
     trees = [FOLDER / f"tree{k}" for k in range(options.jobs)]
+    print(f"copying the project to {FOLDER} for each of {options.jobs} workers", flush=True)
     with ThreadPoolExecutor(options.jobs) as pool:
         list(pool.map(lambda tree: copy_project(ROOT, tree), trees))
     _cover(trees, options.tests)
@@ -101,15 +106,27 @@ def _wanted(options: argparse.Namespace) -> list[tuple[str, Mutant]]:
     )
     if options.only:
         chosen = [p for p in modules if any(p.match(glob) for glob in options.only)]
-        return [("first", m) for p in chosen for m in mutants_of(ROOT, p.as_posix())]
+        return [("first", m) for m in _made(chosen)]
     first = [p for p in modules if any(p.match(glob) for glob in FIRST_GROUP)]
-    guarded = [m for p in first for m in mutants_of(ROOT, p.as_posix())]
+    guarded = [] if options.group == "sample" else _made(first)
     if options.share < 1.0:
         guarded = random.Random(options.seed).sample(guarded, round(options.share * len(guarded)))
-    rest = [m for p in modules if p not in first for m in mutants_of(ROOT, p.as_posix())]
+    rest = [] if options.group == "first" or not options.sample else _made([p for p in modules if p not in first])
     sample = random.Random(options.seed).sample(rest, min(options.sample, len(rest)))
-    both = [("first", m) for m in guarded] + [("sample", m) for m in sample]
-    return [(group, m) for group, m in both if options.group in (None, group)]
+    return [("first", m) for m in guarded] + [("sample", m) for m in sample]
+
+
+def _made(modules: list[Path]) -> list[Mutant]:
+    """Return all mutants of some modules, and report the progress."""
+    found: list[Mutant] = []
+    said_s = -math.inf
+    for n, module in enumerate(modules):
+        path = module.as_posix()
+        if time.monotonic() - said_s >= EVERY_S:
+            said_s = time.monotonic()
+            print(f"making the mutants of {path}: {n} of {len(modules)} modules done", file=sys.stderr, flush=True)
+        found += mutants_of(ROOT, path)
+    return found
 
 
 def _results() -> list[Result]:

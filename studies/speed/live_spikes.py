@@ -10,7 +10,6 @@ afferents. At the end one process advances numbers of afferents as fast as it ca
 
 import argparse
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -27,7 +26,8 @@ from rig.plan.config import Config
 from rig.transport import open_port
 from sim.measures.measures import MEASURES
 from sim.nerve.models import BUILT_IN
-from sim.nerve.population import AfferentPopulation, SimulatedAfferent, wanted
+from sim.nerve.population import AfferentPopulation, SimulatedAfferent, parse_afferents
+from studies.posix import os
 from studies.registry import show
 
 FEW, MANY = "SA1@0,SA1@0.5,SA1@-0.5,RA@0,RA@0.5,RA@-0.5,RA@1,PC@0", "45xSA1,50xRA,5xPC"
@@ -100,7 +100,7 @@ def served(seconds: float, afferents: str | None) -> tuple[list[float], list[tup
 
 def count_of(afferents: str) -> int:
     """Return the number of afferents in a text."""
-    return sum(one.count for one in wanted(afferents))
+    return sum(one.count for one in parse_afferents(afferents))
 
 
 def cost(count: int, seconds: float = 4.0) -> float:

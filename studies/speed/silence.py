@@ -2,11 +2,12 @@
 
     .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse] [--once]
 
-Every command runs twice, each time with an empty cache: the second time has the estimate of the first. Commands at
-the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A silence may
-take 3 s on a machine as fast as the reference; the limit grows with the time of the reference computation, and with
-the number of processes that share a processor. Exits with 1 where a silence was longer. A command that only a
-program starts is left out: it says nothing of its progress.
+Standard error is a pseudo-terminal, where named work shows a live line; in a pipe it has a line only when something
+changes. Every command runs twice, each time with an empty cache: the second time has the estimate of the first.
+Commands at the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A
+silence may take 3 s on a machine as fast as the reference; the limit grows with the time of the reference
+computation, and with the number of processes that share a processor. Exits with 1 where a silence was longer. A
+command that only a program starts is left out: it says nothing of its progress.
 """
 
 import argparse
@@ -28,7 +29,7 @@ from typing import NamedTuple
 
 from rig.cli.durations import FILE
 from sim.benchmark import reference_s
-from studies.posix import os
+from studies.posix import os, pty
 
 LIMIT_S, REFERENCE_S = 3.0, 0.3
 """Longest silence, and the time of the reference computation on the machine it holds for."""
@@ -212,20 +213,24 @@ def _waited(name: str, folder: Path) -> Waited:
     if name == "resume":
         shutil.rmtree(folder / "stopped")
         _stop_short(shutil.copytree(folder / "runs" / "RUN", folder / "stopped"))
+    far, near = pty.openpty()
     began_s = time.monotonic()
-    with subprocess.Popen(
-        _rig(name, *WORDS[name].split()),
-        cwd=folder,
-        env=_environment(folder, "cache"),
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        bufsize=0,
-    ) as process:
-        assert process.stdin is not None
-        process.stdin.close()
+    with (
+        open(far, "rb", buffering=0) as screen,
+        subprocess.Popen(
+            _rig(name, *WORDS[name].split()),
+            cwd=folder,
+            env=_environment(folder, "cache") | {"TERM": "xterm"},
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=near,
+            bufsize=0,
+        ) as process,
+    ):
+        os.close(near)
+        assert process.stdout is not None
         at_s, said = [began_s], b""
-        for chunk in _chunks(process):
+        for chunk in _chunks(process.stdout.fileno(), screen.fileno()):
             at_s.append(time.monotonic())
             said += chunk
             if name in _SERVICES and (
@@ -242,18 +247,20 @@ def _waited(name: str, folder: Path) -> Waited:
     return Waited(first_s, max(gaps_s, default=0.0), ended_s - began_s, abs(code), said.decode(errors="replace"))
 
 
-def _chunks(process: "subprocess.Popen[bytes]") -> Iterator[bytes]:
-    """Yield what a process writes to either stream, as it comes."""
+def _chunks(*streams: int) -> Iterator[bytes]:
+    """Yield what a process writes to its streams, as it comes."""
     with selectors.DefaultSelector() as selector:
-        for stream in (process.stdout, process.stderr):
-            assert stream is not None
+        for stream in streams:
             selector.register(stream, selectors.EVENT_READ)
         while selector.get_map():
             ready = selector.select(_READY_S)
             if not ready:
                 return
             for key, _ in ready:
-                chunk = os.read(key.fd, 65536)
+                try:
+                    chunk = os.read(key.fd, 65536)
+                except OSError:  # a terminal that no process has open any more
+                    chunk = b""
                 if chunk:
                     yield chunk
                 else:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sim.models.full_mesh import MeshedFinger, write_held_deck
+from sim.models.full_mesh import MeshedFinger, write_displacement_deck
 from studies.finite_strain.confirmed import MISSING, displacements, run
 from studies.finite_strain.solver.laws import Yeoh
 from studies.finite_strain.solver.press import presses
@@ -53,7 +53,7 @@ def confirmed(scene: StiffeningPress, doi_mm: float) -> dict[str, Any]:
     load = touched.load_n[:, None] * touched.normal
     with tempfile.TemporaryDirectory() as folder:
         deck = Path(folder) / "held.inp"
-        write_held_deck(deck, MeshedFinger(one.config, one.mesh, 1.0, finite_strain=True), nodes, u[nodes])
+        write_displacement_deck(deck, MeshedFinger(one.config, one.mesh, 1.0, finite_strain=True), nodes, u[nodes])
         printed, _, reactions = run(deck).rpartition("forces (fx,fy,fz)")
     moved = np.abs(displacements(printed, len(u)) - u).max() / np.abs(u).max()
     pushed = np.abs(displacements(reactions, len(nodes)) - load[np.argsort(nodes)]).max() / np.abs(load).max()

@@ -90,7 +90,7 @@ def twin(name: str, shape: str, doi_mm: float) -> dict[str, Any] | None:
         return None
     model = found.model
     linear = model.measures(found.receptor_strain)
-    felt = found.strained.felt(linear["sed"], model.receptor_e, model.poisson)
+    felt = found.strained.at_receptors(linear["sed"], model.receptor_e, model.poisson)
     return {
         **{"finger": name, "shape": shape, "doi_mm": doi_mm, "force": float(f"{found.state.normal_force:.7g}")},
         **{measure: _short(linear[measure]) for measure in ("sed", "ep1")},

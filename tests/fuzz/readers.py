@@ -35,7 +35,7 @@ from rig.data.index import INDEX, listed
 from rig.data.run_state import Course
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.errors import is_coded
-from rig.panel.run_view import SeenRun
+from rig.panel.run_view import RunView
 from rig.plan.config import config_from, load_config
 from rig.plan.finger_file import read_finger_file
 from rig.protocol.script import load_script
@@ -328,7 +328,7 @@ def _run_folder(path: Path) -> None:
 
 
 def _panel(path: Path) -> None:
-    seen = SeenRun(path.parent)
+    seen = RunView(path.parent)
     seen.look(1.0)
 
 
@@ -547,7 +547,7 @@ READERS: dict[str, Reader] = {
     ),
     "course of a run": Reader(
         "run/timeline.json", of.of_json, _texts(json.dumps(COURSE)),
-        _all_of(lambda path: Course.kept(SeenRun(path.parent).folder), _panel, _bundle),
+        _all_of(lambda path: Course.load(RunView(path.parent).folder), _panel, _bundle),
         beside=_run_folder, writes=RUN_WRITES,
         in_suite=60,
     ),

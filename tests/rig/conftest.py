@@ -17,6 +17,7 @@ from rig.bench.served import ServedBench
 from rig.data.schema import STREAMS
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Pause, verbs
+from rig.engine.bench import Meanwhile
 from rig.plan.config import Config
 from rig.settings import RigSettings
 from rig.transport import LoopbackTransport
@@ -154,7 +155,7 @@ class SpringBench:
         self.operator, self.pause = self, Pause(lambda: self.interrupt())
         self.engine = Engine(self.settings, self, self.journal, soft_trip_n)
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         self.mounted = indentor
         return indentor
 

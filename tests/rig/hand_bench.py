@@ -11,9 +11,10 @@ from typing import Any
 
 from rig.bench.virtual import bench_around
 from rig.engine.bench_memory import BenchMemory
+from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
-from rig.manual.owner_process import HandOwner
+from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from rig.transport.stop_gate import StopGate
 from rig.units import GWT_N
@@ -68,7 +69,7 @@ class Spring:
 
 
 class HandBench:
-    """A homed stage so far above a spring, left there by the last command, which may have zeroed, too."""
+    """A homed stage so far above a spring, left there by the last command, which may have zeroed and lifted, too."""
 
     def __init__(
         self,
@@ -78,6 +79,7 @@ class HandBench:
         above_mm: float = 3.0,
         known: bool = True,
         zero: ForceZero | None = None,
+        lifted: bool = False,
         sample_period_s: float = 0.05,
         **limits: Any,
     ) -> None:
@@ -100,7 +102,9 @@ class HandBench:
             self.memory.left(self.bench.stage.status())
         if zero is not None:
             self.memory.zeroed(zero)
-        self.owner = HandOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
+        if lifted:
+            self.memory.touched(KnownContact("lifted", 0.0, 0.0, above_mm))
+        self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())
         self.presses, self.worst_gwt = 0, 0.0
         self.refused: list[str] = []
 

@@ -5,7 +5,7 @@ from typing import Any
 
 from rig.devices.base import ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
-from rig.engine.bench import Pause
+from rig.engine.bench import Meanwhile, Pause
 from rig.engine.press import Press
 from rig.records import ContactFit
 from rig.settings import RigSettings
@@ -65,7 +65,7 @@ class PlainBench:
         self.force = self.operator = self
         self.wants_pause: Callable[[], bool] = lambda: False
         self.goes_on = True
-        self.pause = Pause(lambda: self.wants_pause(), lambda: self.goes_on)
+        self.pause = Pause(lambda: self.wants_pause(), lambda meanwhile: self.goes_on)
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.engine = Engine(self.settings, self, self, **options)
 
@@ -110,7 +110,7 @@ class PlainBench:
 
     close = zero
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         return indentor
 
     def confirm(self, request: str) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.control import client as at_work_module
-from rig.control.client import Announcement, at_work
+from rig.control.client import Announcement, activity_of
 from rig.control.owner_socket import ControlSocket
 from rig.transport.ownership import PortOwnership
 from tests.program import Program
@@ -46,21 +46,21 @@ def test_what_the_owner_of_a_port_does(
     announce: Any, more: dict[str, Any], status: Any, does: str, stopped_by: str
 ) -> None:
     announce(status, **more)
-    told = at_work(os.getpid())
+    told = activity_of(os.getpid())
     assert (told["does_text"], told["stop"]) == (does, stopped_by)
     assert told["since_utc"].startswith("2023-11-1")
     assert len(told["since_utc"]) == len("2023-11-14T22:13:20+00:00")
-    assert at_work(os.getpid() + 1) == {}
+    assert activity_of(os.getpid() + 1) == {}
 
 
 def test_of_one_that_has_not_said_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert at_work(os.getpid()) == {}
+    assert activity_of(os.getpid()) == {}
 
     def not_ours() -> Any:
         raise PermissionError(1, "somebody else's")
 
     monkeypatch.setattr(at_work_module, "announced", not_ours)
-    assert at_work(os.getpid()) == {}
+    assert activity_of(os.getpid()) == {}
 
 
 @pytest.mark.parametrize("command", ["status", "doctor"])

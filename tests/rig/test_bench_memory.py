@@ -7,11 +7,13 @@ from typing import Any
 
 import pytest
 
+from rig.bench.checks import contact
 from rig.bench.virtual import bench_around, virtual_force, virtual_line
 from rig.devices.base import StageStatus
 from rig.devices.make_drivers import force_driver
 from rig.devices.registry import BUILT_IN
 from rig.engine.bench_memory import BenchMemory, LastKnown
+from rig.engine.contact import KnownContact
 from rig.engine.dead_man import DOWN
 from rig.engine.sensing import ForceZero, Sensing
 from rig.manual.home_and_zero import zero
@@ -128,6 +130,21 @@ def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: 
     assert memory.read().is_where_left(at) is not off
 
 
+@pytest.mark.parametrize("kind", BUILT_IN["stage"])
+def test_a_lift_on_record_counts_as_long_as_the_stage_is_where_it_was_left(kind: str) -> None:
+    """Switched off, its carriage may have sunk into the finger: `rig status` and `rig doctor` say so."""
+    bench, config, memory = _bench(kind)
+    memory.touched(KnownContact("lifted", 0.0, 0.0, 25.0))
+    bench.stage.connect()
+    said = contact(config, bench.stage.status())
+    assert (said["contact"], said["may_touch"]) == ("lifted", False)
+    _switched_off_and_on(bench.board)
+    bench.stage.connect()
+    said = contact(config, bench.stage.status())
+    assert (said["contact"], said["may_touch"], said["force_gwt"]) == ("unknown", True, None)
+    assert contact(config)["contact"] == "lifted", "what is on record, if the stage cannot be asked"
+
+
 @pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
 def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: str) -> None:
     """A board with locked homing says so by itself. A jog leaves the height known."""
@@ -142,6 +159,26 @@ def test_by_hand_the_height_is_not_known_once_the_stage_was_switched_off(kind: s
     _switched_off_and_on(bench.board)
     hand.go(lambda: None, 2.0)
     assert not hand.placed
+
+
+@pytest.mark.parametrize(
+    "tables",
+    [
+        {"force": {"kind": "laumas"}},
+        {"force": {"laumas": {"weight": "net"}}},
+        {"calibration": {"force_scale": {"value": 1.1, "date": "2026-05-01", "expires": "2027-05-01"}}},
+    ],
+    ids=["another sensor", "another weight", "another scale"],
+)
+def test_a_zero_of_another_sensor_or_scale_is_none(tables: dict[str, Any]) -> None:
+    """From it a touch of any force may seem none. What else is on record stays."""
+    memory, other = BenchMemory(Config()), BenchMemory(Config.model_validate(tables))
+    memory.left(StageStatus("Idle", 1.0, 2.0, 3.0))
+    memory.zeroed(ForceZero(0.4, 0.0))
+    assert memory.read().zero == ForceZero(0.4, 0.0)
+    assert (other.read().zero, other.read().left_at_mm) == (None, (1.0, 2.0, 3.0))
+    other.zeroed(ForceZero(0.1, 0.0))
+    assert (memory.read().zero, other.read().zero) == (None, ForceZero(0.1, 0.0))
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["force"])

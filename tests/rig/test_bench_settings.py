@@ -10,9 +10,13 @@ import pytest
 from pydantic import BaseModel, ValidationError
 
 from rig import settings
+from rig.bench import checks
 from rig.devices.registry import KnownBench, checked, moves_along, stage_ports
+from rig.errors import BadInputError
+from rig.plan.config import Config
 from rig.settings import BenchSettings, Calibration, DriveSettings, StageSettings, SyncSettings
 from tests.config_keys import TABLE, Key
+from tests.error_codes import raises
 
 JUST_ABOVE_0 = 1e-6
 # Each model of a bench, and where its keys stand in tests/data/config_keys.txt, the one list of them.
@@ -190,6 +194,23 @@ def test_a_calibration_may_be_used_on_its_last_day() -> None:
     assert [both.expired(datetime.date(2026, 5, day)) for day in (1, 2, 3, 4)] == [
         [], ["force_scale"], ["force_scale"], ["x_backlash_mm", "force_scale"],
     ]  # fmt: skip
+
+
+def test_a_calibration_of_a_day_to_come_has_a_wrong_date_or_the_computer_a_wrong_clock(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Tomorrow may be today elsewhere. With a clock that stands in 1970 nothing would ever expire."""
+    config = Config.model_validate({"calibration": {"force_scale": _measured(1.0)}})
+    days = [datetime.date(1970, 1, 1), datetime.date(2026, 4, 29), datetime.date(2026, 4, 30), DAY]
+    assert [config.calibration.to_come(day) for day in days] == [["force_scale"], ["force_scale"], [], []]
+    monkeypatch.setattr(checks, "today", lambda: days[1])
+    about: dict[str, Any] = {"key": "calibration.force_scale", "date": DAY, "today": days[1]}
+    with raises(BadInputError, "of_a_day_to_come", **about):
+        checks.refuse_expired(config)
+    (warning,) = checks.expired_calibrations(config)
+    assert warning.startswith("calibration.force_scale was measured on 2026-05-01, but today is 2026-04-29")
+    monkeypatch.setattr(checks, "today", lambda: DAY)
+    checks.refuse_expired(config)
 
 
 # --- together ---

@@ -56,9 +56,9 @@ def test_what_is_kept_is_said_kind_by_kind(rig: Said, folder: Path) -> None:
     where, model, answers, together = told.splitlines()
     assert where == f"folder      {folder} (RIG_CACHE_DIR)"
     assert model.startswith("model       2 files, 2.5 MB: ")
-    assert answers.startswith("answers     1 files, 1.0 MB: ")
+    assert answers.startswith("answers     1 file, 1.0 MB: ")
     assert [line.count("1970-01-01") for line in (model, answers)] == [2, 2]
-    assert together.startswith("in all      3.5 MB; above 5 GB (RIG_CACHE_GB) ")
+    assert together.startswith("total       3.5 MB; above 5 GB (RIG_CACHE_GB) ")
     assert len(list(folder.iterdir())) == 7
 
 

@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from rig.report.coding_figures import (
-    DrawnDecoding,
+    DecodingPlot,
     ErrorSurface,
     decoded_figure,
     extents,
@@ -74,7 +74,7 @@ def test_pressures_over_readings(known: bool) -> None:
     place, receptor = np.array([-1.0, 0.0, 1.0]), np.array([2.0, -2.0, 0.0])
     band = (np.zeros(3), np.full(3, 9.0)) if known else None
     true = np.full(3, 4.0) if known else None
-    given = DrawnDecoding(
+    given = DecodingPlot(
         place, np.array([3.0, 5.0, 4.0]), band, true, receptor, np.array([1.0, 2.0, 3.0]), receptor**2
     )
     skin, energy = drawn(decoded_figure(given)).axes

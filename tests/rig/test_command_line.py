@@ -188,7 +188,7 @@ def test_dry_run_json(rig: Rig, script: Path) -> None:
 def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> None:
     ended = rig("dry-run", script)
     assert ended.code == 0
-    assert "1 indentations" in ended.out
+    assert "1 indentation, " in ended.out
     assert len(list(Path("runs").iterdir())) == 1
 
 

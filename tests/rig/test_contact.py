@@ -20,7 +20,7 @@ from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand
-from rig.manual.status import HandStatus
+from rig.manual.status import ManualStatus
 from rig.plan.config import Config
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.resume import careful_of, left_on_record
@@ -116,7 +116,7 @@ def _shown(settings: Config, known: KnownContact, tmp_path: Path) -> str:
 def _panel(settings: Config, known: KnownContact, tmp_path: Path) -> str:
     clock = VirtualClock(1.7e9)
     bench = FaultyBench(tmp_path, {})
-    status = HandStatus(settings, clock, Sensing(settings, clock, bench.force))
+    status = ManualStatus(settings, clock, Sensing(settings, clock, bench.force))
     status.contact = BenchMemory(settings).read().contact
     bench.journal.close()
     return str(status.as_json(stopped=False, since=None)["contact"]["where_text"])

@@ -297,7 +297,7 @@ def test_a_stop_that_has_arrived_is_carried_out_before_its_client_is_let_go(monk
         one = _only()
         with connected(one.address, DEADLINE_S) as channel, ExitStack() as hanging:
             wire, key = Wire(channel, DEADLINE_S), bytes.fromhex(one.key)
-            nonce = wire.say_stop(key)
+            nonce = wire.post_stop(key)
             assert reading.wait(DEADLINE_S)
             hanging.enter_context(closing(_raw(one)))
             assert wire.stopped(key, nonce)["stopped"]
@@ -518,9 +518,9 @@ def test_a_stop_is_said_before_anybody_listens(elsewhere: subprocess.Popen[str])
     """Whoever says it waits for no answer, and not for an owner that hangs."""
     one = _only()
     _stopped(elsewhere)
-    listens = one.say_stop()
+    listens = one.post_stop()
     with raises(ControlError, "no_reply", pid=one.pid, within_s=0.01):
-        one.say_stop()(0.01)
+        one.post_stop()(0.01)
     elsewhere.send_signal(signal.SIGCONT)
     with raises(RefusedError, "cannot_be_asked", pid=one.pid, do="stop"):
         listens(DEADLINE_S)
@@ -528,11 +528,11 @@ def test_a_stop_is_said_before_anybody_listens(elsewhere: subprocess.Popen[str])
         listens(DEADLINE_S)  # it answers once
     _stopped(elsewhere)
     with raises(ControlError, "no_reply", pid=one.pid, within_s=0.0):
-        [one.say_stop() for _ in range(40)]  # more than the system keeps
+        [one.post_stop() for _ in range(40)]  # more than the system keeps
     elsewhere.kill()
     elsewhere.wait(DEADLINE_S)
     with raises(ControlError, "ended", pid=one.pid):
-        one.say_stop()
+        one.post_stop()
 
 
 def test_a_stop_that_was_said_is_done_and_answered() -> None:
@@ -544,10 +544,10 @@ def test_a_stop_that_was_said_is_done_and_answered() -> None:
 
     with _owner(stop=stop):
         one = _only()
-        listens = one.say_stop()
+        listens = one.post_stop()
         until(lambda: done == [{"do": "stop"}])
         assert listens(DEADLINE_S) == {"ok": True, "stopped": True}
-        one.say_stop()  # nobody listens
+        one.post_stop()  # nobody listens
         until(lambda: len(done) == 2)
 
 

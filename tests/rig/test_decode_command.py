@@ -352,4 +352,4 @@ def test_a_search_that_is_cut_off_or_ends_at_its_range_says_so(rig: Program, mon
     assert cut["problems_text"][0] == CUT_OFF
     told = rig(*WORKED, "--decoder", "univariate").out
     assert "not converged, 6 moves" in told
-    assert f"beware: {CUT_OFF}" in told
+    assert f"warning: {CUT_OFF}" in told

@@ -20,7 +20,7 @@ from rig.protocol.script import load_script
 from rig.records import Phase
 from rig.report.run_report import write_report
 from rig.report.run_tables import phases
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESS = """\
@@ -264,7 +264,7 @@ def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path
     plan = make_plan(script, config, finger)
     seen: list[str] = []
 
-    class Hasty(Nobody):
+    class Hasty(NoAttendant):
         def watch(self, stream: str, data: Mapping[str, Any]) -> None:
             seen.append(stream)
 

@@ -84,7 +84,7 @@ class End:
     again: bool = True  # taken up, it comes to its end
 
 
-FREE, WELL = FREE_THE_FINGER, "check that the finger is well"
+FREE, WELL = FREE_THE_FINGER, "check that the finger is unharmed"
 LOOK = KnownContact("disagreement").to_do or ""  # the sensor goes on reading 10 N
 ENDS = {
     "a trip that lifts": End(1, "exceeds the hard trip", "raised", True, LOOK, _trip),

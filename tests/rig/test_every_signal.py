@@ -14,11 +14,11 @@ import pytest
 import rig.session.session as sessions
 from rig.bench.served import ServedBench
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import StageError
 from rig.devices.grbl import GrblStage
 from rig.engine import EngineError, Journal
-from rig.manual.owner_process import HandOwner
+from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
@@ -64,7 +64,7 @@ def beside_a_script(finger: Fingertip, tmp_path: Path, monkeypatch: pytest.Monke
         return replace(found, virtual=False)  # type: ignore[arg-type]
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     for port in ("stage", "force"):
@@ -127,7 +127,7 @@ def dispositions(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
     for motion in ("homing", "moving", "jog"):
         monkeypatch.setattr(GrblStage, motion, told)
-    monkeypatch.setattr(HandOwner, "run", told)
+    monkeypatch.setattr(ManualOwner, "run", told)
     monkeypatch.setattr("rig.session.rehearsal_summary.rehearsed", unrehearsed)
     monkeypatch.setattr("rig.cli.identify_finger.expected_duration", lambda *_: None)
     return found

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rig.errors import BadInputError
-from rig.identify.frame import Lie, find
+from rig.identify.frame import FittedFrame, find
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
@@ -24,7 +24,7 @@ TRUTH = {"pad_centre_x_mm": 0.4, "apex_z_mm": -0.15, "pad_y_mm": 0.5, "roll_deg"
 WAS = {"pad_centre_x_mm": -30.0, "apex_z_mm": -25.0, "pad_y_mm": -15.0, "roll_deg": 0.0, "tilt_deg": 0.0}
 
 
-def _within_what_is_stated(lie: Lie, truth: dict[str, float]) -> None:
+def _within_what_is_stated(lie: FittedFrame, truth: dict[str, float]) -> None:
     """Twice the standard deviation is said to hold 95 %; three of them, 99.7 %, for several keys at once."""
     assert set(lie.value) <= set(truth)
     for name, value in lie.value.items():

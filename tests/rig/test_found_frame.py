@@ -13,7 +13,7 @@ import pytest
 from scipy.stats import t as student
 
 from rig.errors import BadInputError
-from rig.identify.frame import NAMES, Lie, find
+from rig.identify.frame import NAMES, FittedFrame, find
 from rig.plan.config import Config
 from sim.carriage import Pose, Turn
 from sim.models.fingertip import Fingertip
@@ -60,7 +60,7 @@ def _run(places: Places, heights: list[float], indentor: str = f"sphere:{RADIUS_
     return SimpleNamespace(stream=lambda name: {"find": events}[name], folder=SimpleNamespace(path="here"))
 
 
-def _found(finger: Fingertip, above: Above, places: Places, moved: tuple[float, ...], off: Any = 0.0) -> Lie:
+def _found(finger: Fingertip, above: Above, places: Places, moved: tuple[float, ...], off: Any = 0.0) -> FittedFrame:
     return find(_run(places, list(np.add(_heights(above, places, moved), off))), Config(), finger)
 
 
@@ -138,7 +138,7 @@ def test_the_frame_that_was_is_what_the_finger_moved_from(finger: Fingertip, abo
 
 
 def test_the_lines_for_the_configuration_say_how_sure_they_are() -> None:
-    lie = Lie(
+    lie = FittedFrame(
         {"apex_z_mm": -25.12344, "roll_deg": 4.0}, {"apex_z_mm": 0.00654, "roll_deg": 1.05}, np.eye(2), 0.001, 9
     )
     assert lie.as_toml().splitlines() == [

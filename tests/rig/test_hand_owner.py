@@ -14,7 +14,7 @@ from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import home_and_zero as at_hand
 from rig.manual import status as hand_log
-from rig.manual.status import AT_A_TIME, COLUMNS, IN_STEPS, KEPT, ZERO_FIRST, Backlog, HandLog, OverheardSensor
+from rig.manual.status import AT_A_TIME, COLUMNS, IN_STEPS, KEPT, ZERO_FIRST, Backlog, ManualLog, OverheardSensor
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -436,7 +436,7 @@ def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
     monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
     assert hand_log.KEPT_FILES == 16
     clock = VirtualClock(1.7e9, 50.0)
-    with HandLog(clock) as log:
+    with ManualLog(clock) as log:
         for number in range(200):
             clock.wait_s(0.01)
             log.write(f'{{"number": {number:5d}}}\n')
@@ -457,7 +457,7 @@ def test_a_log_begins_with_the_wall_time_and_the_oldest_make_room(
 def test_a_full_file_that_none_can_follow_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))
     monkeypatch.setattr(hand_log, "FILE_BYTES", 100)
-    with HandLog(VirtualClock(1.7e9)) as log:
+    with ManualLog(VirtualClock(1.7e9)) as log:
         monkeypatch.setattr(hand_log, "ByteLog", raising(OSError("no space")))
         for number in range(30):
             log.write(f'{{"number": {number:5d}}}\n')

@@ -179,4 +179,4 @@ def test_a_touch_is_past_contact_by_what_the_threshold_took() -> None:
 
 
 def test_nobody_pauses_unless_asked() -> None:
-    assert (Pause().asked(), Pause().go_on()) == (False, False)
+    assert (Pause().asked(), Pause().go_on(lambda: None)) == (False, False)

@@ -16,7 +16,7 @@ SHORTEST = 3  # words
 LONGEST = 60  # characters of a command's line
 ABSENT = re.compile(r"Default: |Give this or --")
 UNIT = re.compile(
-    r"\b(mm|m|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|[Ss]amples of|[Ss]eed|"
+    r"\b(mm|m|mm/s|gwt|g|s|dB|GB|days|pseudo-units|units? of SED|seconds per|[Nn]umber of|min|[Ss]amples of|[Ss]eed|"
     r"TCP port)\b|%"
 )
 TRANSLATED = re.compile(

@@ -40,7 +40,7 @@ from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
 from rig.report.identification_page import IdentificationPage, write_identification_page
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, run_on
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, run_on
 from rig.units import GWT_N
 from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
@@ -93,7 +93,7 @@ class MadeUpPlant:
         return force_gwt if force_gwt < self._most_gwt else 4 * force_gwt
 
 
-class Reader(Nobody):
+class Reader(NoAttendant):
     def __init__(self, script: IdentificationScript) -> None:
         self._script = script
 

@@ -20,6 +20,7 @@ from rig.devices.base import ForceError
 from rig.devices.registry import ForceKind, StageKind, find
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig.settings import StandaSettings
 from rig.transport import PortOwner, TransportError
 from rig.transport.ownership import PortOwnership
 from tests.error_codes import raises
@@ -27,6 +28,7 @@ from tests.program import Ended, Program
 
 STAGE, SENSOR, SILENT = "/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"
 GRBL, LEADSHINE = find(StageKind, "grbl"), find(StageKind, "leadshine")
+STANDA = find(StageKind, "standa")
 MTSICS = find(ForceKind, "mtsics")
 ANSWERS = {
     "--travel-mm": "60,30,40", "--steps-per-mm": "none", "--range-gwt": "200", "--trip-n": "1.5", "--finger": "none",
@@ -104,6 +106,20 @@ def test_every_answer_gives_a_file_without_problems(rig_init: Init, travel: str,
     assert bench_problems(config) == []
     assert config.finger.geometry.length_mm == (26.0 if finger == "human" else Config().finger.geometry.length_mm)
     assert len(list(config.calibration.measured())) == (0 if steps == "none" else 3)
+
+
+@pytest.mark.parametrize("words", [("--stage-port", SILENT), ("--stage", "standa", "--stage-port", SILENT)])
+def test_serial_numbers_of_controllers_are_written_for_their_axes(rig_init: Init, words: tuple[str, ...]) -> None:
+    """Of ports whose names may change, the driver refuses those without."""
+    z, x = (PortFound(port, STANDA, f"controller {n}", serial=n) for port, n in ((SILENT, 12), (STAGE, 34)))
+    ended = rig_init("--yes", *words, *_options(), found=(x, z, BOTH[1]))
+    assert ended.code == 0, ended.err
+    own = load_config(Path("rig.toml")).stage.own(StandaSettings)
+    assert (own.x_port, own.z.serial, own.x.serial) == (STAGE, 12, 34)
+    ended = rig_init("--yes", "--force", *words, *_options(), found=(z, BOTH[1]))
+    assert ended.code == 0, ended.err
+    own = load_config(Path("rig.toml")).stage.own(StandaSettings)
+    assert (own.z.serial, own.x.serial) == (12, None)
 
 
 def test_the_frame_of_the_default_travel_is_the_default_one(rig_init: Init) -> None:

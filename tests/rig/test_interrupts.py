@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.cli.signals import PAUSING, STOP_SIGNAL, PauseRequest, asked_to_leave, at_a_safe_point, at_once
+from rig.cli.signals import PAUSING, STOP_SIGNAL, PauseRequest, at_a_safe_point, at_once, leaving_on_signal
 
 if STOP_SIGNAL is None:
     pytest.skip("only where there are signals", allow_module_level=True)
@@ -210,7 +210,7 @@ def test_who_works_by_hand_is_asked_to_leave_first_and_made_to_by_the_next_signa
 ) -> None:
     """`rig stop` is left to whoever looks after it."""
     asked: list[int] = []
-    with asked_to_leave(lambda: asked.append(1)):
+    with leaving_on_signal(lambda: asked.append(1)):
         assert signal.getsignal(STOP_SIGNAL) is mine[STOP_SIGNAL]  # type: ignore[arg-type, index]
         signal.raise_signal(number)
         assert asked == [1]

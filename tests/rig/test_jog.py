@@ -1,5 +1,6 @@
 """The dead man's switch on the virtual clock: how much the stage has been told to go at any instant."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -136,16 +137,44 @@ def test_the_end_of_the_travel_is_told() -> None:
 
 
 def test_a_key_counts_until_it_is_not_repeated_any_more(clock: VirtualClock) -> None:
-    typed = [b"a", b"", b"aa", b"", b"w", b"?", b"aq"]
+    typed = [b"a", b"", b"aa", b"", b"", b"w", b"?", b"aq"]
     held = HeldKey(clock, lambda: typed.pop(0))
     seen = [held()]
-    for wait_s in (0.1, 0.1, RELEASED_S + 0.01, 0.1, 0.1):
+    for wait_s in (0.1, 0.1, RELEASED_S - 0.01, 0.02, 0.1, 0.1):
         clock.wait_s(wait_s)
         seen.append(held())
-    assert seen == [LEFT, LEFT, LEFT, None, Direction("z", +1), None]
+    assert seen == [LEFT, LEFT, LEFT, LEFT, None, Direction("z", +1), None]
     assert not held.finished
     assert held() is None
     assert held.finished
+
+
+@pytest.mark.parametrize(("again_s", "there"), [(0.033, True), (math.inf, False)], ids=["held", "let go"])
+def test_what_was_typed_while_nothing_read_it_may_be_long_ago(
+    clock: VirtualClock, again_s: float, there: bool
+) -> None:
+    """The process stood still for 5 s: 150 repetitions wait. The key counts only if it goes on."""
+    waiting = bytearray()
+
+    def read() -> bytes:
+        typed = bytes(waiting[:100])
+        del waiting[:100]
+        return typed
+
+    def repeat() -> None:
+        waiting.extend(b"a")
+        clock.call_at(clock.monotonic_s() + again_s, repeat)
+
+    held = HeldKey(clock, read)
+    waiting.extend(b"a")
+    assert held() == LEFT
+    clock.wait_s(5.0)
+    waiting.extend(b"a" * 150)
+    if there:
+        repeat()
+    for _ in range(20):
+        assert held() == (LEFT if there else None)
+        clock.wait_s(0.02)
 
 
 def test_keys_that_end_are_a_release(clock: VirtualClock) -> None:

@@ -11,7 +11,7 @@ from rig.bench.served import ServedBench
 from rig.bench.served_spikes import _pressing
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.nerve import MeasureTable, Visit, Visits, WantedSpikes, run_spikes
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes
 from sim.carriage import AS_MODELLED
 from sim.errors import ModelRangeError
 from sim.measures.measures import MEASURES
@@ -221,10 +221,10 @@ def test_without_the_library_of_lsl_nothing_is_served(program: Program, monkeypa
 def test_a_turned_finger_is_refused() -> None:
     turned = Config.model_validate({"virtual": {"indentor": "sphere:4", "finger_roll_deg": 3.0}})
     with raises(BadInputError, "turned_finger"):
-        ServedBench(turned, stage="grbl", force="mtsics", spikes=WantedSpikes("SA1"))
+        ServedBench(turned, stage="grbl", force="mtsics", spikes=SpikeRequest("SA1"))
 
 
 def test_an_afferent_off_the_pad_is_refused(finger: Fingertip) -> None:
     assert finger is not None
     with raises(ModelRangeError, "afferent_off_pad"):
-        _pressing(Config().finger, "bar:3.0", AS_MODELLED, WantedSpikes("SA1@9"), DEEPEST_MM)
+        _pressing(Config().finger, "bar:3.0", AS_MODELLED, SpikeRequest("SA1@9"), DEEPEST_MM)

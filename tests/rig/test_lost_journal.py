@@ -13,7 +13,7 @@ import pytest
 
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import read_run
 from rig.engine import Journal
 from sim.devices.clock import VirtualClock
@@ -119,7 +119,7 @@ def bench(
         return replace(found, virtual=False)  # type: ignore[arg-type]
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "trash").mkdir()

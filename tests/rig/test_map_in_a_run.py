@@ -15,7 +15,7 @@ from rig.cli import main
 from rig.data import RunFolder, read_run
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.finger_model import copy_name, from_copy, kept_in, named_file, responses
+from rig.plan.finger_model import copy_name, from_copy, named_file, responses, with_stored_file
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run_figures import contacts_from_below, is_relief
@@ -136,7 +136,7 @@ def test_a_file_is_copied_when_it_is_first_met(tmp_path: Path, monkeypatch: pyte
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
     ell(tmp_path / "l.png")
-    kept = kept_in(tmp_path / "run", "heightmap:l.png,width_mm=2,height_mm=0.3")
+    kept = with_stored_file(tmp_path / "run", "heightmap:l.png,width_mm=2,height_mm=0.3")
     assert kept == f"heightmap:{tmp_path / 'run' / copy_name('l.png')},width_mm=2,height_mm=0.3"
     (tmp_path / "l.png").unlink()
     at = np.random.default_rng(0).uniform(-0.9, 0.9, size=(2, 9))
@@ -149,19 +149,19 @@ def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pyte
     (tmp_path / "run").mkdir()
     original, copy = tmp_path / "parts.csv", tmp_path / "run" / copy_name("parts.csv")
     original.write_text("first", encoding="utf-8")
-    kept = kept_in(tmp_path / "run", "profile:parts.csv")
+    kept = with_stored_file(tmp_path / "run", "profile:parts.csv")
     if now == "edited":
         original.write_text("second", encoding="utf-8")
     else:
         original.unlink()
-    assert kept_in(tmp_path / "run", "profile:parts.csv") == kept == f"profile:{copy}"
+    assert with_stored_file(tmp_path / "run", "profile:parts.csv") == kept == f"profile:{copy}"
     assert copy.read_text(encoding="utf-8") == "first"
 
 
 def test_of_a_file_that_is_gone_and_was_never_copied_the_name_is_left(tmp_path: Path) -> None:
     """As in runs of earlier versions, which kept no copies."""
     shape = f"profile:{tmp_path / 'nowhere.csv'}"
-    assert kept_in(tmp_path, shape) == shape
+    assert with_stored_file(tmp_path, shape) == shape
     assert not list(tmp_path.iterdir())
 
 

@@ -1,4 +1,4 @@
-"""Mistakes of a configuration or a script: told before anything moves, in the words of whoever made them."""
+"""Mistakes of a configuration or a script: on_step before anything moves, in the words of whoever made them."""
 
 import json
 import signal
@@ -55,7 +55,7 @@ def test_a_mistake_with_something_else_is_told_in_pythons_words(tmp_path: Path, 
     """Although a rig has a verb of that name."""
     words = f"AttributeError: 'list' object has no attribute {name!r}"
     assert _complaint(tmp_path, finger, f"[].{name}()") == f"line 4: {words}"
-    words = f"TypeError: Rig.{name}s() is told by the script itself"
+    words = f"TypeError: Rig.{name}s() is on_step by the script itself"
     assert _complaint(tmp_path, finger, f"raise TypeError({words[11:]!r})") == f"line 4: {words}"
 
 
@@ -117,7 +117,7 @@ def test_what_the_model_takes_is_no_silence_of_the_script(
     path = tmp_path / "mine.py"
     path.write_text(f"def run(rig):\n    {READY}\n    rig.indent(doi_mm=0.2)\n", encoding="utf-8")
     counted: list[int] = []
-    plan = make_plan(load_script(str(path)), Config(), finger, told=counted.append)
+    plan = make_plan(load_script(str(path)), Config(), finger, on_step=counted.append)
     assert len(plan.indentations) == 1
     assert counted == [1, 2, 3, 4, 5]
     assert in_the_model

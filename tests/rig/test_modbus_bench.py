@@ -16,7 +16,7 @@ from rig.devices.laumas import LaumasForce
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Target, TripError, indent, verbs
-from rig.engine.bench import NO_PAUSE
+from rig.engine.bench import NO_PAUSE, Meanwhile
 from rig.engine.dead_man import Direction, dead_man_jog
 from rig.engine.engine import State
 from rig.plan.config import Config
@@ -59,7 +59,7 @@ class Bench:
         self.operator, self.pause = self, NO_PAUSE
         self.engine = Engine(self.config, self, self.journal)
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         return indentor
 
     def per_mm(self, axis: str) -> float:

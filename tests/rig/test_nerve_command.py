@@ -17,7 +17,7 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, Visits, WantedSpikes, run_spikes, visits_of
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visits, run_spikes, visits_of
 from rig.report.nerve_figures import nerve_figures
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -65,7 +65,7 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def _spikes(run: Run, config: Config, finger: Fingertip, afferents: str = AFFERENTS, seed: int = 0) -> SpikeRecord:
-    drawn = WantedSpikes(afferents, seed).drawn(finger)
+    drawn = SpikeRequest(afferents, seed).drawn(finger)
     return run_spikes(run, visits_of(run, config), finger, drawn, seed=seed)
 
 
@@ -130,7 +130,7 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
 
 @pytest.mark.usefixtures("cheap")
 def test_a_coarser_signal_gives_as_many_spikes(run: Run, config: Config, finger: Fingertip) -> None:
-    drawn = WantedSpikes("SA1@0").drawn(finger)
+    drawn = SpikeRequest("SA1@0").drawn(finger)
     fine, coarse = (
         len(run_spikes(run, visits_of(run, config), finger, drawn, step_s=step_s).trains[0].spike_s)
         for step_s in (MOST_STEP_S, 1e-3)

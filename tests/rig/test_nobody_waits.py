@@ -12,7 +12,9 @@ import itertools
 import json
 import logging
 import shutil
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -21,10 +23,12 @@ from rich.console import Console
 
 from rig.cli import durations, main, output
 from rig.cli.json_schemas import OUTPUTS
-from rig.cli.output import Activity, busy, resting, starting, working
+from rig.cli.output import THE_FINGER, Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
-from rig.cli.progress import counted
-from rig.control.stop import StageInHand
+from rig.cli.progress import counted, progress
+from rig.control.stop import OwnedStage
+from rig.plan.config import load_config
+from rig.session.resume import StoppedRun, read_stopped
 from sim.compiling import cache_dir
 from sim.models.fingertip import Fingertip
 from studies.speed.silence import WORDS
@@ -53,11 +57,11 @@ WALK = {
     "identify": Walked("--dry-run --to finger.toml", LOAD),
     "check": Walked("mine.py", LOAD),
     "design": Walked("--quick --minutes 5", LOAD),
-    "resume": Walked("run", "rig.cli.run.read_stopped", own=False),
+    "resume": Walked("run", "rig.cli.run.read_stopped"),
     "nerve": Walked("run", LOAD),
     "compare": Walked("run", LOAD),
     "runs": Walked(".", "rig.cli.runs.listed"),
-    "show": Walked("run", "rig.cli.runs.read_run", own=False),
+    "show": Walked("run", "rig.cli.runs.read_run"),
     "watch": Walked("run", "rig.cli.watch.RunScreen", own=False),
     "stream": Walked("--out .", "rig.cli.stream.open_streams", own=False),
     "take-orders": Walked("--indentor bar:3.0 --doi-mm 0.2 --virtual", "rig.cli.take_orders.load_config", own=False),
@@ -66,7 +70,7 @@ WALK = {
     "study": Walked("study.toml", "rig.study.parallel.in_processes"),
     "indent": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --model finger", LOAD),
     "impulse": Walked("", "rig.cli.encode._found"),
-    "shift-invariance": Walked("", "rig.cli.encode.kept_sites"),
+    "shift-invariance": Walked("", "rig.cli.encode.cached_sites"),
     "encode": Walked("--pressure 1,2", "rig.cli.encode.encode_task"),
     "decode": Walked("--pressure 1,2", "rig.cli.decode.decode_task"),
     "finger": Walked("", "rig.cli.finger.build_mesh"),
@@ -75,17 +79,17 @@ WALK = {
     "serve": Walked("", "rig.cli.serve.ServedBench"),
     "stranger": Walked("3", "rig.cli.serve.truth_of", own=False),
     "home": Walked("--config rig.toml", "rig.cli.bench._home"),
-    "zero": Walked("--config rig.toml", "rig.cli.bench.open_force", own=False),
-    "status": Walked("--config rig.toml", "rig.cli.bench.look", own=False),
+    "zero": Walked("--config rig.toml", "rig.cli.bench.open_force"),
+    "status": Walked("--config rig.toml", "rig.cli.bench.look"),
     "stop": Walked("--config rig.toml", "rig.cli.stop.send_stop", own=False),
-    "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.by_hand", own=False),
-    "by-hand": Walked("--config rig.toml", "rig.cli.panel.HandLog", own=False),
+    "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.by_hand"),
+    "by-hand": Walked("--config rig.toml", "rig.cli.panel.ManualLog", own=False),
     "calibrate": Walked("force --config rig.toml --mass-g 5", "rig.cli.calibrate.open_force", own=False),
     "bench": Walked("--quick", "sim.benchmark.in_processes"),
     "cache": Walked("", "rig.cli.installation.entries", own=False),
     "config": Walked("", "rig.cli.installation.keys", own=False),
-    "doctor": Walked("", "rig.cli.installation._examine", own=False),
-    "init": Walked("--yes --to new.toml --port tcp://127.0.0.1:9", "rig.cli.init.find_devices", own=False),
+    "doctor": Walked("", "rig.cli.installation._examine"),
+    "init": Walked("--yes --to new.toml --port tcp://127.0.0.1:9", "rig.cli.init.find_devices"),
 }
 
 
@@ -102,7 +106,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     ports = f"[stage]\nport = '{tmp_path / 'stage'}'\n[force]\nport = '{tmp_path / 'force'}'\n"
     (tmp_path / "rig.toml").write_text(ports, encoding="utf-8")
     shutil.copytree(OLD_RUNS / "complete", tmp_path / "run")
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.setattr(output, "FIRST_S", 0.0)
     return tmp_path
 
@@ -145,6 +149,33 @@ def test_it_is_said_before_it_is_done(
         assert now.what in printed.err
         assert now.title != Activity(f"rig {name}: working …").title
     assert output._activities.current is None
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("name", ["run", "resume"])
+def test_the_finger_is_named_where_mounts_are_checked_without_a_person(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before a port is opened; then the model may be built."""
+    what: list[str] = []
+
+    def reached(*_: object, **__: object) -> NoReturn:
+        what.append(output._activities.current.what if output._activities.current else "nothing")
+        raise Reached
+
+    def real(path: Path) -> StoppedRun:
+        return replace(read_stopped(path), virtual=False, config=load_config(Path("rig.toml")))
+
+    shutil.copytree(OLD_RUNS / "stopped", "stopped")
+    monkeypatch.setattr(Fingertip, "load", reached)
+    monkeypatch.setattr("rig.cli.run.can_answer", lambda: False)
+    monkeypatch.setattr("rig.cli.run.read_stopped", real)
+    words = "mine.py --config rig.toml --yes" if name == "run" else "stopped --yes"
+    monkeypatch.setattr("sys.argv", ["rig", name, *words.split()])
+    with pytest.raises(Reached):
+        main()
+    assert what == [THE_FINGER]
+    assert THE_FINGER in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if command.by_program])
@@ -305,10 +336,12 @@ def test_work_that_fails_teaches_nothing(learned: Path, pipe: io.StringIO) -> No
     assert not learned.exists()
 
 
-def test_silence_is_broken_by_what_is_in_progress(pipe: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By the innermost activity, and by none while a person acts."""
+@pytest.fixture
+def after(pipe: io.StringIO, monkeypatch: pytest.MonkeyPatch) -> Callable[[float], list[str]]:
+    """Return what is printed once so many seconds have passed."""
     activities = output._Activities()
     monkeypatch.setattr(output, "_activities", activities)
+    monkeypatch.setattr("rig.cli.progress.during", activities.during)
     monkeypatch.setattr(activities, "_printer", object())  # none: steps are by hand
     monkeypatch.setattr(output, "EVERY_S", 2.0)
     monkeypatch.setattr(output, "FIRST_S", 0.5)
@@ -316,28 +349,72 @@ def test_silence_is_broken_by_what_is_in_progress(pipe: io.StringIO, monkeypatch
     clock.now_s = 100.0
     monkeypatch.setattr(output.time, "monotonic", clock)
 
-    def after(seconds: float) -> list[str]:
+    def lines(seconds: float) -> list[str]:
         clock.now_s += seconds
         pipe.seek(0)
         pipe.truncate()
         activities.look()
         return pipe.getvalue().splitlines()
 
+    return lines
+
+
+def test_silence_is_broken_by_what_is_in_progress(after: Callable[[float], list[str]]) -> None:
+    """By the innermost activity, and by none while a person acts."""
     with starting("rig check"):
         assert after(0.4) == []
         assert after(0.2) == ["rig check: starting …"]
     with working():
         with busy("the finger"):
             assert after(1.9) == []
-            assert after(0.2) == ["the finger, 2 s so far, no estimate yet"]
-        assert after(1.9) == []
-        assert after(0.2) == ["rig check: working …, 4 s so far"]
+        assert after(0.2) == ["rig check: working …, 2 s so far"]
         with resting():
             assert after(100.0) == []
         with busy("steps", quick=True):
             assert after(1.9) == []
             assert after(0.2) == ["steps, 2 s so far, no estimate yet"]
     assert after(100.0) == []
+
+
+def test_a_line_is_printed_only_if_something_has_changed(after: Callable[[float], list[str]]) -> None:
+    """The time so far alone is no change; a build within the work is one, and so is its end."""
+    output.show_builds()
+    builder = logging.getLogger("sim.models.condensed")
+    with busy("fingers", total=2) as now:
+        assert after(100.0) == []
+        now.at(1, 2)
+        assert after(0.1) == ["1 of 2 fingers, 1 min 40 s so far, about 1 min 40 s left"]
+        now.at(1, 2)
+        assert after(100.0) == []
+        builder.debug("building a mesh")
+        assert after(0.1) == ["building a mesh, 3 min 20 s so far, no estimate yet"]
+        builder.info("building %d unknowns …", 1000)
+        assert after(2.1) == ["building 1000 unknowns …, 3 min 22 s so far, no estimate yet"]
+        assert after(100.0) == []
+        builder.debug("made", extra={"made": True})
+        assert after(0.1) == ["1 of 2 fingers, 5 min 2 s so far, about 5 min 2 s left"]
+        assert after(100.0) == []
+        output.say_now("the last one")
+        assert after(100.0) == []
+
+
+def test_a_build_ends_when_the_work_goes_on(after: Callable[[float], list[str]]) -> None:
+    """Whether or not the build reports its end."""
+    output.show_builds()
+    with busy("places") as now:
+        logging.getLogger("sim.models.condensed").info("building %d unknowns …", 1000)
+        assert after(2.1) == ["building 1000 unknowns …, 2 s so far, no estimate yet"]
+        now.at(1, 3)
+        assert after(2.1) == ["places, 4 s so far, about 8 s left"]
+
+
+def test_a_run_prints_its_step_once(after: Callable[[float], list[str]]) -> None:
+    with progress(3, None, as_json=False) as watch:
+        assert after(2.1) == ["0 of 3, starting, time left unknown"]
+        assert after(100.0) == []
+        watch("indentation_start", {"index": 0, "indentor": "bar:3.0", "x_mm": 0.5})
+        assert after(2.1) == ["0 of 3, bar:3.0 at +0.50 mm, time left unknown"]
+        assert after(100.0) == []
 
 
 def test_counted_pieces_are_said_before_the_first(pipe: io.StringIO) -> None:

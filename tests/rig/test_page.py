@@ -19,7 +19,7 @@ import rig.cli.script_execution as run_owner
 import rig.session.session as sessions
 from rig.bench.real import Request
 from rig.bench.virtual import VirtualBench, virtual_bench
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.devices.base import ForceTimeout
 from rig.devices.mtsics import MtSicsForce
 from rig.engine.contact import MAY_TOUCH
@@ -61,7 +61,7 @@ def opened(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> list[Any]:
         return virtual_bench(config, finger, log, VirtualClock(0.0, clock.run_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     return found
 
 
@@ -95,7 +95,7 @@ def test_the_page_says_what_will_be_done(rig: Run, opened: list[Any], finger: Fi
     page = _page(ended)
     assert page["protocol"] == "Two presses (mine.py)"
     assert page["subject"] == "S07"
-    assert page["steps"] == "2 indentations, 1 preconditioning presses"
+    assert page["steps"] == "2 indentations, 1 preconditioning press"
     assert re.fullmatch(
         r"about \d+ s, of which \d+ s in contact \(rehearsed on a spring model in \d+\.\d s\)", page["duration"]
     )
@@ -165,8 +165,8 @@ def test_the_stage_is_in_hand_from_before_the_plan_to_after_the_report(
 
         return did
 
-    monkeypatch.setattr(StageInHand, "open", noted("opened", lambda stage: stage))
-    monkeypatch.setattr(StageInHand, "close", noted("closed", lambda stage: None))
+    monkeypatch.setattr(OwnedStage, "open", noted("opened", lambda stage: stage))
+    monkeypatch.setattr(OwnedStage, "close", noted("closed", lambda stage: None))
     for name, word in (("make_plan", "planned"), ("make_report", "reported")):
         monkeypatch.setattr(carrying_out, name, noted(word, getattr(carrying_out, name)))
     monkeypatch.setattr(run_owner, "ControlSocket", noted("announced", run_owner.ControlSocket))
@@ -217,7 +217,7 @@ def test_a_request_names_its_indentor_in_a_field(
     request_: Request, asked: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(running, "ask_at_the_bench", lambda request, asking: "typed")
-    ask = running.asks_for(SimpleNamespace(asking=None), "bar:3.0")  # type: ignore[arg-type]
+    ask = running.prompt_for(SimpleNamespace(asking=None), "bar:3.0")  # type: ignore[arg-type]
     assert ask(request_) == ("typed" if asked else "")
 
 
@@ -271,7 +271,7 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
         assert MAY_TOUCH in words
         assert line in words
     assert resumed.code == 0, resumed.err
-    assert _page(resumed)["steps"] == "1 indentations, 1 preconditioning presses, the rest of 2 planned indentations"
+    assert _page(resumed)["steps"] == "1 indentation, 1 preconditioning press, the rest of 2 planned indentations"
     assert resumed.err.count("press Enter") == 1
     assert "careful" not in _page(rig(*RUN, typed="n\n"))
     assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out

@@ -23,7 +23,7 @@ from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Step
 from rig.session.rehearse import rehearsed
 from rig.session.resume import read_stopped
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
 from tests.waiting import until
@@ -116,7 +116,7 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     rehearsed(script, Config(), finger, plan)
     assert solved == [0.2, 0.1]
 
-    class Watching(Nobody):
+    class Watching(NoAttendant):
         def watch(self, stream: str, data: object) -> None:
             during.append(signal.getitimer(signal.ITIMER_REAL)[0])
 

@@ -18,13 +18,14 @@ from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
 from rig.cli.progress import IndentationProgress, counted, progress
 from rig.cli.script_execution import time_left
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data.run_state import TimeLeft
 from rig.engine import TripError
 from rig.plan.config import Config
 from rig.session.early_ending import NO_END
 from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
+from rig_shared.plural import number_of
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -93,7 +94,7 @@ def rig(
         return virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     said: list[Said] = []
     load = Fingertip.load
 
@@ -182,7 +183,7 @@ def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name
         counts = [line.split(" of ")[0] for line in lines]
         assert counts == [str(n) for n in range(1, indentations + 1)]
         before = said.err.splitlines()[said.err.splitlines().index(lines[0]) - 1]
-        assert re.fullmatch(rf"{indentations} indentations, \d:\d\d:\d\d left", before)
+        assert re.fullmatch(rf"{indentations} indentations?, \d:\d\d:\d\d left", before)
 
 
 @pytest.mark.quick(rows=lambda name: name != "dry-run, paced")
@@ -221,6 +222,15 @@ def _said_of(monkeypatch: pytest.MonkeyPatch, total: int, *, quiet: bool = False
 
 def test_counted_pieces_have_a_line_at_the_beginning_and_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     assert _said_of(monkeypatch, 3) == ["3 fingers", "3 of 3 fingers"]
+    assert _said_of(monkeypatch, 1) == ["1 finger", "1 of 1 finger"]
+
+
+@pytest.mark.parametrize(
+    ("plural", "singular"),
+    [("fingers", "1 finger"), ("other presses in all holds", "1 other press in all holds"), ("touches", "1 touch")],
+)
+def test_one_is_in_the_singular(plural: str, singular: str) -> None:
+    assert (number_of(1, plural), number_of(2, plural)) == (singular, f"2 {plural}")
 
 
 def test_nothing_is_said_of_nothing_or_where_it_is_to_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,13 @@ do to a finger: tests/rig/test_by_hand.py.
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import pytest
 
 from rig.devices.base import ForceReading, StageOverridden
+from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
 from rig.manual.owner_process import LAPSED
 from rig.manual.status import IN_STEPS
@@ -175,6 +177,50 @@ def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
         assert 0 < bench.x_mm - last[0] <= speed_mm_s * (0.25 + 2 * 0.1) + 1 / 400
 
 
+@promise
+def once_the_position_is_lost_it_moves_sideways_only_where_nothing_is_felt(make: Make) -> None:
+    """A lift is on record. Then the stage is switched off, and its carriage sinks into the finger."""
+    bench = make(zero=ZERO, lifted=True)
+    status = bench.bench.stage.status
+
+    def person() -> Person:
+        yield from bench.hold("x", 1, 0.3)
+        assert bench("status")["ended_by"] is None
+        bench.bench.stage.status = lambda: replace(status(), referenced=False)  # type: ignore[method-assign]
+        yield 0.3
+        bench.spring.skin_mm = bench.height_mm + 0.3
+        yield 1.0
+        from_mm = bench.x_mm
+        yield from bench.hold("x", 1, 1.5)
+        assert "nothing was moved sideways after a touch" in bench("status")["ended_by"]
+        assert bench.x_mm == from_mm
+        bench.spring.skin_mm = 0.0
+        yield 1.0
+        yield from bench.hold("x", 1, 2.5)
+        assert bench.x_mm > from_mm
+
+    assert ended(bench, person()) == "None"
+
+
+@promise
+def after_a_homing_that_a_touch_ended_it_moves_sideways_only_where_nothing_is_felt(make: Make) -> None:
+    bench = make(zero=ZERO, lifted=True, soft_trip_n=0.05)
+
+    def person() -> Person:
+        bench("home")
+        yield 0.6
+        bench.spring.offset_gwt = 10.0  # something is pushed against the indentor
+        yield from bench.done()
+        assert "exceeds the soft trip" in bench("status")["ended_by"]
+        bench.spring.offset_gwt, from_mm = 2.0, bench.x_mm
+        yield 1.0
+        yield from bench.hold("x", 1, 1.5)
+        assert "nothing was moved sideways after a touch" in bench("status")["ended_by"]
+        assert bench.x_mm == from_mm
+
+    bench.run(person())
+
+
 # --- home, zero, stop ---
 
 
@@ -240,6 +286,24 @@ def zero_is_refused_where_something_seems_touched_and_taken_anyway(make: Make) -
     state = bench.run(person())
     assert (state["ended_by"], state["zeroed"]) == (None, True)
     assert bench.memory.read().zero_unix_s > 1.7e9
+
+
+@promise
+def without_a_zero_on_record_the_record_of_contact_refuses_one(make: Make) -> None:
+    """A run was killed in the finger. Its load is not to become the zero, from which nothing seems touched."""
+    bench = make(above_mm=-0.5, known=False)
+    bench.memory.touched(KnownContact("unknown", 2.0))
+
+    def person() -> Person:
+        yield from bench.do("zero")
+        assert "there is no zero on record, and the indentor is last known at" in bench("status")["ended_by"]
+        assert bench.memory.read().zero is None
+        yield from bench.do("home")
+        yield from bench.do("zero")
+        assert bench("status")["ended_by"] is None
+
+    assert ended(bench, person()) == "None"
+    assert bench.memory.read().zero is not None
 
 
 @promise

@@ -486,7 +486,7 @@ def test_a_pause_ends_a_ramp_on_its_way_and_begins_it_anew(faulty: FaultyBench) 
     """It is then done as any ramp, on every stage."""
     asked: list[bool] = []
     forces: list[float] = []
-    faulty.pause = Pause(lambda: bool(asked), lambda: not asked.clear())
+    faulty.pause = Pause(lambda: bool(asked), lambda meanwhile: not asked.clear())
     _in_the_ramp(faulty, lambda: asked.append(True))
     faulty.on_sample["paused"] = lambda: forces.append(faulty.worst_n / GWT_N)
     done = _ramp(faulty)

@@ -47,7 +47,7 @@ def test_a_press_that_was_paused_begins_again(spring: Make, press: str, pauses: 
     def asked() -> bool:
         return bool(left) and engine.height_mm < 1.0
 
-    bench.pause = Pause(asked, lambda: (left.pop(), True)[1])
+    bench.pause = Pause(asked, lambda meanwhile: (left.pop(), True)[1])
     PRESSES[press](engine)
     assert not left
     assert [stream for stream, _ in bench.events].count("resumed") == pauses

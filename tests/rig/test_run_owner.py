@@ -15,7 +15,9 @@ import pytest
 
 import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
+from rig.bench.real import Request
 from rig.cli.keyboard import line_waits
+from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RunOwner, owning
 from rig.cli.signals import (
     STOP_SIGNAL,
@@ -29,12 +31,14 @@ from rig.cli.signals import (
 from rig.clock import WallClock
 from rig.control.client import RefusedError, announced
 from rig.control.owner_socket import ControlSocket
-from rig.control.stop import EndedError, StageInHand, StopSwitch
+from rig.control.stop import EndedError, OwnedStage, StopSwitch
 from rig.data import RunFolder
+from rig.engine import RunAborted
 from rig.plan.config import Config
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import NewRun
 from rig.transport import TransportError
+from tests.error_codes import raises
 from tests.waiting import DEADLINE_S, until
 
 if STOP_SIGNAL is None:
@@ -220,13 +224,29 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
     keyboard, screen = terminal()
     pause = PauseRequest()
     getattr(pause, asked)()
-    act = {"typed": lambda: keyboard.types(b"\n"), "elsewhere": pause.go_on_from_elsewhere}[answered]
+    act = {"typed": lambda: keyboard.types(b"\n"), "elsewhere": pause.continue_remotely}[answered]
     with _as_soon_as_it_waits(pause, act):
         assert pause.go_on() is True
     assert (pause.asked(), pause.waits) == (False, False)
     said = screen.getvalue()
     assert "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run" in said
     assert ("continuing, as the panel requested" in said) is (answered == "elsewhere")
+
+
+@pytest.mark.parametrize("wait", ["a pause", "a request"])
+def test_what_is_looked_at_meanwhile_may_end_the_wait(terminal: Terminal, wait: str) -> None:
+    """The participant's button, say. Nobody types anything."""
+    terminal()
+    pause, looks = PauseRequest(), [1, 2, 3]
+    pause.ask()
+
+    def meanwhile() -> None:
+        if not looks:
+            raise RunAborted("pressed", code="stop_button")
+        looks.pop()
+
+    with raises(RunAborted, "stop_button"):
+        pause.go_on(meanwhile) if wait == "a pause" else ask_at_the_bench(Request("mount it", "bar:3.0", meanwhile))
 
 
 def test_the_end_of_the_keyboard_ends_a_pause_that_was_asked_elsewhere(terminal: Terminal) -> None:
@@ -244,7 +264,7 @@ def test_what_was_typed_for_somebody_else_is_not_taken(terminal: Terminal) -> No
     keyboard, _ = terminal()
     pause = PauseRequest()
     pause.ask_from_elsewhere()
-    with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
+    with _as_soon_as_it_waits(pause, pause.continue_remotely):
         assert pause.go_on() is True
     keyboard.types(b"bar:3.0\n")
     assert keyboard.readline() == "bar:3.0\n"
@@ -260,7 +280,7 @@ def nobody(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) 
 def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixture[str]) -> None:
     pause = PauseRequest()
     pause.ask_from_elsewhere()
-    with _as_soon_as_it_waits(pause, pause.go_on_from_elsewhere):
+    with _as_soon_as_it_waits(pause, pause.continue_remotely):
         assert pause.go_on() is True
     assert (
         "paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run\n"
@@ -364,7 +384,7 @@ SCRIPT: Any = Script()
 
 def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:
     config = Config.model_validate({"stage": {"port": "/dev/a"}, "force": {"port": "/dev/b"}})
-    return owning(SCRIPT, config, into, None if virtual else StageInHand(config, WallClock()), file)
+    return owning(SCRIPT, config, into, None if virtual else OwnedStage(config, WallClock()), file)
 
 
 @pytest.mark.parametrize("virtual", [False, True])
@@ -471,7 +491,7 @@ def test_a_stop_is_recorded_or_refused_whenever_it_comes(
     except KeyboardInterrupt:
         ended = True
     threads[0].join(DEADLINE_S)
-    assert answers == [{"stopped": True} if taken else "it has just ended: nothing of it moves any more"]
+    assert answers == [{"stopped": True} if taken else "it has just ended, so it moves nothing"]
     assert recorded == (["its folder", "the stop"] if taken else [])
     assert ended is ends
 
@@ -523,7 +543,7 @@ def test_a_stop_is_recorded_at_the_end_and_only_then(
             owner.begins(folder)
             owner.at("reporting")
         (one,) = (one for one in announced() if one.pid == os.getpid())
-        _from_a_thread(lambda: one.say_stop(by=by)(DEADLINE_S))
+        _from_a_thread(lambda: one.post_stop(by=by)(DEADLINE_S))
     assert AtTheTerminal(owner.pause, lambda *_: None, lambda: None, None, owner).stopped_by == reason
     state = "reporting" if began else "planning"
     assert done == [

@@ -15,7 +15,7 @@ from rig.data.folder import RunFolder
 from rig.data.journal import Document
 from rig.data.run import Following, read_run
 from rig.data.run_state import Course, RunState, TimeLeft
-from rig.panel.run_view import SeenRun
+from rig.panel.run_view import RunView
 from rig.session.resume import ending_on_record
 from tests.program import Program
 
@@ -82,8 +82,8 @@ class Shown:
                 shutil.copy(made / name, path / name)
         self.folder = RunFolder(path)
         self.lines = (made / "events.jsonl").read_bytes().splitlines(keepends=True)
-        self.course = Course.kept(self.folder)
-        self.watch, self.journal, self.panel = RunScreen(self.folder), Following(self.folder), SeenRun(path)
+        self.course = Course.load(self.folder)
+        self.watch, self.journal, self.panel = RunScreen(self.folder), Following(self.folder), RunView(path)
         self.terminal = IndentationProgress(0, None)
         self.before: set[int] = set()  # indentations of the parts before
 

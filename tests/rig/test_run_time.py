@@ -26,20 +26,20 @@ from rig.bench.virtual import load_on_sensor, true_carriage, truth, virtual_forc
 from rig.cli.watch import _line
 from rig.clock import WallClock
 from rig.compare.recordings.spikes import _last_holds
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import RunFolder, export_nwb, export_run, read_run
 from rig.data.bug_report import bug_report
 from rig.data.index import listed
 from rig.data.journal import read_journal
 from rig.data.run import Following
 from rig.data.tables import HOLD_COLUMNS, RUN_COLUMNS, booked_s
-from rig.panel.run_view import COLUMNS, SeenRun
+from rig.panel.run_view import COLUMNS, RunView
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run_figures import force_time
 from rig.session.resume import read_stopped
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, real_run, record_after, record_before
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, real_run, record_after, record_before
 from rig.transport.wire import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine
@@ -89,7 +89,7 @@ class Computer:
         )
         self.clock = clock
 
-    def carry_out(self, session: Session, stage: StageInHand) -> FinishedRun:
+    def carry_out(self, session: Session, stage: OwnedStage) -> FinishedRun:
         def mounted(request: Request) -> str:
             self.plant.mount(request.indentor or "")
             return ""
@@ -98,7 +98,7 @@ class Computer:
         return real_run(session, mounted, stage)
 
 
-class Impatient(Nobody):
+class Impatient(NoAttendant):
     """Observer that ends the run after its first indentation."""
 
     def __init__(self) -> None:
@@ -126,9 +126,9 @@ def run(computer: Computer, finger: Fingertip, tmp_path: Path) -> Run:
         path.write_text(SCRIPT, encoding="utf-8")
         script = load_script(str(path))
         computer.boot(BOOTED_S, START_UNIX_S - PLANNED_S)
-        with closing(StageInHand(CONFIG, WallClock()).open()) as stage:
+        with closing(OwnedStage(CONFIG, WallClock()).open()) as stage:
             plan = make_plan(script, CONFIG, finger)
-            attendant = Impatient() if stopped else Nobody()
+            attendant = Impatient() if stopped else NoAttendant()
             return computer.carry_out(
                 Session(script, CONFIG, finger, plan, NewRun(tmp_path / "runs"), attendant), stage
             )
@@ -143,7 +143,7 @@ def resume(computer: Computer, finger: Fingertip) -> Run:
     def resumed(folder: Path, unix_s: float = RESUMED_UNIX_S) -> FinishedRun:
         computer.boot(BOOTED_AGAIN_S, unix_s - PLANNED_S)
         into = read_stopped(folder)
-        with closing(StageInHand(into.config, WallClock(into.begins_at_s)).open()) as stage:
+        with closing(OwnedStage(into.config, WallClock(into.begins_at_s)).open()) as stage:
             plan = make_plan(into.script, into.config, finger, into.run, folder)
             return computer.carry_out(Session(into.script, into.config, finger, plan, into), stage)
 
@@ -289,7 +289,7 @@ def _watched(folder: Path) -> list[float]:
 
 def _panel(folder: Path) -> list[float]:
     """The last reading of a hold is read just before its end."""
-    seen = SeenRun(folder)
+    seen = RunView(folder)
     rows = seen.look(0.0)
     assert seen.problem == ""
     assert seen.newest_state(0.0)["t_s"] == rows[-1][COLUMNS.index("t_s")] < _true_s(folder)[-1] + 60
@@ -396,7 +396,7 @@ def test_a_stop_during_planning_is_in_the_time_of_its_run(computer: Computer, tm
     path = tmp_path / "two.py"
     path.write_text(SCRIPT, encoding="utf-8")
     computer.boot(BOOTED_S, START_UNIX_S)
-    with closing(StageInHand(CONFIG, WallClock()).open()) as stage:
+    with closing(OwnedStage(CONFIG, WallClock()).open()) as stage:
         computer.clock.wait_s(PLANNED_S)
         stage.stop()
         into = NewRun(tmp_path / "runs")
@@ -410,7 +410,7 @@ def test_a_stop_during_planning_is_in_the_time_of_its_run(computer: Computer, tm
 
 def test_bytes_from_before_a_run_are_before_its_start(computer: Computer) -> None:
     computer.boot(BOOTED_S, START_UNIX_S)
-    with closing(StageInHand(CONFIG, WallClock()).open()) as stage:
+    with closing(OwnedStage(CONFIG, WallClock()).open()) as stage:
         computer.clock.wait_s(1.0)
         stage.stop()
         computer.clock.wait_s(PLANNED_S)

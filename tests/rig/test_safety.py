@@ -8,7 +8,7 @@ import pytest
 
 from rig.clock import WallClock
 from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
-from rig.engine.bench import Heartbeat, looked_after
+from rig.engine.bench import Heartbeat, monitored
 from rig.engine.engine import State
 from rig.engine.limits import Stopping
 from rig.settings import RigSettings
@@ -112,7 +112,7 @@ def test_contact_far_above_where_it_is_expected_trips(spring: Make) -> None:
 def test_a_wrong_indentor_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = spring()
     engine = bench.ready()
-    monkeypatch.setattr(bench, "mount", lambda indentor: "step:3")
+    monkeypatch.setattr(bench, "mount", lambda indentor, meanwhile: "step:3")
     with raises(NotReadyError, "wrong_indentor", mounted="step:3", indentor="step:1"):
         verbs.mount(engine, "step:1")
     with raises(NotReadyError, "no_indentor"):
@@ -123,7 +123,7 @@ def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, mon
     bench = spring()
     engine = bench.ready()
 
-    def nobody(indentor: str) -> str:
+    def nobody(indentor: str, meanwhile: object) -> str:
         raise NotReadyError("nobody answered", code="nobody")
 
     monkeypatch.setattr(bench, "mount", nobody)
@@ -161,7 +161,7 @@ def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
     clock, stopped = WallClock(), threading.Event()
     heartbeat = Watched(clock)
     heartbeat.stop = lambda: (stopped_s.append(clock.monotonic_s()), stopped.set())
-    with looked_after(heartbeat):
+    with monitored(heartbeat):
         began_s = clock.monotonic_s()
         heartbeat.beat(0.1)
         assert stopped.wait(DEADLINE_S)
@@ -176,7 +176,7 @@ def test_a_beating_or_resting_engine_is_left_alone() -> None:
     clock = VirtualClock()
     heartbeat = Watched(clock)
     heartbeat.stop = lambda: stopped.append(True)
-    with looked_after(heartbeat):
+    with monitored(heartbeat):
         for _ in range(5):
             heartbeat.beat(0.5)
             clock.wait_s(0.45)

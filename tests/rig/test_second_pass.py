@@ -1,32 +1,43 @@
 """What a script does when it is carried out need not be what it did when it was checked."""
 
+import os
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rig.data import read_run
-from rig.engine import ScriptError, TripError
+from rig.data.journal import read_journal
+from rig.devices.base import StageError
+from rig.engine import RunAborted, ScriptError, TripError
+from rig.engine.motion import Motion
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import FinishedRun, NewRun, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.error_codes import has_code
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 
 
-def carried_out(folder: Path, finger: Fingertip, live: str, **tables: object) -> FinishedRun:
+def carried_out(
+    folder: Path, finger: Fingertip, live: str, attendant: Nobody | None = None, **tables: object
+) -> FinishedRun:
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
     path.write_text(
-        f"import sys; passes = []\ndef run(rig):\n    passes.append(1); {READY}\n    if len(passes) > 1:\n"
+        f"import os, sys, threading; passes = []\ndef run(rig):\n    passes.append(1); {READY}\n"
+        "    if len(passes) > 1:\n"
         f"        {live}\n"
         "    else:\n        rig.indent(doi_mm=0.2)\n",
         encoding="utf-8",
     )
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or Nobody()))
 
 
 @pytest.mark.parametrize(
@@ -62,3 +73,126 @@ def test_a_swallowed_trip_does_not_end_well(tmp_path: Path, finger: Fingertip) -
     assert run.stop is not None
     assert run.stop["status"] == "tripped"
     assert not done.complete
+
+
+def lines(*these: str) -> str:
+    """Of a script, inside run(rig)."""
+    return "\n        ".join(these)
+
+
+PRESS, GO_ON = (
+    "rig.indent(doi_mm=0.2)",
+    ("rig.home()", "rig.zero()", "rig.move_to(x_mm=0.0)", "rig.indent(doi_mm=0.2)"),
+)
+SWALLOWING = {
+    "swallows": ("try:", "    HERE", "except BaseException:", "    pass"),
+    "swallows and goes on": ("try:", "    HERE", "except BaseException:", "    pass", *GO_ON),
+    "swallows all and goes on": (
+        "at, press = (lambda: rig.move_to(x_mm=0.0)), (lambda: rig.indent(doi_mm=0.2))",
+        "for verb in (lambda: HERE, rig.home, rig.zero, at, press):",
+        "    try:", "        verb()", "    except BaseException:", "        pass",
+    ),
+    "lifts in any case": ("try:", "    HERE", "finally:", "    rig.retract()"),
+}  # fmt: skip
+
+
+class Stopping(Nobody):
+    """A second Ctrl-C in a press."""
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "press":
+            raise KeyboardInterrupt
+
+
+class Pausing(Nobody):
+    """A pause in a press, and no more."""
+
+    presses = False
+
+    def watch(self, stream: str, data: Mapping[str, Any]) -> None:
+        self.presses = self.presses or (stream == "sample" and data["phase"] == "press")
+
+    def interrupted(self) -> bool:
+        return self.presses
+
+
+@pytest.mark.parametrize("how", SWALLOWING)
+@pytest.mark.parametrize("what", ["stopped at once", "ended in a pause", "the stage failed"])
+def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, what: str, how: str
+) -> None:
+    """Nothing moves after it, and it is what the run tells."""
+    aside = Motion.aside
+
+    def fails(motion: Motion, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
+        if x_mm == 1.0:
+            raise StageError("it failed", code="it_failed")
+        aside(motion, x_mm, along_mm, speed_mm_s)
+
+    monkeypatch.setattr(Motion, "aside", fails)
+    verb, attendant = {
+        "stopped at once": (PRESS, Stopping()),
+        "ended in a pause": (PRESS, Pausing()),
+        "the stage failed": ("rig.move_to(x_mm=1.0)", Nobody()),
+    }[what]
+    done = carried_out(tmp_path, finger, lines(*SWALLOWING[how]).replace("HERE", verb), attendant)
+    if what == "the stage failed":
+        assert isinstance(done.problem, StageError)
+        has_code(done.problem, "it_failed")
+    else:
+        assert isinstance(done.problem, RunAborted)
+    assert done.at.left == ("lifted" if what == "ended in a pause" else "held")
+    run = read_run(done.folder.path)
+    assert run.stop is not None
+    assert run.stop["status"] == ("failed" if what == "the stage failed" else "aborted")
+    assert (len(run.stream("home")), len(run.stream("indentation_end"))) == (1, 0)
+    assert len(run.stream("retract")) == (what == "ended in a pause")
+
+
+ELSEWHERE = {
+    "in another thread": lines(
+        "def other():", "    try:", "        rig.move_to(x_mm=1.0)",
+        "    except Exception as error:", "        threading.told.append(error)",
+        "thread = threading.Thread(target=other)", "thread.start()", "thread.join()", PRESS,
+    ),
+    "within another verb": lines(
+        "def other(*_):", "    try:", "        rig.move_to(x_mm=1.0)",
+        "    except Exception as error:", "        threading.told.append(error)",
+        "    sys.setprofile(None)", "def profile(frame, what, _):",
+        "    if frame.f_code.co_name == 'touch_off':", "        other()", "sys.setprofile(profile)", PRESS,
+    ),
+    "after the end": lines("threading.told.append(rig)", PRESS),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("where", ELSEWHERE)
+def test_a_verb_out_of_turn_moves_nothing(
+    tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    import threading
+
+    told: list[Any] = []
+    monkeypatch.setattr(threading, "told", told, raising=False)
+    done = carried_out(tmp_path, finger, ELSEWHERE[where])
+    assert (done.problem, done.complete) == (None, True)
+    (error,) = told
+    if where == "after the end":
+        with pytest.raises(BadInputError) as caught:
+            error.move_to(x_mm=1.0)
+        error = caught.value
+    has_code(error, "out_of_turn", verb="move_to")
+    assert {data["x_mm"] for data in read_run(done.folder.path).stream("move")} == {0.0}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork (POSIX)")
+@pytest.mark.parametrize("ends", ["sys.exit(0)", "1 / 0", "pass", PRESS])
+def test_a_process_that_the_script_forks_ends_without_a_trace(tmp_path: Path, finger: Fingertip, ends: str) -> None:
+    live = lines("pid = os.fork()", "if pid == 0:", f"    {ends}", "    return", "os.waitpid(pid, 0)", PRESS)
+    here = os.getpid()
+    try:
+        done = carried_out(tmp_path, finger, live)
+    finally:
+        if os.getpid() != here:
+            os._exit(9)  # else the tests that follow run twice
+    assert (done.problem, done.complete) == (None, True)
+    assert [document["doc"] for document in read_journal(done.folder.events)].count("stop") == 1

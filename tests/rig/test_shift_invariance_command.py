@@ -72,7 +72,7 @@ def test_what_was_solved_once_is_read_and_listed_by_rig_cache(rig: Program, monk
         again = rig("shift-invariance", *QUICK, *more)
         assert (again.code, again.out) == (0, made.out)
     listed = rig("cache").out
-    assert "sites       1 files" in listed
+    assert "sites       1 file" in listed
     assert "SED under point loads at the 24 sites of the source" in listed
 
 
@@ -88,7 +88,7 @@ def test_other_choices_are_solved_for_anew(monkeypatch: pytest.MonkeyPatch, tmp_
         (FingertipConfig(tissue=Tissue(epidermis_mm=0.3)), usual),
         (FingertipConfig(contact=Contact(patch_gb=1.0)), usual),  # says nothing of point loads
     ):
-        kept.kept_sites(config, sampled)
+        kept.cached_sites(config, sampled)
     assert keys[5] == keys[0] == keys[7]
     assert len(set(keys)) == 6
 

@@ -12,7 +12,7 @@ import pytest
 import rig.cli.compare as comparing
 from rig.bench.real import Request
 from rig.cli.identify_finger import final_lines, page_lines, print_before_press
-from rig.cli.run import ask_at_the_bench, asks_for
+from rig.cli.run import ask_at_the_bench, prompt_for
 from rig.data.folder import RunFolder
 from rig.identify.adaptive_presses import IdentificationOptions
 from rig.identify.expected_duration import ExpectedDuration
@@ -88,7 +88,7 @@ def _mounted_before(its: Printing, shape: str) -> str:
     found: list[str] = []
     owner: Any = SimpleNamespace(asking=None)
     with its.heard(found):
-        asks_for(owner, shape)(Request(f"mount {shape}", shape))
+        prompt_for(owner, shape)(Request(f"mount {shape}", shape))
     return "".join(found)
 
 

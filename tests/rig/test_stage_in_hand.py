@@ -12,7 +12,7 @@ import pytest
 import rig.devices.make_drivers as drivers
 from rig.bench.virtual import virtual_stage
 from rig.cli.script_execution import RunOwner
-from rig.control.stop import StageInHand, StopSwitch
+from rig.control.stop import OwnedStage, StopSwitch
 from rig.devices.base import Stage
 from rig.devices.registry import BUILT_IN, StageKind, find
 from rig.errors import RigError
@@ -78,9 +78,9 @@ class Ports:
         self.opened.append(Port(self, self.lines[port]))
         return self.opened[-1]
 
-    def held(self) -> StageInHand:
+    def held(self) -> OwnedStage:
         clock: Any = self.clock
-        return StageInHand(self.config, clock)
+        return OwnedStage(self.config, clock)
 
 
 @pytest.fixture

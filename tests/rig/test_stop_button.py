@@ -13,7 +13,7 @@ import pytest
 import rig.bench.virtual as benches
 import rig.cli.confirm as confirming
 import rig.session.session as sessions
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from rig.data import read_run
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Journal, TripError
@@ -346,7 +346,7 @@ def real(
         return replace(found, virtual=False)  # type: ignore[arg-type]
 
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.setattr(confirming, "_is_interactive", lambda: True)
     monkeypatch.setattr(confirming, "_BUTTON_S", 0.2)
     monkeypatch.chdir(tmp_path)

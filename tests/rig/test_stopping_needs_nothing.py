@@ -66,7 +66,7 @@ def test_an_owner_that_hangs_is_named_and_told(tmp_path: Path) -> None:
     ended = obstacles.stopped(obstacles.OBSTACLES["announced owner hangs"], tmp_path, "--json")
     told = json.loads(ended.out)
     assert (told["owner"], told["sent"], told["state"]) == (ended.owner, True, "Alarm")
-    assert f"process {ended.owner} was told to stop and does not answer" in ended.err
+    assert f"process {ended.owner} was asked to stop but does not answer" in ended.err
 
 
 # --- which processes are signalled ---
@@ -117,7 +117,7 @@ def test_an_owner_is_told_under_whatever_name_it_has_the_port(tmp_path: Path) ->
         def __init__(self, pid: int, port: str) -> None:
             self.pid, self.ports = pid, (port,)
 
-        def say_stop(self, lives: object) -> object:
+        def post_stop(self, lives: object) -> object:
             said.append((self.pid, board.all))
             raise ControlError(f"process {self.pid} has ended")
 
@@ -139,7 +139,7 @@ def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_pa
     class ByHand:
         pid, kind, virtual = 7, "by hand", False
 
-        def say_stop(self, lives: Callable[[], object]) -> object:
+        def post_stop(self, lives: Callable[[], object]) -> object:
             def answer(within_s: float) -> dict[str, object]:
                 lives()
                 threading.Event().wait(10 * BESIDE_S)

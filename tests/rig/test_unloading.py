@@ -35,7 +35,7 @@ def _backs_off(bench: FaultyBench) -> None:
 
 
 def _paused(bench: FaultyBench) -> None:
-    bench.pause = Pause(lambda: True, lambda: False)
+    bench.pause = Pause(lambda: True, lambda meanwhile: False)
     with raises(RunAborted, "stopped_at_a_safe_point"):
         verbs.safe_point(bench.engine)
 

@@ -11,6 +11,7 @@ import pytest
 from rig.devices.base import ForceError
 from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
+from rig.engine.sensing import ForceZero
 from rig.errors import PressPaused
 from rig.settings import RigSettings
 from rig.transport import TransportError
@@ -94,6 +95,27 @@ def test_a_zero_tells_offset_and_noise_and_takes_the_offset_off(
     assert told == [round(value, 6) for value in told] != [round(value, 5) for value in told]
 
 
+def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make) -> None:
+    """So that also after kill -9 no force counts from the zero before; without readings after it there is none."""
+    bench = _homed(spring)
+    engine, left = bench.engine, list[ForceZero | None]()
+    engine.keep_zero = left.append
+    verbs.zero(engine)
+    assert left == [None, engine.sensing.zero]
+    assert engine.sensing.zero is not None
+    zero = engine.sensing.sensor.zero
+
+    def falls_silent() -> None:
+        zero()
+        bench.balance.mute = True
+
+    engine.sensing.sensor.zero = falls_silent  # type: ignore[method-assign]
+    with pytest.raises(TripError):
+        verbs.zero(engine)
+    assert (left[-1], engine.sensing.zero) == (None, None)
+    assert engine.known_contact.kind == "raised"
+
+
 def test_the_sensor_is_zeroed_and_not_only_counted_from(spring: Make) -> None:
     bench = _homed(spring)
     _feels(bench, 0.6)
@@ -167,7 +189,7 @@ def test_no_indentor_is_on_until_the_right_one_is(
 ) -> None:
     bench = spring()
     engine = bench.ready()
-    monkeypatch.setattr(bench, "mount", lambda indentor: mounted)
+    monkeypatch.setattr(bench, "mount", lambda indentor, meanwhile: mounted)
     with raises(NotReadyError, "wrong_indentor", mounted=mounted, indentor="step:1"):
         verbs.mount(engine, "step:1")
     assert engine.indentor is None
@@ -400,11 +422,39 @@ def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make)
         verbs.rest(engine, 600.0)
 
 
+@pytest.mark.parametrize("wait", ["pause", "mount"])
+def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Make, wait: str) -> None:
+    """However short it is pressed; a force from the hand that works there neither trips nor lifts."""
+    bench = spring()
+    engine = bench.ready()
+    from_s = bench.clock.monotonic_s() + 10.3
+
+    def pressed(*, at_rest: bool) -> TripError | None:
+        if from_s <= bench.clock.monotonic_s() < from_s + 0.15:
+            raise RunAborted("pressed", code="stop_button")
+        return TripError("by the relay", code="hardware_trip")
+
+    def waits(meanwhile: Callable[[], object]) -> bool:
+        for _ in range(600):
+            meanwhile()
+            bench.clock.wait_s(0.05)
+        return True
+
+    engine.stop_problem = pressed
+    bench.pause = Pause(lambda: True, waits)
+    bench.mount = lambda indentor, meanwhile: indentor if waits(meanwhile) else ""  # type: ignore[method-assign]
+    height_mm = engine.height_mm
+    with raises(RunAborted, "stop_button"):
+        verbs.safe_point(engine) if wait == "pause" else verbs.mount(engine, "bar:3.0")
+    assert bench.clock.monotonic_s() - from_s < 0.15
+    assert engine.height_mm == height_mm
+
+
 def test_an_operator_who_goes_on_goes_on_but_a_press_begins_again(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
     before = len(bench.events)
-    bench.pause = Pause(lambda: True, lambda: True)
+    bench.pause = Pause(lambda: True, lambda meanwhile: True)
     verbs.safe_point(engine)
     assert [stream for stream, _ in bench.events[before:]] == ["paused", "resumed"]
     engine.state = State.IN_CONTACT

@@ -450,7 +450,7 @@ def test_an_error_in_the_program_ends_it(faulty: FaultyBench, monkeypatch: pytes
 @pytest.mark.parametrize("goes_on", [True, False])
 def test_a_pause_acts_within_it_and_begins_it_anew(faulty: FaultyBench, goes_on: bool) -> None:
     asked: list[bool] = []
-    faulty.pause = Pause(lambda: bool(asked), lambda: goes_on and not asked.clear())
+    faulty.pause = Pause(lambda: bool(asked), lambda meanwhile: goes_on and not asked.clear())
     asked_s: list[float] = []
     _in_the_vibration(faulty, lambda: (asked.append(True), asked_s.append(faulty.clock.monotonic_s())))
     faulty.on_sample["paused"] = lambda: asked_s.append(faulty.clock.monotonic_s())

@@ -9,7 +9,7 @@ import pytest
 
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
-from rig.control.stop import StageInHand
+from rig.control.stop import OwnedStage
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program
@@ -37,7 +37,7 @@ def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
     synced: list[int] = []
     monkeypatch.setattr(os, "fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
     monkeypatch.setattr(sessions, "open_bench", open_bench)
-    monkeypatch.setattr(StageInHand, "open", lambda stage: stage)
+    monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     for port in ("stage", "force"):

@@ -84,13 +84,13 @@ def course() -> Course:
 
 def test_a_course_is_kept_beside_the_journal(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
-    assert (Course.kept(folder), written_ns(folder)) == (None, 0)
-    course.keep(folder)
-    assert Course.kept(folder) == course
+    assert (Course.load(folder), written_ns(folder)) == (None, 0)
+    course.save(folder)
+    assert Course.load(folder) == course
     assert written_ns(folder) == (tmp_path / "timeline.json").stat().st_mtime_ns
     for broken in ("", "{", "[]", '{"duration_s": 1}', '{"duration_s": 1, "passes": [["a"]]}', '{"passes": []}'):
         (tmp_path / "timeline.json").write_text(broken, encoding="utf-8")
-        assert Course.kept(folder) is None, broken
+        assert Course.load(folder) is None, broken
 
 
 def test_the_step_now_and_the_next(course: Course) -> None:
@@ -135,7 +135,7 @@ def test_a_step_in_words(stream: str, data: Mapping[str, Any], words: str) -> No
 
 
 def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: Path) -> None:
-    course.keep(RunFolder(tmp_path))
+    course.save(RunFolder(tmp_path))
     seen = RunScreen(RunFolder(tmp_path))
     seen.take([{"doc": "start", "t_s": 1000.0}])
     assert seen.left_s == 145.0
@@ -282,7 +282,7 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
     assert seen.now == FIRST
     seen.take(documents[5:6])
     assert seen.now == ""
-    course.keep(folder)
+    course.save(folder)
     seen.take([])
     assert (seen.now, seen.next, seen.left_s) == (REST, SECOND, 85.0)
     assert seen.below() == [f"now     {REST}", f"next    {SECOND}", "done    0 of 2, 0:01:25 left on the run's clock"]
@@ -294,7 +294,7 @@ def test_who_looks_on_knows_force_step_and_time(course: Course, tmp_path: Path) 
 
 def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path: Path) -> None:
     folder = RunFolder(tmp_path)
-    course.keep(folder)
+    course.save(folder)
     seen = RunScreen(folder)
     seen.take(
         [{"doc": "start", "t_s": 0.0}, {"doc": "event", "t_s": 10.0, "stream": EVENTS[0][0], "data": EVENTS[0][1]}]
@@ -302,7 +302,7 @@ def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path
     assert (seen.now, seen.left_s) == (HOME, 135.0)
     seen.take([{"doc": "stop", "t_s": 12.0, "status": "aborted"}, {"doc": "resume", "t_s": 50.0}])
     assert (seen.now, seen.left_s) == ("", None)
-    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
+    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).save(folder)
     seen.take([])
     assert (seen.now, seen.left_s) == ("home", 30.0)
     seen.take([{"doc": "event", "t_s": 60.0, "stream": "home", "data": {}}])
@@ -312,7 +312,7 @@ def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path
 def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_path: Path) -> None:
     """The course that is there is that of the second part: it is read for the first one, and again for its own."""
     folder = RunFolder(tmp_path)
-    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).keep(folder)
+    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).save(folder)
     seen = RunScreen(folder)
     home = {"doc": "event", "stream": "home", "data": {}}
     seen.take([{"doc": "start", "t_s": 0.0}, {**home, "t_s": 10.0}])
@@ -333,7 +333,7 @@ def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course:
     seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
     note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
     seen.take([note] * (run_state.LATE - 7 + more))
-    course.keep(seen.folder)
+    course.save(seen.folder)
     seen.take([])
     assert seen.now == now
 
@@ -395,7 +395,7 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
         "ending": told["ending"],
     }  # fmt: skip
     assert told["ending"]["resume"] == f"rig resume {folder}"
-    course.keep(RunFolder(folder))
+    course.save(RunFolder(folder))
     with RunFolder(folder).owned():
         told = program("watch", folder, "--json").json
     assert (told["state"], told["ending"], told["now_text"]) == ("running", None, SECOND)
@@ -520,7 +520,7 @@ def test_a_run_leaves_its_course_and_shows_it(
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
     told = program("dry-run", tmp_path / "mine.py", "--out", tmp_path / "runs", "--json").json
     folder = RunFolder(Path(told["run"]))
-    course = Course.kept(folder)
+    course = Course.load(folder)
     assert course is not None
     assert list(course.words.values()) == [
         "mount bar:3.0", "home", "zero", "move to x = +0.50 mm", "press bar:3.0 at +0.50 mm to 0.2 mm", "rest 1.5 s",
@@ -557,7 +557,7 @@ def test_a_rehearsal_without_an_end_leaves_no_course_and_no_disk_ends_a_run(
         attendant(course).begins(folder)
     assert (begun, list(tmp_path.iterdir())) == ([1, 1], [])
     attendant(course).begins(folder)
-    assert Course.kept(folder) == course
+    assert Course.load(folder) == course
     assert Rehearsed(course.duration_s, 0.0, course.instants_s, course.words).course == course
 
 
@@ -581,8 +581,8 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
         assert ask_at_the_bench(Request("mount it")) == "yes\n"
         assert live.is_started
         pause = PauseRequest()
-        monkeypatch.setattr(pause, "go_on", lambda: shown.append(live.is_started) or True)
-        assert AtTheTerminal(pause, print, print, None).go_on()  # type: ignore[arg-type]
+        monkeypatch.setattr(pause, "go_on", lambda meanwhile: shown.append(live.is_started) or True)
+        assert AtTheTerminal(pause, print, print, None).go_on(print)  # type: ignore[arg-type]
     assert shown == [False, False]
     assert not output._screens
     with screen_aside():

@@ -8,7 +8,7 @@ import pytest
 
 from rig.bench import real
 from rig.bench.real import PortError, open_bench
-from rig.cli.bench import _bench_at_hand
+from rig.cli.bench import _opened_bench
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.transport import TransportError
@@ -42,7 +42,7 @@ def test_a_stage_that_is_not_there_is_not_taken_for_the_sensor(config: Config) -
     with raises(PortError, "no_port", device="stage", port="/dev/no-such10"):
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     with raises(TransportError, "no_port", port="/dev/no-such10"):
-        _bench_at_hand(config)
+        _opened_bench(config)
 
 
 def test_a_sensor_that_is_not_there_is_told_as_one(
@@ -56,4 +56,4 @@ def test_a_sensor_that_is_not_there_is_told_as_one(
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     assert stage.closed == 1
     with raises(BadInputError, "not_felt", port="/dev/no-such10"):
-        _bench_at_hand(config)
+        _opened_bench(config)

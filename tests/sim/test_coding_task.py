@@ -64,13 +64,15 @@ def test_readings_stand_for_sed() -> None:
 
 
 def test_what_is_heard_is_above_silence_or_above_noise() -> None:
-    assert observation(np.zeros(M)).heard.all()
+    assert observation(np.zeros(M)).responding.all()
     rate = np.array([0.0, 0.1, 1.0, 1.5, 1.6, 2.0, 3.0, 0.0])
     receptor = through(2.0, 1.0)
-    assert observation(rate, receptor=receptor).heard.tolist() == (rate > 0).tolist()
-    assert observation(rate, receptor=receptor, noise=None).heard.tolist() == (rate > 0).tolist()
+    assert observation(rate, receptor=receptor).responding.tolist() == (rate > 0).tolist()
+    assert observation(rate, receptor=receptor, noise=None).responding.tolist() == (rate > 0).tolist()
     noisy = ReadingNoise(np.full(M, 0.5), "told", "output")
-    assert observation(rate, receptor=receptor, noise=noisy).heard.tolist() == (rate > 1.5).tolist()  # of three sd
+    assert (  # 3 sd
+        observation(rate, receptor=receptor, noise=noisy).responding.tolist() == (rate > 1.5).tolist()
+    )
 
 
 @pytest.mark.parametrize(("receptor", "unit"), [(None, 1.0), (through(4.0, 0.0), 4.0)])

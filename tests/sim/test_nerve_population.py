@@ -18,11 +18,11 @@ from sim.nerve.population import (
     SPACING_SHARE,
     VELOCITY_M_S,
     AfferentPopulation,
+    AfferentRequest,
     Pad,
-    Wanted,
     draw,
+    parse_afferents,
     population,
-    wanted,
 )
 from sim.nerve.staircase import Staircase, Swing
 from sim.nerve.stimulus import Stimulus
@@ -36,11 +36,11 @@ def flat() -> Fingertip:
 
 
 def test_a_text_asks_for_afferents() -> None:
-    assert wanted("3xSA1, 5xRA,PC@0.5:-1,2xSA1@-1") == (
-        Wanted("SA1", 3),
-        Wanted("RA", 5),
-        Wanted("PC", 1, (0.5, -1.0)),
-        Wanted("SA1", 2, (-1.0, 0.0)),
+    assert parse_afferents("3xSA1, 5xRA,PC@0.5:-1,2xSA1@-1") == (
+        AfferentRequest("SA1", 3),
+        AfferentRequest("RA", 5),
+        AfferentRequest("PC", 1, (0.5, -1.0)),
+        AfferentRequest("SA1", 2, (-1.0, 0.0)),
     )
 
 

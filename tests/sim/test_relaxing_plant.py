@@ -14,8 +14,8 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import PressedFinger, RelaxingPlant, RelaxingPress
-from sim.serve.force_process import Going, Leg, TrajectoryUpdate, WayAnswer, WayProcess
-from sim.serve.prefetch import STALE_S, WayAhead
+from sim.serve.force_process import Going, Leg, TrajectoryForces, TrajectoryProcess, TrajectoryUpdate
+from sim.serve.prefetch import STALE_S, TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
 from tests.error_codes import raises
 from tests.waiting import until
@@ -166,11 +166,11 @@ class OnTheSpot:
     def ask(self, way: TrajectoryUpdate) -> None:
         self.asked.append(way)
 
-    def answer(self) -> WayAnswer:
+    def answer(self) -> TrajectoryForces:
         if self.ended:
             raise EOFError
         way = self.asked[-1]
-        return WayAnswer(tuple(-leg.pose.above_apex_mm for leg in (*way.gone, *way.planned)), 0.01)
+        return TrajectoryForces(tuple(-leg.pose.above_apex_mm for leg in (*way.gone, *way.planned)), 0.01)
 
     def fileno(self) -> int:
         return 0
@@ -202,7 +202,7 @@ class StillClock(WallScheduler):
 
 
 class Rig:
-    """WayAhead on a clock that stands still, the stage's plan as a test sets it."""
+    """TrajectoryPrefetcher on a clock that stands still, the stage's plan as a test sets it."""
 
     def __init__(self) -> None:
         self.clock, self.process, self.told = StillClock(), OnTheSpot(), list[str]()
@@ -210,7 +210,7 @@ class Rig:
         carriage = Carriage(
             lambda t_s: (0, 0, round(1e6 * self.plan(t_s))), Screws(z_steps_per_mm=1e6), Placement(0, 0)
         )
-        self.ahead = WayAhead(self.clock, carriage, self.process, PERIOD_S, self.told.append)  # type: ignore[arg-type]
+        self.ahead = TrajectoryPrefetcher(self.clock, carriage, self.process, PERIOD_S, self.told.append)  # type: ignore[arg-type]
 
 
 @pytest.fixture
@@ -289,8 +289,8 @@ def test_in_real_time_a_hold_relaxes(finger: Fingertip) -> None:
     at = [height + 1.0]
     carriage = Carriage(lambda t_s: (0, 0, round(400 * at[0])), Screws(), Placement(0.0, 0.0))
     told: list[str] = []
-    process = WayProcess(FingertipConfig(), "bar:3.0", TERMS)
-    ahead = WayAhead(scheduler, carriage, process, PERIOD_S, told.append)
+    process = TrajectoryProcess(FingertipConfig(), "bar:3.0", TERMS)
+    ahead = TrajectoryPrefetcher(scheduler, carriage, process, PERIOD_S, told.append)
     try:
         at[0] = height - 0.3
         seen: dict[int, float] = {}

@@ -18,13 +18,13 @@ from sim.serve.force_process import (
     Leg,
     PressAnswer,
     PressProcess,
+    TrajectoryForces,
+    TrajectoryProcess,
     TrajectoryUpdate,
-    WayAnswer,
-    WayProcess,
     _going,
     _pressing,
 )
-from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, WayAhead
+from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, TrajectoryPrefetcher
 from tests.sim.test_press_ahead import PERIOD_S, SteppedScheduler
 
 TERMS = (PronyTerm(0.3, 0.07),)
@@ -36,13 +36,13 @@ def as_press(asked: Pose, solve_s: float) -> PressAnswer:
     return PressAnswer(asked, -asked.above_apex_mm, solve_s)
 
 
-def as_way(asked: TrajectoryUpdate, solve_s: float) -> WayAnswer:
-    return WayAnswer(tuple(-leg.pose.above_apex_mm for leg in (*asked.gone, *asked.planned)), solve_s)
+def as_way(asked: TrajectoryUpdate, solve_s: float) -> TrajectoryForces:
+    return TrajectoryForces(tuple(-leg.pose.above_apex_mm for leg in (*asked.gone, *asked.planned)), solve_s)
 
 
 KINDS: dict[type[Any], tuple[type[ForcePrefetcher], Callable[..., Any]]] = {
     PressProcess: (PressAhead, as_press),
-    WayProcess: (WayAhead, as_way),
+    TrajectoryProcess: (TrajectoryPrefetcher, as_way),
 }
 
 

@@ -275,7 +275,7 @@ def test_force_pressure_and_what_receptors_have_follow(linear: Fingertip, stiff:
     assert factor == force_factor(0.4, now.strained.press) != 1.0
     assert now.force_n == pytest.approx(was.force_n * factor)
     assert now.peak_pressure_pseudo == pytest.approx(was.peak_pressure_pseudo * factor)
-    felt = now.strained.felt(was.receptor_measures["sed"], now.model.receptor_e, now.model.poisson)
+    felt = now.strained.at_receptors(was.receptor_measures["sed"], now.model.receptor_e, now.model.poisson)
     strain, stress = strain_and_stress(0.4, now.strained.press, felt)
     assert len(stress) == len(now.model.receptors.position_mm)
     own = {"sed": strain * stress, "third": stress**3}
@@ -356,7 +356,7 @@ def test_stiffened_measures_need_no_field_of_the_linear_twin() -> None:
 def test_a_receptor_is_as_soft_as_its_layer_beside_all_below_the_epidermis() -> None:
     """And what it has of energy counts in its own shear modulus: 2 SED / μ, small strain's Ī₁ − 3."""
     strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]), 0.06, 1.2)
-    felt = strained.felt(np.array([30.0, 30.0]), np.array([0.2, 1.0]), 0.48)
+    felt = strained.at_receptors(np.array([30.0, 30.0]), np.array([0.2, 1.0]), 0.48)
     assert_allclose(felt.soft, [0.3, 0.06])
     assert_allclose(felt.linear, 2 * 30.0 / (1e4 * np.array([0.2, 1.0]) / (2 * 1.48)))
     assert felt.squeeze is strained.squeeze

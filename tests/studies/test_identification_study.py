@@ -11,7 +11,7 @@ from rig.identify.adaptive_presses import Identification, IdentificationOptions,
 from rig.identify.identification_script import IdentificationScript
 from rig.plan.config import Config
 from rig.plan.plan import Plan
-from rig.session.session import NewRun, Nobody, Session, run_on
+from rig.session.session import NewRun, NoAttendant, Session, run_on
 from rig.units import GWT_N
 from sim.carriage import Pose
 from sim.config import FingertipConfig
@@ -52,7 +52,7 @@ def test_a_finger_is_met_without_a_look_at_its_truth(finger: Fingertip, tmp_path
     meeting = Identification(known, made_up(), IdentificationOptions(GOALS, presses=2))
     script = IdentificationScript(meeting)
 
-    class Reader(Nobody):
+    class Reader(NoAttendant):
         def begins(self, folder: RunFolder) -> None:
             script.begins(folder)
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from studies.mutants import __main__ as runner
 from studies.mutants.report import page, score
 from studies.mutants.source import Mutant, mutants_of, plain
 from studies.mutants.tests_of import LineTests
@@ -119,3 +120,37 @@ def test_the_score_leaves_equivalents_out_and_the_page_lists_every_survivor() ->
     assert "| a.py:1 | `c \\| 1` | `2` |  |" in text
     assert "| a.py:1 | `d \\| 1` | `2` | the same |" in text
     assert "- `gone`" in text
+
+
+@pytest.mark.parametrize(
+    ("words", "groups"),
+    [
+        ("--group first", {"first"}),
+        ("--group sample --sample 1", {"sample"}),
+        ("--sample 0", {"first"}),
+        ("--sample 1", {"first", "sample"}),
+        ("--only rig/clock.py", {"first"}),
+    ],
+)
+def test_the_list_makes_only_what_it_prints_and_says_so_first(
+    words: str, groups: set[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("rig/engine/engine.py", "rig/clock.py"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("height = lift + 1\n", encoding="utf-8")
+    made: list[str] = []
+
+    def making(root: Path, path: str) -> list[Mutant]:
+        made.append(path)
+        assert f"making the mutants of {path}" in capsys.readouterr().err
+        return mutants_of(root, path)
+
+    monkeypatch.setattr(runner, "ROOT", tmp_path)
+    monkeypatch.setattr(runner, "FOLDER", tmp_path / ".mutants")
+    monkeypatch.setattr(runner, "mutants_of", making)
+    monkeypatch.setattr(runner, "EVERY_S", 0.0)
+    monkeypatch.setattr("sys.argv", ["mutants", "--list", *words.split()])
+    runner.main()
+    listed = capsys.readouterr().out.splitlines()
+    assert {line.split()[0] for line in listed} == groups
+    assert set(made) == {line.split("::")[0].rpartition(" ")[2] for line in listed}

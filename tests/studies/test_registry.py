@@ -1,5 +1,6 @@
 """Registry, results and pages of the studies agree; a study's tables are stored as it prints them."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -108,6 +109,21 @@ def test_a_table_goes_to_the_file_with_its_header(tree: Path) -> None:
     assert registry.read_table("one/second", tree / "results")[1] == ["7", "8"]
     assert registry.read_table("one/first", tree / "results")[1] == ["1, 2", ""]
     assert (tree / "registry.toml").read_text("utf-8").count("12345678") == 1
+
+
+def test_tables_that_commands_print_one_right_after_the_other_stay_apart(
+    tree: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """However often the study is run."""
+    printed = {"first": "| a | b |\n|---|---|\n| 1 | 2 |\n", "second": "| c | d |\n|---|---|\n| 3 | 4 |\n| 5 | 6 |\n"}
+    for name, text in printed.items():
+        (tree / f"{name}.py").write_text(f"print({text!r}, end='')\n", "utf-8")
+    monkeypatch.setenv("PYTHONPATH", str(tree))
+    (study,) = registry.studies(tree / "registry.toml").values()
+    for _ in range(2):
+        assert runner.run(replace(study, run=("first", "second"))) == 0
+        assert registry.read_table("one/first", tree / "results") == [["a", "b"], ["1", "2"]]
+        assert registry.read_table("one/second", tree / "results") == [["c", "d"], ["3", "4"], ["5", "6"]]
 
 
 def test_a_study_is_run_with_its_threads(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from sim.errors import ModelRangeError
-from sim.models.full_mesh import MeshedFinger, write_held_deck
+from sim.models.full_mesh import MeshedFinger, write_displacement_deck
 from studies.finite_strain.solver.scene import Specimen
 from studies.stiffening import confirmed
 from studies.stiffening.fingers import finger
@@ -28,7 +28,9 @@ def test_a_deck_has_yeohs_numbers(tmp_path: Path) -> None:
     """C10 = μ / 2, C20 = a μ / 2, D1 = 2 / κ, in MPa, of the first layer; no other power counts."""
     meshed = _meshed(0.3)
     poisson = meshed.config.tissue.poisson
-    write_held_deck(tmp_path / "held.inp", meshed, np.array([3, 7]), np.array([[0.0, -0.5, 0.25], [0.1, -0.4, 0.0]]))
+    write_displacement_deck(
+        tmp_path / "held.inp", meshed, np.array([3, 7]), np.array([[0.0, -0.5, 0.25], [0.1, -0.4, 0.0]])
+    )
     lines = (tmp_path / "held.inp").read_text("ascii").splitlines()
     (first, *_) = (after for line, after in pairwise(lines) if line == "*HYPERELASTIC,YEOH")
     mu, kappa = 0.18 / (2 * (1 + poisson)), 0.18 / (3 * (1 - 2 * poisson))
@@ -42,7 +44,7 @@ def test_a_deck_has_yeohs_numbers(tmp_path: Path) -> None:
 
 
 def test_without_stiffening_it_is_neo_hookean_and_at_small_strain_it_is_refused(tmp_path: Path) -> None:
-    write_held_deck(tmp_path / "held.inp", _meshed(0.0), np.array([3]), np.zeros((1, 3)))
+    write_displacement_deck(tmp_path / "held.inp", _meshed(0.0), np.array([3]), np.zeros((1, 3)))
     written = (tmp_path / "held.inp").read_text("ascii")
     assert "*HYPERELASTIC,NEO HOOKE\n" in written
     assert "YEOH" not in written

@@ -2,7 +2,7 @@
 A device added
 ==============
 
-You get a rehearsal with a force sensor that a package of your own adds: a scale that speaks lines. Its driver is
+You get a rehearsal with a force sensor that a package of your own adds: a scale with a line protocol. Its driver is
 tested against its virtual twin, byte by byte. The script needs a clone of the project.
 
 How-to: :doc:`/adding_a_device`. Reference: :doc:`/devices`.

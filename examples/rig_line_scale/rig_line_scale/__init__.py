@@ -1,1 +1,1 @@
-"""A scale that speaks lines, for the indentation rig."""
+"""Scale with a line protocol, for the indentation rig."""

@@ -1,4 +1,4 @@
-"""The scale as a force sensor. Source: README.md of this package, "What it speaks"."""
+"""Force sensor: scale with a line protocol. Source: README.md of this package, "Protocol"."""
 
 import re
 
@@ -12,7 +12,7 @@ _WEIGHT = re.compile(r"([SD])([+-]\d{4}\.\d\d)")
 
 
 class LineScaleForce:
-    """ForceSensor over the scale; scale is the true force over the one it shows."""
+    """Force sensor with a line scale; `scale` is the true force divided by the displayed one."""
 
     def __init__(
         self,
@@ -30,15 +30,15 @@ class LineScaleForce:
         self._reader = LineReader(transport, clock)
 
     def connect(self) -> str:
-        """Model and serial number; there is nothing to set. Raises ForceError."""
+        """Return model and serial number; the scale has no settings. Raises ForceError."""
         return self.identify()
 
     def identify(self) -> str:
-        """Model and serial number. Raises ForceError."""
+        """Return model and serial number. Raises ForceError."""
         return f"line scale{self._ask('I')}"
 
     def read(self) -> ForceReading:
-        """The newest weight. Raises ForceError."""
+        """Return the latest weight. Raises ForceError."""
         answer = self._ask("W")
         if answer == "H":
             raise ForceOverload(f"{self._transport.name}: the scale is overloaded")
@@ -50,17 +50,17 @@ class LineScaleForce:
         return ForceReading(float(found[2]) * GWT_N * self._scale, found[1] == "S", self._clock.monotonic_s())
 
     def zero(self) -> None:
-        """The newest weight is zero. Raises ForceError."""
+        """Make the latest weight the zero. Raises ForceError."""
         answer = self._ask("Z")
         if answer != "OK":
             raise self._garbled(answer)
 
     def close(self) -> None:
-        """Give the port back."""
+        """Close the port."""
         self._transport.close()
 
     def _ask(self, letter: str) -> str:
-        """What comes after the address."""
+        """Send a request and return its reply without the address. Raises ForceError."""
         self._reader.discard()
         self._transport.write(f"#{self._address}{letter}\r".encode("ascii"))
         answer = self._reader.read_line(self._clock.monotonic_s() + REPLY_S)

@@ -1,4 +1,4 @@
-"""What the rig must know of the scale."""
+"""Registry entry of the scale."""
 
 from pydantic import Field
 
@@ -10,13 +10,13 @@ from rig_line_scale.driver import LineScaleForce
 
 
 class LineScaleSettings(Settings):
-    """The table [force.line_scale]."""
+    """Table [force.line_scale] of a configuration."""
 
-    address: int = Field(1, ge=0, le=99, description="as set on the scale")
+    address: int = Field(1, ge=0, le=99, description="address that is set on the scale")
 
 
 def line_scale(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
-    """The driver, as configured. Raises TransportError."""
+    """Return the driver of the configured scale. Raises TransportError."""
     force = settings.force
     return LineScaleForce(
         opener(force.port),
@@ -30,7 +30,7 @@ def line_scale(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSe
 
 DEVICE = ForceKind(
     name="line_scale",
-    device="scale that speaks lines",
+    device="scale with a line protocol",
     driver=line_scale,
     settings=LineScaleSettings,
     twin="rig_line_scale.twin:line_scale_twin",

@@ -1,4 +1,4 @@
-"""The virtual twin of the scale. Source: README.md of this package, "What it speaks"."""
+"""Virtual twin of the scale. Source: README.md of this package, "Protocol"."""
 
 from sim.devices.clock import Scheduler
 from sim.devices.line import Load, Samples, SerialLine, VirtualForceSpec
@@ -8,20 +8,20 @@ _STABLE_SAMPLES, _STABLE_BAND_G = 3, 0.02
 
 
 class VirtualLineScale:
-    """A scale under a load, at the end of a serial line; it works when a byte arrives."""
+    """Virtual scale under a load on a serial line, which replies when a request arrives."""
 
-    def __init__(self, scheduler: Scheduler, line: SerialLine, load: Load, told: VirtualForceSpec) -> None:
-        self._line, self._samples = line, Samples(scheduler, load, told.sample_period_s)
-        self._address, self._step_g = f"{told.own['address']:02d}".encode(), told.resolution_g
+    def __init__(self, scheduler: Scheduler, line: SerialLine, load: Load, spec: VirtualForceSpec) -> None:
+        self._line, self._samples = line, Samples(scheduler, load, spec.sample_period_s)
+        self._address, self._step_g = f"{spec.own['address']:02d}".encode(), spec.resolution_g
         self._zero_g = 0.0
-        self._heard = b""
+        self._received = b""
         line.connect(self._on_bytes)
 
     def _on_bytes(self, data: bytes) -> None:
-        *questions, self._heard = (self._heard + data).split(b"\r")
-        for question in questions:
-            if question.startswith(b"#" + self._address):
-                self._line.device_write(b"=" + self._address + self._answer(question[3:]) + b"\r\n")
+        *requests, self._received = (self._received + data).split(b"\r")
+        for request in requests:
+            if request.startswith(b"#" + self._address):
+                self._line.device_write(b"=" + self._address + self._answer(request[3:]) + b"\r\n")
 
     def _answer(self, letter: bytes) -> bytes:
         if letter == b"I":
@@ -43,6 +43,6 @@ class VirtualLineScale:
         return f"{'S' if stable else 'D'}{shown:+08.2f}".encode()
 
 
-def line_scale_twin(scheduler: Scheduler, line: SerialLine, told: VirtualForceSpec, load: Load) -> VirtualLineScale:
-    """A scale under a load."""
-    return VirtualLineScale(scheduler, line, load, told)
+def line_scale_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualForceSpec, load: Load) -> VirtualLineScale:
+    """Return a virtual scale under a load."""
+    return VirtualLineScale(scheduler, line, load, spec)

@@ -1,4 +1,4 @@
-"""The scale's driver as pairs of bytes, and its twin as bytes."""
+"""Tests of the driver by requests and replies, and of the twin by its bytes."""
 
 from collections import deque
 from typing import Any
@@ -15,7 +15,7 @@ from sim.devices.line import Load, SerialLine, VirtualForceSpec
 
 
 class Pairs:
-    """A wire on which each question has its answer, and no other is asked."""
+    """Transport with a fixed reply to each request, which fails for any other request."""
 
     name = "wire"
 

@@ -1,1 +1,1 @@
-"""What was recorded: rates, spike times, and synthetic ones that say so in their name."""
+"""Recordings: rates, spike times, and synthetic recordings, whose names say so."""

@@ -35,7 +35,7 @@ class _Named(NamedTuple):
 
 
 Recordings = dict[str, dict[str, Recording]]
-"""Recordings by afferent and by what they are of."""
+"""Recordings by afferent, then by shape and condition."""
 
 _MOST_LISTED = 100
 _ONE_AFFERENT = "; a recording of one afferent is --recorded SHAPE=FILE, e.g. step:1=FILE"

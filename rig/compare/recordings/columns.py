@@ -1,4 +1,4 @@
-"""Read a user's table: separators, decimals, and which column is what in which unit."""
+"""Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
 import csv
 import math
@@ -22,7 +22,7 @@ _RATES = {"1/s": 1.0, "/s": 1.0, "Hz": 1.0, "spikes/s": 1.0, "imp/s": 1.0, "1/ms
 
 
 class RecordingColumn(NamedTuple):
-    """A column of a file, and what its numbers are multiplied with to be in mm, s or per s."""
+    """Column of a file, with its unit and the factor that converts its numbers to mm, s or 1/s."""
 
     name: str
     unit: str = ""
@@ -30,7 +30,7 @@ class RecordingColumn(NamedTuple):
 
     @property
     def changed(self) -> bool:
-        """Whether numbers are not taken as they are."""
+        """Whether the numbers are converted."""
         return self.factor != 1.0
 
 
@@ -55,36 +55,37 @@ _ROLES = {
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """The columns that were named, by what they hold; others have the names of docs/comparison.md.
+    """Columns that `--columns` names, by role; the other roles have the default names of docs/comparison.md.
 
-    `window_s` is the window of counts, where it was stated as a number instead of a column.
+    `window_s` is the window of the counts if it was given as a number instead of a column, else None.
     """
 
     given: Mapping[str, RecordingColumn] = field(default_factory=dict)
     window_s: float | None = None
 
     def __getitem__(self, role: str) -> RecordingColumn:
-        """The column of a role."""
+        """Return the column of a role."""
         return self.given.get(role, RecordingColumn(_ROLES[role].default))
 
     def names(self, *roles: str) -> list[str]:
-        """The columns of several."""
+        """Return the names of the columns of several roles."""
         return [self[role].name for role in roles]
 
     def split(self, required: Sequence[str], optional: Sequence[str]) -> tuple[list[str], list[str]]:
-        """Names of required and of optional columns; what was named is required."""
+        """Return the names of the required and the optional columns; a column named by `--columns` is required."""
         asked = [role for role in optional if role in self.given]
         return self.names(*required, *asked), self.names(*(role for role in optional if role not in asked))
 
     def changes(self, *roles: str) -> tuple[str, ...]:
-        """Which numbers were converted, for every plot."""
+        """Return notes on the converted roles, for captions."""
         return tuple(f"{role} from {self[role].unit}" for role in roles if self[role].changed)
 
 
 def column_map(texts: Sequence[str]) -> ColumnMap:
-    """From "ROLE=COLUMN[:UNIT],…", given once or several times. Raises RecordingError.
+    """Parse the values of `--columns`, "ROLE=COLUMN[:UNIT],…". Raises RecordingError.
 
-    Without a unit the one at the end of the column's name counts, as in "x (um)" or "x_um"; an sd has its rates'.
+    Without a unit, the unit at the end of the column's name applies, as in "x (um)" or "x_um"; an sd without a unit
+    has the unit of the rates.
     """
     given: dict[str, RecordingColumn] = {}
     for text in texts:
@@ -112,7 +113,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
 
 
 def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
-    """In s, where the window is a number; it names no column then."""
+    """Return the window in s if it is a number instead of a column, else None. Raises RecordingError."""
     try:
         seconds = float(given["window"].name) * given["window"].factor
     except (KeyError, ValueError):
@@ -160,7 +161,7 @@ def _column(part: str, name: str, units: Mapping[str, float]) -> RecordingColumn
 
 
 def _known(unit: str, units: Mapping[str, float]) -> float | None:
-    """The factor of a unit, however it is capitalised and whichever sign of micro it has."""
+    """Return the factor of a unit, ignoring case and the variant of the micro sign; None for an unknown unit."""
     return {name.casefold(): factor for name, factor in units.items()}.get(unit.strip().casefold())
 
 
@@ -176,7 +177,7 @@ _NO_DATA = ("", "nan", "na", "n/a", "-")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The cells of a row by column, and where it is; with decimal commas if any number of the table has one."""
+    """Cells of a row by column, and its location; with decimal commas if any number of the table has one."""
 
     path: Path
     row: int  # the header is 1
@@ -184,7 +185,7 @@ class Row:
     commas: bool = False
 
     def number(self, column: str, least: float = -math.inf) -> float:
-        """A finite number that is not below `least`. Raises RecordingError."""
+        """Return the cell as a finite number of at least `least`. Raises RecordingError."""
         text = self.cells[column].replace("−", "-")
         value = float(text.replace(",", ".")) if self._is_number(text) else math.nan
         if not (is_number(value) and value >= least):
@@ -196,7 +197,7 @@ class Row:
         return value
 
     def wrong(self, column: str, code: str, expected: str, **fields: Any) -> RecordingError:
-        """The complaint about a cell; what was expected may name further fields."""
+        """Return an error for a cell; `expected` is a format string over the further fields."""
         return RecordingError(
             "{path}, row {row}, column {column}: {cell!r} must be " + expected,
             code=code,
@@ -220,12 +221,11 @@ COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN
 def read_table(
     path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False, hint: str = ""
 ) -> list[Row]:
-    """The rows below a header (row 1) that has the required columns.
+    """Return the rows below the header, which must have the required columns.
 
-    Empty rows are skipped, and so are empty lines above the header and those that begin with #.
-
-    Separators are commas, semicolons or tabs; `others` says that columns besides these are no mistake, `hint` what to
-    do about a wrong header. Raises RecordingError.
+    Empty rows are skipped, as are empty lines and lines that begin with # above the header. Separators are commas,
+    semicolons or tabs. `others` allows further columns; `hint` is appended to the error for a wrong header. Raises
+    RecordingError.
     """
     lines = table_lines(path)
     first, header = next(lines)
@@ -281,26 +281,26 @@ def _wrong_header(
 
 
 def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:
-    """Columns as one writes them: "position_mm,rate[,sd]"."""
+    """Return the columns as text, e.g. "position_mm,rate[,sd]"."""
     return ",".join(required) + "".join(f"[,{name}]" for name in optional)
 
 
 def no_rows(path: Path, expected: str) -> RecordingError:
-    """The complaint about a table that ends with its header."""
+    """Return the error for a table without rows below the header."""
     sentence = "{path}: no rows below the header; the file must contain {expected}"
     return RecordingError(sentence, code="no_rows", path=str(path), expected=expected)
 
 
 def header_of(path: Path) -> list[str]:
-    """The names of the columns; none of an empty file. Raises RecordingError."""
+    """Return the names of the columns; an empty list for an empty file. Raises RecordingError."""
     return next(table_lines(path))[1]
 
 
 def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the number and the stripped cells of the header, none of an empty file, then of each row.
+    """Yield the line number and the stripped cells of the header (no cells for an empty file), then of each row.
 
-    The separator is the one that makes the most columns of the header; comments and empty lines above it are skipped,
-    and so are empty columns at the right. Raises RecordingError.
+    The separator is the one that splits the header into the most columns. Comments and empty lines above the header
+    are skipped, as are empty columns at the right. Raises RecordingError.
     """
     try:
         lines = lines_of(path, most=MOST_TABLE_BYTES)

@@ -1,8 +1,8 @@
-"""How far the skin goes down beside an indentor, and what was measured of it.
+"""Deflection of the skin beside an indentor: measured, simulated, and compared.
 
-Measured deflections are a CSV of the columns `deflection_mm` and `x_mm`, `z_mm` or both, in any order: where on the
-undeformed skin, and its downward displacement there. x is lateral, 0 at the pad's centre, z runs along the finger
-from the proximal edge; without x the pad's centre line is meant, without z the receptor plane.
+Measured deflections are a CSV with the columns `deflection_mm` (downward displacement) and `x_mm`, `z_mm` or both
+(location on the undeformed skin), in any order. x is lateral, 0 at the center of the pad; z runs along the finger
+from the proximal edge. Without x, the points lie on the center line of the pad; without z, in the receptor plane.
 """
 
 from dataclasses import dataclass
@@ -25,7 +25,7 @@ _CENTRE_MM = 0.0
 
 @dataclass(frozen=True)
 class SkinDeflection:
-    """(n,) places on the undeformed skin and downward displacements there, in mm; NaN in z is the receptor plane."""
+    """Measured downward displacements (n,) at undeformed locations (n,), in mm; NaN in z: receptor plane."""
 
     x_mm: Array
     z_mm: Array
@@ -33,7 +33,7 @@ class SkinDeflection:
 
 
 def read_skin_deflection(path: Path) -> SkinDeflection:
-    """A measured deflection. Raises RecordingError with row and column."""
+    """Read a measured deflection. Raises RecordingError with row and column."""
     rows = read_table(path, ("deflection_mm",), _COLUMNS)
     if not rows:
         raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
@@ -48,9 +48,10 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
 
 
 def deflection_at(result: IndentationResult, x_mm: Array, z_mm: Array) -> Array:
-    """(n,) downward displacement of the skin at places (n,) of the undeformed one, in mm; NaN beside the patch.
+    """Return the simulated downward displacement (n,) of the skin at undeformed locations (n,), in mm.
 
-    Linear between nodes, along a row across the finger and then along it. A section has one row, for every z.
+    NaN beside the patch. Linear between nodes, first along a row across the finger, then along the finger. A section
+    has one row, which applies at every z.
     """
     patch = result.model.patch
     x, down = (values.reshape(patch.shape) for values in (patch.x, -result.state.displacement[-1]))
@@ -63,7 +64,9 @@ def deflection_at(result: IndentationResult, x_mm: Array, z_mm: Array) -> Array:
 
 
 def _between_rows(values: Array, rows_mm: Array, z_mm: Array) -> Array:
-    """(n,) of values (rows, n) at rows in any order, NaN beyond the last."""
+    """Interpolate values (rows, n) linearly between rows, which may be unsorted, at z (n,); NaN beyond the outer
+    rows.
+    """
     order = np.argsort(rows_mm)
     values, rows_mm = values[order], rows_mm[order]
     low = np.clip(np.searchsorted(rows_mm, z_mm, side="right") - 1, 0, len(rows_mm) - 2)
@@ -73,8 +76,10 @@ def _between_rows(values: Array, rows_mm: Array, z_mm: Array) -> Array:
     return np.where((part >= 0) & (part <= 1), between, np.nan)
 
 
-def laid_beside(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
-    """Measured and simulated at each place, and measured − model over those on the patch; null without."""
+def compared_deflection(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
+    """Return measured and simulated deflections at each location, and statistics of measured − model on the patch.
+
+    The statistics are null if no location lies on the patch."""
     z_mm = np.where(np.isnan(measured.z_mm), result.model.plane_mm, measured.z_mm)
     model = deflection_at(result, measured.x_mm, z_mm)
     left = (measured.deflection_mm - model)[~np.isnan(model)]

@@ -1,4 +1,4 @@
-"""Numbers from HDF5 files that somebody else made: what is read is small, and lies in the file itself.
+"""Numbers from foreign HDF5 files: only small datasets that are stored in the file itself are read.
 
 A file of a few kilobytes can declare 10¹² numbers, unpack to gigabytes, or name other files in links and virtual
 datasets. Its declarations are therefore examined before anything is read.

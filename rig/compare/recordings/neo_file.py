@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.recording import finite_times
+from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
 
 Array = NDArray[np.float64]
@@ -74,8 +75,8 @@ class _Channels:
     @property
     def contents(self) -> str:
         """List of all names with their numbers of spikes or events."""
-        trains = ", ".join(f"{name} ({len(times)} spikes)" for name, times in _first(self.trains))
-        events = ", ".join(f"{name} ({len(times)} events)" for name, times in _first(self.events))
+        trains = ", ".join(f"{name} ({number_of(len(times), 'spikes')})" for name, times in _first(self.trains))
+        events = ", ".join(f"{name} ({number_of(len(times), 'events')})" for name, times in _first(self.events))
         return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}"
 
 

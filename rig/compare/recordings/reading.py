@@ -1,4 +1,4 @@
-"""Read the recordings that a command names, tables of rates or counts among them."""
+"""Read the recordings that a command names: tables of rates or counts, and spike times."""
 
 import hashlib
 import math
@@ -26,11 +26,11 @@ from sim.contact.shapes import shape_name
 # Rates, or counts of spikes, against position, from a user's CSV.
 #
 # Columns `position_mm,rate[,sd][,repeat]` or `position_mm,count,window_s[,repeat]`, by these names or as `--columns`
-# says: the indentor's reference point from the receptive field's centre in the finger's frame, and the discharge rate
+# says: the indentor's reference point from the receptive field's center in the finger's frame, and the discharge rate
 # (any unit, ≥ 0) or the spikes that were counted in a window. Rows of one position need a `repeat`.
 
 _MOST_SIGNS = 20
-"""Signs of equality in a shape, or # before a unit, that count; a name with more of them stays whole behind these."""
+"""Maximum number of equals signs in a shape, or of # before a unit, at which a name is split."""
 
 Roles = tuple[tuple[str, ...], tuple[str, ...]]
 
@@ -40,12 +40,12 @@ COUNTS: Roles = (("position", "count", "window"), ("repeat",))
 
 
 def holds_counts(path: Path, columns: ColumnMap) -> bool:
-    """Whether a table has counts instead of rates."""
+    """Return whether a table has counts instead of rates."""
     return "rate" not in columns.given and ("count" in columns.given or columns["count"].name in header_of(path))
 
 
 def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
-    """Read a table of either kind. Raises RecordingError, naming row (the header is 1) and column."""
+    """Read a table of rates or of counts. Raises RecordingError with row (the header is 1) and column."""
     columns = columns or ColumnMap()
     counted = holds_counts(path, columns)
     required, optional = COUNTS if counted else RATES
@@ -58,7 +58,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
 
 
 def _placed(rows: list[Row], columns: ColumnMap) -> Iterator[tuple[Row, float]]:
-    """Rows and their positions in mm; the same place twice needs another repeat."""
+    """Yield rows with their positions (mm). Raises RecordingError if a position occurs twice in the same repeat."""
     seen: dict[tuple[float, str], Row] = {}
     name, repeat = columns.names("position", "repeat")
     for row in rows:
@@ -105,7 +105,7 @@ def _whole(row: Row, count: str) -> float:
 
 
 def _one_window(path: Path, rows: list[tuple[Row, float]], window: RecordingColumn) -> float:
-    """In s. Every count must be of the same window, since rates are compared by one noise."""
+    """Return the window (s), which must be the same in all rows, since one noise model applies to all rates."""
     found = [(row, window.factor * row.number(window.name)) for row, _ in rows]
     for row, seconds in found:
         if seconds <= 0:
@@ -120,7 +120,7 @@ def _one_window(path: Path, rows: list[tuple[Row, float]], window: RecordingColu
 
 @dataclass(frozen=True)
 class Reading:
-    """How files are read: spikes in a window from the start of a hold, about a receptive field; what columns hold."""
+    """Options for reading recordings: window from the start of a hold (s), x of the receptive field (mm), columns."""
 
     window_s: tuple[float, float] = (0.0, 1.0)
     field_centre_mm: float = 0.0
@@ -132,10 +132,10 @@ class Reading:
 def read_recordings(
     recorded: Sequence[str], mirror: Sequence[str], runs: Sequence[Run], reading: Reading
 ) -> dict[str, Recording]:
-    """Recordings by what they are of, from "SHAPE[@CONDITION]=FILE" and the shapes to be mirrored.
+    """Return recordings by shape and condition, from "SHAPE[@CONDITION]=FILE" and the shapes to mirror.
 
-    A CSV with a column of times, or an NWB file, holds spike times of the one run with that shape. Raises
-    RecordingError, ShapeError.
+    A CSV with a column of times, or an NWB file, contains spike times, which belong to the only run with that shape.
+    Raises RecordingError, ShapeError.
     """
     named: dict[ShapeKey, tuple[str, str]] = {}
     for text in recorded:
@@ -164,7 +164,7 @@ def read_recordings(
 
 
 def _shape_and_file(text: str) -> tuple[str, str]:
-    """Of "step:1=mine.csv"; both may have further signs of equality: "bar:3,turn_deg=30=mine.csv"."""
+    """Split "step:1=mine.csv"; both parts may contain further equals signs: "bar:3,turn_deg=30=mine.csv"."""
     words = text.split("=", _MOST_SIGNS)
     parted = [("=".join(words[:n]), "=".join(words[n:])) for n in range(1, len(words))]
     if not parted or not all(parted[-1]):
@@ -181,7 +181,7 @@ def _is_shape(text: str) -> bool:
 
 
 def _file_and_unit(text: str) -> tuple[Path, str]:
-    """A file, and of a file with units the one that is named after it: "afferent.nwb#3"."""
+    """Split a file from the unit named after it, as in "afferent.nwb#3"; the unit is empty if none is named."""
     marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
     named = (one for one in parted if one[0].endswith(NWB) or neo_format(Path(one[0])) is not None)
@@ -228,7 +228,7 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
 
 
 def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
-    """A name that no file is read by is a mistake."""
+    """Raise RecordingError for a role of `--columns` that no file uses."""
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
     for role, column in columns.given.items():
         if role not in used:

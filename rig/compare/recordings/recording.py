@@ -1,4 +1,4 @@
-"""A recorded response profile: rates against position, and the shape and press it belongs to."""
+"""Recorded response profiles: rates against position, with their shape and condition."""
 
 import re
 from collections.abc import Mapping
@@ -20,10 +20,11 @@ _FEWEST_POSITIONS = 3
 
 @dataclass(frozen=True)
 class Recording:
-    """Rates against position, for one shape.
+    """Recorded rates against position, for one shape.
 
-    `position_mm` (p,) ascending; `repeats` the rates at each; `sd` (p,) over repeats or as given, NaN where unknown.
-    `window_s` is what the spikes of each press were counted in: rate × window is a count. None where it is not known.
+    `position_mm` (p,) ascends; `repeats` are the rates at each position; `sd` (p,) is that over repeats or from the
+    file, NaN if unknown. `window_s` is the window in which the spikes of each press were counted, so that rate ×
+    window is a count; None if unknown.
     """
 
     name: str
@@ -36,11 +37,11 @@ class Recording:
 
     @property
     def rate(self) -> Array:
-        """(p,) mean over repeats."""
+        """Mean rate (p,) over repeats."""
         return np.array([rates.mean() for rates in self.repeats])
 
     def mirrored(self) -> "Recording":
-        """Positions negated: for profiles published in the mirror image of the finger's frame."""
+        """Return the recording with negated positions, for profiles that are mirror images in the finger's frame."""
         return replace(
             self,
             position_mm=-self.position_mm[::-1],
@@ -50,7 +51,9 @@ class Recording:
         )
 
     def normalised(self, largest: float) -> "Recording":
-        """Rates as parts of a family's largest mean rate; the window grows with them, so that counts stay."""
+        """Return the recording with rates divided by `largest`; the window is scaled so that the counts do not
+        change.
+        """
         repeats = tuple(rates / largest for rates in self.repeats)
         changes = (*self.changes, f"rates divided by {largest:g}")
         window_s = None if self.window_s is None else self.window_s * largest
@@ -58,7 +61,9 @@ class Recording:
 
 
 def recording(name: str, rows: list[tuple[float, float, float]], window_s: float | None = None) -> Recording:
-    """A recording from (position_mm, rate, sd or NaN) of every repeat, in any order; the window of counts."""
+    """Return a recording from rows (position_mm, rate, sd or NaN), one per repeat, in any order.
+
+    window_s: window of the counts."""
     at: dict[float, list[tuple[float, float]]] = {}
     for position, rate, one_sd in rows:
         at.setdefault(position, []).append((rate, one_sd))
@@ -70,7 +75,7 @@ def recording(name: str, rows: list[tuple[float, float, float]], window_s: float
 
 
 def with_enough_positions(path: Path, found: Recording) -> Recording:
-    """The recording of a file. Raises RecordingError below three positions, which say nothing of a profile."""
+    """Return the recording. Raises RecordingError for fewer than three positions, which are too few for a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
         raise RecordingError(
             "{path}: {positions} positions, at least {fewest} are required",
@@ -87,18 +92,18 @@ _CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)")
 
 
 class ShapeKey(NamedTuple):
-    """A shape by its canonical name, and a condition as stimuli have it ("8 gwt"), empty where any is meant."""
+    """Canonical name of a shape, and a condition such as "8 gwt"; an empty condition matches any."""
 
     shape: str
     condition: str
 
     def __str__(self) -> str:
-        """As recordings are told apart: "step:1" or "step:1@8 gwt"."""
+        """Return the key of a recording, "step:1" or "step:1@8 gwt"."""
         return f"{self.shape}@{self.condition}" if self.condition else self.shape
 
 
 def shape_key(text: str) -> ShapeKey:
-    """From "step:1" or "step:1@8gwt". Raises RecordingError, ShapeError."""
+    """Parse "step:1" or "step:1@8gwt". Raises RecordingError, ShapeError."""
     shape, at, said = text.partition("@")
     condition = _CONDITION.fullmatch(said.strip())
     if at and condition is None:

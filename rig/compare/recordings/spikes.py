@@ -35,9 +35,10 @@ _MOST_UNITS, _MOST_LISTED = 100_000, 50
 
 
 def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
-    """Spike times and sync pulses (s, ascending) of the unit with an id, "" for the only one; RecordingError.
+    """Return spike times and sync pulses (s, ascending) of a unit by its id, "" for the only one. Raises
+    RecordingError.
 
-    Another column of times, its unit, and the pulses' name are the columns' time and sync.
+    The roles time and sync of `columns` name another column of times with its unit, and the pulses.
     """
     try:
         open_file(path).close()  # for its checks
@@ -52,7 +53,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
 
 @contextmanager
 def _damage_in_one_line(path: Path) -> Iterator[None]:
-    """Raise RecordingError for whatever a wrong byte leads to in HDF5."""
+    """Raise RecordingError for any error that a damaged HDF5 file causes."""
     try:
         yield
     except RecordingError:
@@ -157,11 +158,11 @@ SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "segment"
 def read_spike_times(
     path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None, *, may_be_silent: bool = False
 ) -> Array:
-    """(n,) ascending s since the run's start, from NWB or a CSV with columns `time_s[,kind]`. Raises RecordingError.
+    """Return spike times (n,) in s since the start of the run, ascending, from NWB or a CSV. Raises RecordingError.
 
-    Rows of kind "sync" are the run's pulses as the amplifier saw them: offset and drift between the two clocks are
-    fitted to them. Without such rows the times must count from its start already. `unit` is the one of a file that
-    may have several.
+    The CSV has the columns `time_s[,kind]`. Rows of kind "sync" are the run's pulses by the amplifier's clock, from
+    which the offset and drift of that clock are fitted. Without them, the times must already count from the start of
+    the run. `unit` selects a unit in a file that may have several.
     """
     columns = columns or ColumnMap()
     if path.suffix == NWB:
@@ -240,7 +241,7 @@ def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> 
 
 
 def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
-    """Return the fitted line of the run's time over the amplifier's; a constant if all pulses are at one time."""
+    """Fit the run's time as a line over the amplifier's time; as an offset if all pulses are at one time."""
     constant = np.polynomial.Polynomial([float(rise_s.mean())])
     if np.ptp(pulse_s) == 0:
         return constant
@@ -259,12 +260,11 @@ _LEAST_INSIDE = 0.05  # share of spikes in the run; of times in ms, read as s, a
 def rates_in_run(
     run: Run, shape: str, spike_s: Array, name: str, window_s: tuple[float, float], centre_mm: float = 0.0
 ) -> Recording:
-    """Spikes per second in a window relative to the start of each last hold; presses at one place are repeats.
+    """Return rates (1/s) in a window from the start of each last hold; presses at one position are repeats.
 
-    A shape that was pressed to several forces or depths needs the one that is meant: "step:1@8gwt".
-
-    Positions are the indentor's x minus the receptive field's centre. Raises RecordingError where the window is
-    empty or longer than a hold, or nothing was pressed.
+    If the shape was pressed to several forces or depths, `shape` must name one, as in "step:1@8gwt". Positions are
+    the x of the indentor minus the center of the receptive field. Raises RecordingError if the window is empty or
+    longer than a hold, or if the run has no such press.
     """
     begin, end = window_s
     if not 0 <= begin < end:
@@ -307,7 +307,7 @@ _CLOCK_TICK_S = 1e-6
 
 
 def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, float]]:
-    """x (mm), start and end (s since the run's start) of the last hold of each finished indentation by a shape."""
+    """Return x (mm), start and end (s since the start of the run) of the last hold of each finished indentation."""
     finished = {event["index"] for event in run.stream("indentation_end")}
     asked = {event["index"]: event for event in run.stream("indentation_start")}
     began = {(event["index"], event["hold"]): event["t_s"] for event in run.stream("hold_start")}
@@ -340,7 +340,7 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
 
 @dataclass(frozen=True)
 class LinearAfferent:
-    """A receptor that fires by the rule; ε₀ in the sign and unit of the measure's profile, rates per second."""
+    """Synthetic afferent with R = max(0, k(ε − ε₀)) in 1/s; ε₀ has the sign and unit of the measure's profile."""
 
     measure: str
     receptor: int
@@ -348,7 +348,7 @@ class LinearAfferent:
     eps0: float
 
     def rate(self, stimulus: StimulusRow, position_mm: Array) -> Array:
-        """(p,) mean rates; NaN where the run did not go."""
+        """Return the mean rates (p,); NaN at positions that the run does not cover."""
         eps = stimulus.at(position_mm)[MEASURES.index(self.measure), :, self.receptor]
         return np.maximum(0.0, self.k * (eps - self.eps0))
 

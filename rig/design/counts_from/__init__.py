@@ -1,1 +1,1 @@
-"""Where the counts of an adaptive run come from: one module for each source."""
+"""Sources of the counts of an adaptive run, one module each."""

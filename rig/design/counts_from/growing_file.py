@@ -22,7 +22,7 @@ class GrowingFile:
             raise CountError("--choose {path}: must be a file in an existing folder", code="no_file", path=str(path))
 
     def made(self, press: MadePress) -> None:
-        """Do nothing: the file goes by itself."""
+        """Do nothing, because the file grows by itself."""
 
     def new(self) -> list[tuple[Any, Any]]:
         """Return the rows of the new whole lines. Raises CountError."""

@@ -27,7 +27,7 @@ class LslCounts:
         self._inlet = inlet
 
     def made(self, press: MadePress) -> None:
-        """Do nothing: the stream goes by itself."""
+        """Do nothing, because the stream runs by itself."""
 
     def new(self) -> list[tuple[Any, Any]]:
         """Return the samples that have arrived."""

@@ -1,4 +1,4 @@
-"""A source of counts from the text of `--choose`."""
+"""Open a source of counts from the value of `--choose`."""
 
 import importlib
 import sys

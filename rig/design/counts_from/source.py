@@ -1,4 +1,4 @@
-"""What a source of counts does, and the counts that a run accepts from it."""
+"""Interface of a source of counts, and the counts that a run accepts from it."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -38,19 +38,19 @@ class CountSource(Protocol):
     """
 
     def made(self, press: MadePress) -> None:
-        """Note that a press has been made, whose count is asked for next."""
+        """Record that a press was made, whose count is requested next."""
 
     def new(self) -> Sequence[tuple[Any, Any]]:
-        """Return what arrived since the last call, as pairs of a press's number (from 0) and its count.
+        """Return the counts that arrived since the last call, as pairs (number of the press from 0, count).
 
         Pairs are returned as they came, without a wait; the run checks them. Raises CountError.
         """
 
     def truth(self) -> Mapping[str, Any] | None:
-        """Return what is known of a virtual nerve, with its candidate under `candidate`; None for a recorded one."""
+        """Return the parameters of a virtual nerve, with its `candidate`; None for a recorded nerve."""
 
     def close(self) -> None:
-        """Release what the source has opened."""
+        """Release the resources of the source."""
 
 
 class AcceptedCounts:
@@ -69,7 +69,7 @@ class AcceptedCounts:
         self._found: dict[int, int] = {}
 
     def look(self, presses: int) -> None:
-        """Take in what arrived while so many presses have been made. Raises CountError."""
+        """Read the counts that have arrived, given the number of presses made. Raises CountError."""
         for press, count in self.source.new():
             self._take(press, count, presses)
 

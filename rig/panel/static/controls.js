@@ -25,7 +25,7 @@ export class Controls {
   async ask(button) {
     const name = button.firstChild.textContent.trim();
     const answer = await post(`/${button.dataset.post}`, JSON.parse(button.dataset.body ?? "{}"));
-    this.said(`${name}: ${answer.ok ? (answer.words ?? "understood") : answer.problem}`, answer.ok ? "understood" : answer.code, !answer.ok);
+    this.said(`${name}: ${answer.ok ? (answer.words ?? "accepted") : answer.problem}`, answer.ok ? "understood" : answer.code, !answer.ok);
     if (button.dataset.post === "zero") show("zero_anyway", !answer.ok && answer.status === 409);
   }
 
@@ -118,6 +118,6 @@ export class Controls {
       ["not_homed", !hand.homed && "not homed"],
       ["not_zeroed", !hand.zeroed && "not zeroed"],
     ].filter(([, words]) => words);
-    return parts.length ? parts : [["by_hand", "by hand"]];
+    return parts.length ? parts : [["by_hand", "manual control"]];
   }
 }

@@ -25,7 +25,7 @@ export class Raster {
     const { afferents, connected, rows, unix_s } = this.data;
     const age_s = Math.max(0, Date.now() / 1000 - unix_s);
     this.draw(afferents, rows.map(([row, then_s]) => [row, then_s + age_s]));
-    const many = `${afferents.length} simulated afferents, last ${WINDOW_S} s`;
+    const many = `${afferents.length} simulated afferent${afferents.length === 1 ? "" : "s"}, last ${WINDOW_S} s`;
     write("spikes_words", connected ? many : `not connected to rig serve; ${many}`, connected ? "connected" : "lost");
   }
 

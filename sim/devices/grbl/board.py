@@ -61,13 +61,13 @@ class VirtualGrbl(GrblSystem):
             # The firmware waits here until all motion is over (FORCE_BUFFER_SYNC_DURING_WCO_CHANGE).
             self._wait_for(Wait(lambda: self._planner.end_s, lambda then_s: self._zeroed(command, then_s)))
             return None
-        return self._goes_on(command, now_s)
+        return self._execute_motion(command, now_s)
 
     def _zeroed(self, command: GcodeCommand, now_s: float) -> None:
         self._reports.show_offset()
-        self._reply(self._goes_on(command, now_s))
+        self._reply(self._execute_motion(command, now_s))
 
-    def _goes_on(self, command: GcodeCommand, now_s: float) -> int | None:
+    def _execute_motion(self, command: GcodeCommand, now_s: float) -> int | None:
         if command.dwell_s is not None:
             self._dwell(command.dwell_s)
             return None

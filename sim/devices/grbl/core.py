@@ -185,7 +185,7 @@ _OUTPUTS_KEPT = 1000
 
 @dataclass(frozen=True)
 class Mechanics:
-    """Mechanics behind the board's motors, of which the board knows nothing.
+    """Mechanics behind the board's motors, which the board cannot sense.
 
     start_mm is the carriage's position relative to the home switches; slip_steps is how far inertia carries a moving
     axis past a reset; play_steps is the lost motion of each screw.

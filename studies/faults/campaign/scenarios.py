@@ -28,7 +28,7 @@ from rig.records import Pace, PlannedIndentation, Prediction
 from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
-from rig.session.session import NewRun, Nobody, Session
+from rig.session.session import NewRun, NoAttendant, Session
 from studies.faults.campaign.world import RememberingBench, ScenarioBench, config_of
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
@@ -86,7 +86,7 @@ class Phased:
         return self._live.handle(step, spot)
 
 
-class PhasedByEvents(Nobody):
+class PhasedByEvents(NoAttendant):
     """Names the phases within a press by what is journalled."""
 
     def __init__(

@@ -19,7 +19,7 @@ from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import BUILT_IN, kind_of
 from rig.engine import Journal
-from rig.engine.bench import NO_PAUSE, Heartbeat, Pause, WatchedBench
+from rig.engine.bench import NO_PAUSE, Heartbeat, Meanwhile, Pause, WatchedBench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.sensing import ForceZero
 from rig.plan.config import Config
@@ -317,7 +317,7 @@ class CampaignBench:
         """What the next command finds."""
         return BenchMemory(self.world.config)
 
-    def mount(self, indentor: str) -> str:
+    def mount(self, indentor: str, meanwhile: Meanwhile) -> str:
         """The indentor that was asked for."""
         return indentor
 
@@ -325,13 +325,15 @@ class CampaignBench:
         """The journal gets no truth here."""
         return {}
 
-    def look_after(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
+    def monitor(self, heartbeat: Heartbeat) -> AbstractContextManager[None]:
         """A timer of the virtual clock looks at it."""
         return looked_after_by(self.clock, heartbeat)
 
-    def left_with(self, zero: ForceZero | None) -> None:
+    def record_zero(self, zero: ForceZero | None) -> None:
         """As a real bench remembers it."""
-        if zero is not None:
+        if zero is None:
+            self.memory.forget_zero()
+        else:
             self.memory.zeroed(zero)
 
     def touched(self, known: Any) -> None:

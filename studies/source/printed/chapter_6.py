@@ -6,14 +6,14 @@ import numpy as np
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
 
-from rig.report.coding_figures import DrawnImpulse, ErrorSurface, extents, impulse_figure, search_figure
+from rig.report.coding_figures import ErrorSurface, ImpulsePlot, extents, impulse_figure, search_figure
 from rig.report.page_parts import PageFigure
 from rig.report.style import BLUE, GREY, ORANGE, Plot
 from sim.coding.decoder_results import Decoded, decoding_errors
 from sim.coding.decoders_by_search import error_surface
 from sim.coding.operators import ForwardOperator, ImpulseResponses, impulse_responses, shift_errors
 from sim.coding.point_spread import mean_over
-from sim.coding.raju_table_6_1 import DRAWN, AllSites, Sampled, Where, kept_sites
+from sim.coding.raju_table_6_1 import DRAWN, AllSites, Sampled, Where, cached_sites
 from sim.coding.section import AXES, HALF_LENGTH, Axes, SampledSection, Sampling, sampled_section
 from studies.coding.two_samples import (
     DRAWS,
@@ -38,7 +38,7 @@ _ACROSS = 81  # values of a surface's axis
 @once
 def sites(answers: FingerAnswers) -> AllSites:
     """Under equal point loads; twenty seconds, or from the cache."""
-    return kept_sites(answers.finger.config, Sampled()).sites
+    return cached_sites(answers.finger.config, Sampled()).sites
 
 
 def exponent(answers: FingerAnswers, where: Where) -> float:
@@ -121,8 +121,8 @@ def at_rest(answers: FingerAnswers, k: int) -> float:
 def impulse_figures(answers: FingerAnswers) -> tuple[PageFigure, ...]:
     """Responses and their spectra."""
     farthest = int(0.75 * HALF_LENGTH)
-    drawn: dict[str, DrawnImpulse] = {
-        axes: DrawnImpulse(impulse_responses(section), shift_errors(section, "finite", farthest))
+    drawn: dict[str, ImpulsePlot] = {
+        axes: ImpulsePlot(impulse_responses(section), shift_errors(section, "finite", farthest))
         for axes, section in sections(answers).items()
     }
     caption = "After Fig. 6-5. Left: in the skin's axes; right: Cartesian, as the source."

@@ -159,14 +159,18 @@ def test_with_one_measure_there_is_no_other() -> None:
     assert verdict_figures.rival(found) is None
     assert verdict_figures.apart(found) is None
     assert len(_points(found)) == len(sentences(found)) + 1
-    assert verdict_figures.drawn_pairs(found) == [BEST]
+    assert verdict_figures.plotted_pairs(found) == [BEST]
 
 
 def test_what_is_drawn() -> None:
-    assert verdict_figures.drawn_pairs(answer(*ROWS)) == [BEST, FITS, CONTROL]
+    assert verdict_figures.plotted_pairs(answer(*ROWS)) == [BEST, FITS, CONTROL]
     in_set = replace(WRONG, p_fit=0.5, p_set=0.5)
     assert verdict_figures.rival(answer(BEST, FITS, in_set)) is in_set  # before what is likelier and outside
-    assert verdict_figures.drawn_pairs(answer(FITS, WRONG, CONTROL)) == [FITS, WRONG, CONTROL]  # nothing explains it
+    assert verdict_figures.plotted_pairs(answer(FITS, WRONG, CONTROL)) == [
+        FITS,
+        WRONG,
+        CONTROL,
+    ]  # nothing explains it
 
 
 def test_the_ranking_has_each_name_once_best_first() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.candidate_measures import DISCREPANCY, OF_THE_MESH, Candidates
-from rig.compare.likelihood import Form, Observed, likeliest, observed
+from rig.compare.likelihood import Form, Observed, maximum_likelihood, observed
 from rig.compare.model_confidence_set import imitated, predicted_left_out
 from rig.compare.recordings.recording import recording
 
@@ -30,7 +30,7 @@ def test_on_one_finger_the_fit_is_the_likeliest_and_nothing_is_allowed_for() -> 
     eps, given = np.stack([bump(0), bump(1)]), of(60 * bump(0.1))
     one = Candidates(eps[None], Form())
     fit = one.fitted(given)
-    np.testing.assert_allclose(fit.found.k, likeliest(eps, given, Form()).k, rtol=1e-12)
+    np.testing.assert_allclose(fit.found.k, maximum_likelihood(eps, given, Form()).k, rtol=1e-12)
     np.testing.assert_array_equal(one.discrepancy(fit), np.zeros((2, 20)))
     assert (one.free, one.parameters, fit.place.shape) == (0, 2, (2, 0))
 

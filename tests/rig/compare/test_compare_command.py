@@ -1,6 +1,7 @@
 """`rig compare` and `rig export`, as people call them."""
 
 import json
+import shutil
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +12,15 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
+from rig.cli import compare, output
 from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
-from rig.data import Run
+from rig.data import Run, RunFolder, read_run
+from rig.data.folder import SCRIPT
 from rig.report.style import Plot
+from rig_shared.user_files import sha256_of
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
 from tests.program import Program
@@ -192,7 +196,7 @@ def test_bad_input_is_refused_in_one_line(command: Command, run: Run, options: t
 
 @no_figures
 def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
-    """Sought within 0.1 mm of x = 0, on six nodes."""
+    """RequestedRanges within 0.1 mm of x = 0, on six nodes."""
     asked = ("compare", run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
     asked = (*asked, "--depth-range-mm", "0.7,0.85", "--out", "a.html")
     code, out, _ = command(*asked, "--json")
@@ -268,6 +272,79 @@ def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
     code, _, err = command("export", run.folder.path)
     assert code == 2
     assert err.startswith("rig: export: ")
+
+
+@no_figures
+def test_strain_maps_are_computed_before_the_report_is_written(
+    command: Command, run: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each under its own name: the maps take a factorization."""
+    at: dict[str, str] = {}
+
+    def spied(name: str) -> None:
+        original = getattr(compare, name)
+
+        def spy(*words: Any, **more: Any) -> Any:
+            assert output._activities.current is not None
+            at[name] = output._activities.current.what
+            return original(*words, **more)
+
+        monkeypatch.setattr(compare, name, spy)
+
+    for name in ("stimulus_maps", "write_comparison"):
+        spied(name)
+    assert command("compare", run.folder.path, "--out", "a.html")[0] == 0
+    assert "strain" in at["stimulus_maps"]
+    assert at["write_comparison"] == "writing the report …"
+
+
+def _recorded(run: Run) -> dict[str, bytes]:
+    """Contents of all files of a run but its report, what the model answers, and the checksums."""
+    made = ("report.html", "SHA256SUMS", ".lock")
+    files = [path for path in run.folder.path.iterdir() if path.name not in made]
+    return {path.name: path.read_bytes() for path in files if not path.name.startswith("model_")}
+
+
+@no_figures
+@pytest.mark.parametrize("what", ["lost", "old", "without checksums", "stopped"])
+def test_export_writes_the_report_again_and_no_data(command: Command, run: Run, tmp_path: Path, what: str) -> None:
+    """Also of a run that was killed. The checksums of all other files stay, so that a change still shows."""
+    again = read_run(shutil.copytree(run.folder.path, tmp_path / "again"))
+    folder, sums = again.folder, again.folder.path / "SHA256SUMS"
+    code, out, _ = command("export", folder.path, "--report", "--json")
+    made = [Path(name).name for name in json.loads(out)["files"]]
+    assert (code, made[0]) == (0, "report.html")
+    assert set(made[1:]) == {name for name in folder.files if name.startswith("model_")} != set()
+    for name in made:
+        (folder.path / name).write_text("old", encoding="utf-8")
+        if what == "lost":
+            (folder.path / name).unlink()
+    if what == "without checksums":
+        sums.unlink()
+    if what == "stopped":
+        lines = folder.events.read_text(encoding="utf-8").splitlines(keepends=True)
+        ended = max(n for n, line in enumerate(lines) if '"stream": "indentation_end", "data"' in line)
+        folder.events.write_text("".join(lines[: ended + 1]), encoding="utf-8")
+    (folder.path / "sample.csv").write_text("changed by hand", encoding="utf-8")
+    before, known = _recorded(again), sums.read_text(encoding="utf-8").splitlines() if sums.exists() else []
+    code, out, _ = command("export", folder.path, "--report", "--json")
+    assert code == 0
+    assert json.loads(out)["files"] == [str(folder.path / name) for name in made]
+    assert _recorded(again) == before
+    assert "</html>" in folder.report.read_text(encoding="utf-8")
+    listed = sums.read_text(encoding="utf-8").splitlines()
+    assert {line for line in known if line.split("  ")[1] not in made} <= set(listed)
+    digests = dict(reversed(line.split("  ")) for line in listed)
+    assert [digests[name] for name in made] == [sha256_of(folder.path / name) for name in made]
+
+
+def test_the_page_of_an_identification_is_not_replaced(command: Command, run: Run, tmp_path: Path) -> None:
+    """It shows what was believed during the identification, which no journal holds."""
+    folder = RunFolder(Path(shutil.copytree(run.folder.path, tmp_path / "identified")))
+    about = json.loads(folder.provenance.read_text(encoding="utf-8"))
+    folder.provenance.write_text(json.dumps(about | {"protocol": SCRIPT}), encoding="utf-8")
+    code, out, _ = command("export", folder.path, "--report", "--json")
+    assert (code, json.loads(out)["code"], folder.report.exists()) == (2, "identification", False)
 
 
 def test_export_as_nwb(command: Command, run: Run) -> None:

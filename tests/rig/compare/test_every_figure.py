@@ -76,7 +76,7 @@ UNITS = frozenset({
     "pseudo-units", "pseudo-units³", "1/pseudo-unit", "unit of the recording", "standard deviations", "1",
 })  # fmt: skip
 """What brackets at the end of a label may hold; strain and 1 declare a number."""
-COLOURS = {"black": "black", "grey": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
+COLOURS = {"black": "black", "gray": GREY, "blue": BLUE, "orange": ORANGE, "green": GREEN, "purple": PURPLE,
            "yellow": YELLOW, "white": "white"}  # fmt: skip
 DAY_S = 86400.0
 LEAST_POINTS = 6.5
@@ -229,20 +229,20 @@ def _coding() -> dict[str, Any]:
     path = np.array([[10.0, 10.0], [24.0, 10.0], [24.0, 11.0], [20.0, 14.0]])
     surface = coding_figures.ErrorSurface(axis, axis, (axis[:, None] - 20) ** 2 + (axis - 14) ** 2)
     return {
-        "decoded": coding_figures.DrawnDecoding(
+        "decoded": coding_figures.DecodingPlot(
             place, np.array([3.0, 5.0, 4.0]), (place + 1.5, place + 7), np.full(3, 4.0), receptor,
             np.array([1.0, 2.0, 3.0]), receptor**2,
         ),
-        "encoding": coding_figures.DrawnEncoding(
+        "encoding": coding_figures.EncodingPlot(
             operator, np.arange(6.0), encoded, (place, np.array([0.1, 0.4, 0.2])), receptor=True,  # type: ignore[arg-type]
         ),
-        "impulse": {"skin": coding_figures.DrawnImpulse(impulse, errors)},  # type: ignore[arg-type]
-        "spread": coding_figures.DrawnPointSpread(
+        "impulse": {"skin": coding_figures.ImpulsePlot(impulse, errors)},  # type: ignore[arg-type]
+        "spread": coding_figures.PointSpreadPlot(
             Deformed(nodes, 0.1 * np.ones_like(nodes)),
             Judged(spread, PowerLaw(3.0, 1.5, 0.9, 0.8), PowerLaw(4.0, 1.7, 0.9, 0.8)),
         ),
         "search": ({"valley": surface}, {"exact": path, "grid": path[:2]}, np.array([20.0, 14.0])),
-        "sheet": coding_figures.DrawnSheet(
+        "sheet": coding_figures.SheetPlot(
             np.array([0.0, 1.0]), np.array([5.0, 6.0, 7.0]), np.arange(6.0).reshape(2, 3), np.ones((2, 3)),
             np.array([[0.5, 5.5]]),
         ),
@@ -483,7 +483,7 @@ def _strain_maps(world: World, figure: Figure) -> Shown:
 
 
 def _rows_of(world: World) -> list[Any]:
-    return verdict_figures.drawn_pairs(world.answer)
+    return verdict_figures.plotted_pairs(world.answer)
 
 
 def _crosses(world: World, panels: Sequence[Axes], stimuli: Sequence[int]) -> Shown:
@@ -1056,7 +1056,7 @@ def test_the_line_of_a_fit_is_the_fit_also_between_the_points(world: World, satu
         if np.isfinite(row.eps).all() and np.ptp(row.eps) > 0
     )
     found = replace(world.answer, rows=rows)
-    pairs = verdict_figures.drawn_pairs(found)
+    pairs = verdict_figures.plotted_pairs(found)
     for axes, row in zip(_drawn_alone(verdict_figures.scatter(found, "")), pairs, strict=True):
         ((eps, rate),) = _lines(axes, ls="-")
         drive = np.maximum(row.k * (eps - row.eps0), 0.0)
@@ -1079,7 +1079,7 @@ def test_it_is_printed_at_its_own_size_and_can_be_read(drawn: Drawn) -> None:
 
 
 CLAIM = re.compile(
-    r"\b(black|grey|blue|orange|green|purple|yellow|white)\b(?!: (?:nothing|no fit|lateral|zero))", re.I
+    r"\b(black|gray|blue|orange|green|purple|yellow|white)\b(?!: (?:nothing|no fit|lateral|zero))", re.I
 )
 
 

@@ -11,7 +11,7 @@ from scipy.integrate import quad
 from rig.compare.comparison import compare
 from rig.compare.group import Ranked, group_verdict, ranked, surfaces
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import Laid, answers, laid
+from rig.compare.make_verdict import CandidatePool, answers, candidate_pool
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import StimulusRow
 from sim.measures.measures import MEASURES
@@ -35,7 +35,9 @@ def stimulus(make_stimulus: Make) -> StimulusRow:
     return make_stimulus("bar:3", X, RECEPTORS, profiles)
 
 
-def pools(stimulus: StimulusRow, truth: str, number: int, rng: np.random.Generator, presses: int = 5) -> list[Laid]:
+def pools(
+    stimulus: StimulusRow, truth: str, number: int, rng: np.random.Generator, presses: int = 5
+) -> list[CandidatePool]:
     found = []
     for _ in range(number):
         receptor, k, eps0 = int(rng.integers(3)), 60 * np.exp(0.3 * rng.normal()), 0.3 + 0.1 * rng.normal()
@@ -53,8 +55,8 @@ def as_recording(counts: Array) -> Recording:
     )
 
 
-def pool(stimulus: StimulusRow, counts: Array) -> Laid:
-    found = laid(compare([stimulus], {"bar:3": as_recording(counts)}).overlays, Form())
+def pool(stimulus: StimulusRow, counts: Array) -> CandidatePool:
+    found = candidate_pool(compare([stimulus], {"bar:3": as_recording(counts)}).overlays, Form())
     assert found is not None
     return found
 
@@ -159,7 +161,7 @@ def test_the_outcome(stimulus: StimulusRow, what: str, outcome: str) -> None:
             mean = 60.0 * (np.arange(len(POSITIONS)) % 3 == 0)
         counts = rng.poisson(mean, size=(5, len(POSITIONS)))
         comparison = compare([stimulus], {"bar:3": as_recording(counts)})
-        (verdict,), candidates = answers(comparison), laid(comparison.overlays, Form())
+        (verdict,), candidates = answers(comparison), candidate_pool(comparison.overlays, Form())
         assert candidates is not None
         judged[f"a{n}"] = candidates, verdict
     group = group_verdict(judged)

@@ -61,7 +61,7 @@ def rows(table: Path) -> list[dict[str, str]]:
 
 def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_path: Path) -> None:
     out, err = rig(nine)
-    assert out.endswith(f"9 rows use fingers {HOW_MADE}; --exact builds a full model of each\n")
+    assert out.endswith(f"9 rows: fingers {HOW_MADE}; --exact builds a full model of each\n")
     lines = err.splitlines()
     assert lines[0] == "16 full builds"
     assert lines[-1] == "9 of 9 cases"

@@ -15,7 +15,7 @@ from rig.compare.comparison import compare
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.exceptions import ComparisonError
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import answers, laid
+from rig.compare.make_verdict import answers, candidate_pool
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
@@ -328,7 +328,7 @@ def test_too_few_positions_say_that_there_is_no_verdict(
     rows = [(float(x), 5.0, np.nan) for x in (-1, 0, 1, 2)]
     comparison = compare(steps[:1], {"step:1": recording("few", rows)})
     assert answers(comparison) == ()
-    assert laid(comparison.overlays, Form()) is None
+    assert candidate_pool(comparison.overlays, Form()) is None
     _print(comparison, (), [], Path("a.html"))
     assert "answer      There is no verdict" in capsys.readouterr().out
 

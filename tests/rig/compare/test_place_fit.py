@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Overlay, compare
 from rig.compare.likelihood import Form
 from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation, place_lines, places_as_json
-from rig.compare.receptor_place import whereabouts
+from rig.compare.receptor_place import receptor_location
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import HEADER, place_section
@@ -64,7 +64,7 @@ def row_of(found: ReceptorLocation | None, measure: str = "ep1") -> PlaceRow:
 
 @pytest.mark.parametrize(("x_mm", "depth_mm"), [(-0.63, 0.62), (0.17, 0.88), (0.6, 1.03)])
 def test_the_place_is_found_between_nodes(laid: Laid, x_mm: float, depth_mm: float) -> None:
-    found = whereabouts(laid(x_mm, depth_mm), WHERE, Form(), ("sed", "ep1"))
+    found = receptor_location(laid(x_mm, depth_mm), WHERE, Form(), ("sed", "ep1"))
     row = row_of(found)
     assert found is not None
     assert found.rows[0] is row
@@ -84,7 +84,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(laid: Laid) -> None:
     rng = np.random.default_rng(3)
     held = []
     for _ in range(30):
-        row = row_of(whereabouts(laid(0.13, 0.84, sd=0.05, rng=rng), WHERE, Form(), ("ep1",)))
+        row = row_of(receptor_location(laid(0.13, 0.84, sd=0.05, rng=rng), WHERE, Form(), ("ep1",)))
         held.append(
             (row.x_interval[0] < 0.13 < row.x_interval[1], row.depth_interval[0] < 0.84 < row.depth_interval[1])
         )
@@ -92,17 +92,19 @@ def test_intervals_hold_the_truth_as_often_as_they_say(laid: Laid) -> None:
 
 
 def test_intervals_are_as_wide_as_the_noise(laid: Laid) -> None:
-    narrow, wide = (row_of(whereabouts(laid(0.13, 0.84, sd=sd), WHERE, Form(), ("ep1",))) for sd in (0.01, 0.02))
+    narrow, wide = (
+        row_of(receptor_location(laid(0.13, 0.84, sd=sd), WHERE, Form(), ("ep1",))) for sd in (0.01, 0.02)
+    )
     for interval in ("x_interval", "depth_interval"):
         ratio = np.ptp(getattr(wide, interval)) / np.ptp(getattr(narrow, interval))
         assert ratio == pytest.approx(2, rel=0.25)
 
 
 def test_a_bound_that_binds_is_told(laid: Laid) -> None:
-    deep = row_of(whereabouts(laid(0.1, 1.25), WHERE, Form(), ("ep1",)))
+    deep = row_of(receptor_location(laid(0.1, 1.25), WHERE, Form(), ("ep1",)))
     assert deep.depth_interval[1] == 1.1
     assert deep.at_bounds == ("depth high",)
-    shallow = row_of(whereabouts(laid(-1.3, 0.4), WHERE, Form(), ("ep1",)))
+    shallow = row_of(receptor_location(laid(-1.3, 0.4), WHERE, Form(), ("ep1",)))
     assert shallow.at_bounds == ("x low", "depth low")
     assert shallow.depth_interval[0] == 0.5
     assert shallow.x_interval[0] == -1.0
@@ -110,47 +112,49 @@ def test_a_bound_that_binds_is_told(laid: Laid) -> None:
 
 def test_an_offset_is_found_where_it_is_asked_for(laid: Laid) -> None:
     overlays = laid(0.2, 0.8, offset_mm=0.12, sd=0.03)
-    row = row_of(whereabouts(overlays, WITH_OFFSET, Form(), ("ep1",)))
+    row = row_of(receptor_location(overlays, WITH_OFFSET, Form(), ("ep1",)))
     assert row.offset_mm == pytest.approx(0.12, abs=0.01)
     assert row.offset_interval[0] < 0.12 < row.offset_interval[1]
     assert row.x_mm == pytest.approx(0.2, abs=0.05)
     assert row.fits
     assert row.at_bounds == ()
-    without = row_of(whereabouts(overlays, WHERE, Form(), ("ep1",)))
+    without = row_of(receptor_location(overlays, WHERE, Form(), ("ep1",)))
     assert not without.fits
     assert without.offset_mm == 0.0
-    beyond = row_of(whereabouts(laid(0.2, 0.8, offset_mm=0.4), WITH_OFFSET, Form(), ("ep1",)))
+    beyond = row_of(receptor_location(laid(0.2, 0.8, offset_mm=0.4), WITH_OFFSET, Form(), ("ep1",)))
     assert "offset high" in beyond.at_bounds
 
 
 def test_only_what_the_run_covers_counts(laid: Laid) -> None:
     """Pressed up to 2.2 mm: receptors beyond 0.2 mm miss some positions, but no more than a fifth."""
-    found = whereabouts(laid(-0.4, 0.8, pressed=np.arange(-3.0, 2.21, 0.05)), WHERE, Form(), ("ep1",))
+    found = receptor_location(laid(-0.4, 0.8, pressed=np.arange(-3.0, 2.21, 0.05)), WHERE, Form(), ("ep1",))
     assert found is not None
     assert found.asked == WHERE
     assert found.where.x_mm == pytest.approx((-1.0, 1.0))
     assert (found.positions, found.recorded) == (33, 41)
-    narrower = whereabouts(laid(-0.4, 0.8, pressed=np.arange(-3.0, 1.41, 0.05)), WHERE, Form(), ("ep1",))
+    narrower = receptor_location(laid(-0.4, 0.8, pressed=np.arange(-3.0, 1.41, 0.05)), WHERE, Form(), ("ep1",))
     assert narrower is not None
     assert narrower.where.x_mm == pytest.approx((-1.0, 0.125))
     assert row_of(narrower).x_mm == pytest.approx(-0.4, abs=0.03)
-    with_offset = whereabouts(
+    with_offset = receptor_location(
         laid(-0.4, 0.8, WITH_OFFSET, pressed=np.arange(-3.0, 1.41, 0.05)), WITH_OFFSET, Form(), ("ep1",)
     )
     assert with_offset is not None
     assert with_offset.where.x_mm[1] < 0.0
-    assert whereabouts(laid(0.0, 0.8, pressed=np.array([0.0, 0.1])), WHERE, Form()) is None
+    assert receptor_location(laid(0.0, 0.8, pressed=np.array([0.0, 0.1])), WHERE, Form()) is None
 
 
 def test_an_afferent_that_hardly_fired_has_no_place(laid: Laid) -> None:
     (overlay,) = laid(0.2, 0.7)
     rows = [(float(x), 0.0, 0.01) for x in POSITIONS]
-    assert whereabouts([replace(overlay, recording=recording("mine.csv", rows))], WHERE, Form(), ("ep1",)) is None
+    assert (
+        receptor_location([replace(overlay, recording=recording("mine.csv", rows))], WHERE, Form(), ("ep1",)) is None
+    )
 
 
 def test_every_measure_has_its_row(laid: Laid) -> None:
     near = PlaceRange((-0.2, 0.2), (0.7, 0.9))
-    found = whereabouts(laid(0.1, 0.8, near), near, Form())
+    found = receptor_location(laid(0.1, 0.8, near), near, Form())
     assert found is not None
     assert sorted(row.measure for row in found.rows) == sorted(MEASURES)
     deviances = [row.deviance for row in found.rows]

@@ -14,9 +14,9 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.deflection import (
     SkinDeflection,
     _between_rows,
+    compared_deflection,
     deflection_at,
     in_words,
-    laid_beside,
     read_skin_deflection,
 )
 from sim.models.catalogue import load
@@ -106,7 +106,7 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
     result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
     x, z = np.array([0.0, 1.0, 50.0]), np.array([np.nan, 6.0, 6.0])
     model = deflection_at(result, x, np.array([result.z_mm, 6.0, 6.0]))
-    found = laid_beside(result, SkinDeflection(x, z, model + np.array([0.1, -0.3, 0.0])))
+    found = compared_deflection(result, SkinDeflection(x, z, model + np.array([0.1, -0.3, 0.0])))
     assert (found["points"], found["beside_the_patch"]) == (3, 1)
     assert found["mean_mm"] == pytest.approx(-0.1)
     assert found["rms_mm"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
@@ -117,7 +117,7 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
 
 def test_nothing_on_the_patch(finger: Fingertip) -> None:
     result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
-    found = laid_beside(result, SkinDeflection(np.array([50.0]), np.array([np.nan]), np.array([1.0])))
+    found = compared_deflection(result, SkinDeflection(np.array([50.0]), np.array([np.nan]), np.array([1.0])))
     assert (found["mean_mm"], found["rms_mm"]) == (None, None)
     assert in_words(found) == "none of 1 measured points lies on the model's patch"
 

@@ -17,8 +17,9 @@ from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
 from rig.design import design as designs
+from rig.design import response_table
 from rig.design.adaptive_run import AdaptiveRun, ChoosePress
-from rig.design.chooser import ChooserHere, ChooserLostError, Choosing, Decision, NextPressChooser
+from rig.design.chooser import ChooserLostError, Choosing, Decision, InProcessChooser, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
 from rig.design.counts_from.lsl_stream import LslCounts
 from rig.design.counts_from.source import AcceptedCounts, CountSource
@@ -26,6 +27,7 @@ from rig.design.design import DesignRequest
 from rig.design.designed import Designed, as_block
 from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
+from rig.design.presses import possible_presses
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
 from rig.engine import EngineError, TripError, verbs
@@ -39,8 +41,11 @@ from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.transport import TransportError
 from rig.units import GWT_N
+from sim.fem.dissection import DissectionFactor
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
+from tests.rig.identify.finger_file import MESH
+from tests.sim.coarse_mesh import as_toml
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
@@ -204,7 +209,7 @@ def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be
     for module in ("rig.cli.run", "rig.cli.confirm"):
         monkeypatch.setattr(f"{module}.can_answer", lambda: False)
     with pytest.raises(BadInputError) as caught:
-        _refuse_mounts("resume", stopped.script, stopped.config, finger, "bar:3.0", stopped)
+        _refuse_mounts("resume", stopped.script, stopped.config, finger, "bar:3.0", stopped, as_json=True)
     assert caught.value.code == "mount_by_hand"
 
 
@@ -231,6 +236,35 @@ def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseT
     assert found["possible"]["presses"] == len(some.presses)
     assert found["possible"]["peak_force_gwt"] >= found["peak_force_gwt"]
     assert len(found["steps"]) == 6
+
+
+def test_check_factorizes_a_new_finger_once(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The receptors of the choice are in the model from the start."""
+    made = 0
+
+    class Counted(DissectionFactor):
+        def __init__(self, *words: Any) -> None:
+            nonlocal made
+            made += 1
+            super().__init__(*words)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr("sim.models.condensed.DissectionFactor", Counted)
+    monkeypatch.setattr(response_table, "spread", map)
+    response_table._finger.cache_clear()
+    request = replace(REQUEST, shapes=("bar:3.0",), targets=(0.25,), minutes=5.0)
+    presses = possible_presses(request.shapes, request.kind, request.targets)
+    blocks = [np.array([8, 10]), np.array([12, 9])]
+    text = script_text(blocks, presses, "About.", "rig design", 0.2, 0.5, as_block(request, None))
+    Path("designed.py").write_text(text, encoding="utf-8")
+    Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
+    ended = program("check", "designed.py", "--config", "coarse.toml", "--choose", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.json["possible"]["presses"] == len(presses)
+    assert made == 1
 
 
 PLAIN = """\
@@ -388,8 +422,8 @@ def test_a_real_run_is_refused_before_a_port_is_opened(
 ) -> None:
     """Its source already has counts, of which none can be right before the first press, or it can never be read."""
     monkeypatch.setattr("rig.cli.run.ready_for_a_real_run", lambda *_, **__: None)
-    monkeypatch.setattr("rig.cli.run.StageInHand", lambda *_: pytest.fail("a port was opened"))
-    monkeypatch.setattr("rig.design.chooser.ChooserProcess", ChooserHere)
+    monkeypatch.setattr("rig.cli.run.OwnedStage", lambda *_: pytest.fail("a port was opened"))
+    monkeypatch.setattr("rig.design.chooser.ChooserProcess", InProcessChooser)
     counts = here / "counts.csv" if rows is not None else here / "no" / "counts.csv"
     if rows is not None:
         counts.write_text(f"index,count\n{rows}", encoding="utf-8")
@@ -561,13 +595,13 @@ def test_a_device_that_is_lost_ends_the_wait_for_an_order(
 def test_a_run_by_the_plan_ends_complete(here: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
     """Counts stop after the second press: all presses of the plan are made, and resumed, without a source."""
 
-    class _Stops(ChooserHere):
+    class _Stops(InProcessChooser):
         def is_ready(self) -> bool:
             if len(self._state.made) == 2:
                 raise ChooserLostError("gone")
             return super().is_ready()
 
-    monkeypatch.setattr("rig.design.chooser.ChooserHere", _Stops)
+    monkeypatch.setattr("rig.design.chooser.InProcessChooser", _Stops)
     ended = program(*DRY, "--choose", TRUTH, "--json")
     assert ended.code == 0, ended.err
     run = read_run(Path(ended.json["run"]))

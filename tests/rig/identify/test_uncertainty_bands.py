@@ -10,7 +10,7 @@ from scipy.stats import norm
 import rig.plan.finger_model as finger_model
 from rig.data import Run
 from rig.plan.config import Config
-from rig.plan.finger_model import Answers, band_of, left_of
+from rig.plan.finger_model import Answers, band_of, remaining_shares
 from rig.plan.finger_update import ReferenceForce, references, updated_by
 from rig.plan.plan import Plan
 from rig.protocol.check import NoPredictionError
@@ -30,7 +30,7 @@ def test_a_ramp_takes_its_way_and_a_stop_each_increment() -> None:
 
 
 def test_elastic_tissue_keeps_all() -> None:
-    assert left_of((), PACE, 1.0) == (1.0, 1.0)
+    assert remaining_shares((), PACE, 1.0) == (1.0, 1.0)
 
 
 @pytest.mark.parametrize("ramps", [1, 2, 3])
@@ -51,14 +51,14 @@ def test_what_is_left_is_that_of_the_series(ramps: int, doi_mm: float) -> None:
             hold.append(ahead.stiffness * (memory.borne - ahead.carried))
             memory = memory.after(ahead, memory.borne)
         felt = float(np.mean(hold))
-    assert left_of(SERIES, pace, doi_mm).held == pytest.approx(felt, rel=3e-4)
+    assert remaining_shares(SERIES, pace, doi_mm).held == pytest.approx(felt, rel=3e-4)
 
 
 def test_the_highest_is_on_the_quickest_way_there() -> None:
-    left = left_of(SERIES, PACE, 0.5)
+    left = remaining_shares(SERIES, PACE, 0.5)
     assert left.held < left.highest < 1.0
-    assert left.highest == left_of(SERIES, PACE._replace(ramps=4, hold_s=9.0), 0.5).highest
-    assert left_of(SERIES, PACE._replace(speed_mm_s=5.0), 0.5).highest > left.highest
+    assert left.highest == remaining_shares(SERIES, PACE._replace(ramps=4, hold_s=9.0), 0.5).highest
+    assert remaining_shares(SERIES, PACE._replace(speed_mm_s=5.0), 0.5).highest > left.highest
 
 
 def test_a_band_is_log_normal_and_has_the_models_error_in_it() -> None:

@@ -9,7 +9,7 @@ from rig.control.stop import SentStop
 from rig.devices.registry import stage_ports
 from rig.panel import requests
 from rig.panel.app import application
-from rig.panel.watcher import SeenBench, Watcher
+from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import Config
 from rig.settings import BenchSettings
 from sim.devices.clock import VirtualClock
@@ -38,7 +38,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., StubP
 
     def made(*owners: StubOwner, configured: bool = True) -> StubPanel:
         there, clock, bench = list(owners), VirtualClock(1000.0), StubHandProcess()
-        of_the_bench = SeenBench(tmp_path / "rig.toml", Config()) if configured else SeenBench()
+        of_the_bench = BenchView(tmp_path / "rig.toml", Config()) if configured else BenchView()
         watcher = Watcher(tmp_path / "runs", of_the_bench, lambda: there, clock)
         watcher.owners = there
         app = application(watcher, bench, PORT, TOKEN)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 from rig.control.client import ControlError
-from rig.panel.owners import ByHandProcess
+from rig.panel.owners import ManualProcess
 from rig.panel.watcher import Watcher
 from sim.devices.clock import VirtualClock
 from tests.rig.panel.asgi_client import Answer, asked
@@ -47,7 +47,7 @@ class StubOwner:
             raise answer
         return dict(answer() if callable(answer) else answer)
 
-    def say_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
+    def post_stop(self, *, by: str = "") -> Callable[[float], dict[str, Any]]:
         if isinstance(self.says, ControlError):
             raise self.says
         self.said.append(threading.current_thread().name)
@@ -59,7 +59,7 @@ class StubOwner:
         return listen
 
 
-class StubHandProcess(ByHandProcess):
+class StubHandProcess(ManualProcess):
     """Takes the bench as a test says."""
 
     def __init__(self) -> None:

@@ -21,9 +21,9 @@ from rig.manual.orders import HoldRequest, Holds
 from rig.manual.status import KEPT, Backlog
 from rig.panel.drawing import Drawer, Job, PressSummary
 from rig.panel.owners import Tabs
-from rig.panel.run_view import SeenRun, growing
+from rig.panel.run_view import RunView, growing
 from rig.panel.stream import Outlet, PageQueue, ReadingSource
-from rig.panel.watcher import HAND, SeenBench
+from rig.panel.watcher import HAND, BenchView
 from rig.plan.config import Config
 from sim.devices.clock import VirtualClock
 from tests.memory_use import Step, kept_bytes, needed_bytes
@@ -59,7 +59,7 @@ class Run:
         self._write({"doc": "start", "t_s": 0.0, "unix_s": 0.0, "planned_indentations": 9, "virtual": False})
         if course:
             name = ("indentation_start", 0, 0)
-            Course(9.0, {name: 0.0}, {name: "press"}).keep(self.folder)
+            Course(9.0, {name: 0.0}, {name: "press"}).save(self.folder)
 
     def press(self) -> list[dict[str, Any]]:
         """One more; returns its documents."""
@@ -85,7 +85,7 @@ class Run:
 
 def a_run_that_is_read(tmp_path: Path, make: Make, there: ExitStack) -> Step:
     run = Run(tmp_path / "run", course=True)
-    seen = SeenRun(run.folder.path)
+    seen = RunView(run.folder.path)
 
     def step() -> None:
         run.press()
@@ -279,7 +279,7 @@ def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_pat
     run = Run(tmp_path / "runs" / "run", course=True)
     for _ in range(5):
         run.press()
-    seen, journal, bench = SeenRun(run.folder.path), Following(run.folder), SeenBench(tmp_path / "c", Config())
+    seen, journal, bench = RunView(run.folder.path), Following(run.folder), BenchView(tmp_path / "c", Config())
     watcher = make().watcher
 
     async def look() -> None:

@@ -309,10 +309,11 @@ def test_where_no_owner_takes_it_the_panel_sends_the_stop_itself(
     words = SentStop(("/dev/ttyUSB0",), problems=["there is no such port"]).words
     assert (status, answer["code"], answer["problem"]) == (503, "not_sent", f"{before}{words}")
     assert len(sent) == 1
-    unheard = SentStop(("a",), sent=True, told=(3,))
+    unheard = SentStop(("a",), sent=True, notified=(3,))
     monkeypatch.setattr(posts, "send_stop", lambda settings: unheard)
     assert make(*owners).refused("/stop") == (503, "not_confirmed")
-    monkeypatch.setattr(posts, "send_stop", lambda settings: SentStop(("a",), sent=True, state="Alarm", told=(3,)))
+    stopped = SentStop(("a",), sent=True, state="Alarm", notified=(3,))
+    monkeypatch.setattr(posts, "send_stop", lambda settings: stopped)
     code, answer = make(*owners).post("/stop")
     assert (code, answer["stopped"], answer["words"]) == (200, [3], "Stop sent to a: the stage reports Alarm.")
 
@@ -519,11 +520,11 @@ def test_without_a_configuration_there_is_no_bench(make: Make) -> None:
 
 def test_a_stop_that_fails_where_it_is_said_keeps_no_other_from_being_said(make: Make) -> None:
     panel = make(StubOwner())
-    say_stop, panel.owners[0].say_stop = panel.owners[0].say_stop, _fails  # type: ignore[method-assign]
+    post_stop, panel.owners[0].post_stop = panel.owners[0].post_stop, _fails  # type: ignore[method-assign]
     for _ in range(posts._MOST_STOPS):
         with pytest.raises(ZeroDivisionError):
             panel.post("/stop")
-    panel.owners[0].say_stop = say_stop  # type: ignore[method-assign]
+    panel.owners[0].post_stop = post_stop  # type: ignore[method-assign]
     assert panel.post("/stop")[0] == 200
 
 

@@ -10,9 +10,9 @@ import pytest
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course, Timeline
 from rig.panel.drawing import Job, PressSummary
-from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, SeenRun, growing, limits_state, written_s
+from rig.panel.run_view import AT_ONCE, COLUMNS, GROWS_S, RunView, growing, limits_state, written_s
 from rig.panel.stream import SHOWN_S
-from rig.panel.watcher import HAND, SeenBench
+from rig.panel.watcher import HAND, BenchView
 from rig.plan.config import Config
 from rig.units import GWT_N
 
@@ -48,8 +48,8 @@ def run(tmp_path: Path) -> Written:
     return found
 
 
-def told(run: Written) -> SeenRun:
-    seen = SeenRun(run.path)
+def told(run: Written) -> RunView:
+    seen = RunView(run.path)
     seen.look(NOW_S)
     return seen
 
@@ -80,7 +80,7 @@ def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
     run = Written(tmp_path / "run")
     run.doc("start", **START, virtual=True)
     run.event("sample", **SAMPLE)
-    seen = SeenRun(run.path)
+    seen = RunView(run.path)
     ((unix_s, *_),) = seen.look(NOW_S)
     assert unix_s == run.journal.stat().st_mtime == written_s(run.path)
     assert seen.virtual is True
@@ -88,7 +88,7 @@ def test_a_virtual_run_is_as_old_as_its_journal(tmp_path: Path) -> None:
 
 def test_a_clock_that_is_ahead_makes_nothing_younger_than_its_journal(run: Written) -> None:
     run.doc("event", stream="sample", data=SAMPLE, unix_s=1e11)
-    (*_, row) = SeenRun(run.path).look(NOW_S)
+    (*_, row) = RunView(run.path).look(NOW_S)
     assert row[0] == written_s(run.path)
 
 
@@ -125,8 +125,8 @@ def test_its_schedule(run: Written) -> None:
         {moved: "move", begun: "press", ("reference_indentation_start", 0, 0): "reference"},
         {begun: {"block": 1, "repeat": 2, "condition": "c"}},
     )  # fmt: skip
-    course.keep(RunFolder(run.path))
-    assert Course.kept(RunFolder(run.path)) == course
+    course.save(RunFolder(run.path))
+    assert Course.load(RunFolder(run.path)) == course
     seen = told(run)
     run.event("move", x_mm=0.5, along_mm=0.0)
     seen.look(NOW_S)
@@ -234,7 +234,7 @@ def test_who_comes_late_reads_in_pieces_and_is_told_of_the_last_minute(
     for _ in range(200):
         run.event("sample", **SAMPLE)
     run.event("note", text="a")
-    seen = SeenRun(run.path)
+    seen = RunView(run.path)
     seconds = [row[1] for row in seen.look(NOW_S)]
     assert seconds[-1] == 201.0
     assert 201.0 - SHOWN_S - 10.0 <= seconds[0] <= 201.0 - SHOWN_S
@@ -248,7 +248,7 @@ def test_what_came_at_once_is_told_whole(run: Written) -> None:
     """A server that hung for minutes tells all that it missed."""
     for _ in range(200):
         run.event("sample", **SAMPLE)
-    assert len(SeenRun(run.path).look(NOW_S)) == 200
+    assert len(RunView(run.path).look(NOW_S)) == 200
 
 
 def test_a_schedule_marks_its_presses() -> None:
@@ -284,7 +284,7 @@ def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch:
 
     monkeypatch.setattr(RunFolder, "busy", property(busy))
     os.utime(run.journal, (100.0, 100.0))
-    seen, found = SeenRun(run.path), list[bool]()
+    seen, found = RunView(run.path), list[bool]()
     for now_s in (104.9, 105.0, 109.8, 110.0, 114.9):
         seen.look(now_s)
         found.append(seen.alive)
@@ -306,7 +306,7 @@ def test_a_silent_run_goes_on_while_somebody_holds_it(run: Written, monkeypatch:
 def test_a_run_that_was_left_long_ago_is_not_asked_for(run: Written, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(RunFolder, "busy", property(lambda folder: 1 / 0))
     os.utime(run.journal, (100.0, 100.0))
-    seen = SeenRun(run.path)
+    seen = RunView(run.path)
     seen.look(200.0)
     assert seen.alive is False
 
@@ -324,7 +324,7 @@ def test_only_the_newest_folders_are_looked_at(tmp_path: Path) -> None:
 
 
 def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
-    bench = SeenBench(tmp_path / "rig.toml", Config())
+    bench = BenchView(tmp_path / "rig.toml", Config())
     assert (bench.configured, bench.job, bench.since) == (True, Job(tmp_path / "rig.toml"), 0)
     assert bench.update(None) == []
     assert bench.devices_state(9.0)["stage"] == {"word": "no data", "homed": False, "age_s": None}
@@ -353,5 +353,5 @@ def test_the_bench_by_what_its_owner_answers(tmp_path: Path) -> None:
 
 
 def test_no_bench_without_a_configuration() -> None:
-    bench = SeenBench()
+    bench = BenchView()
     assert (bench.configured, bench.job, bench.limits_state(), bench.ports) == (False, None, None, ())

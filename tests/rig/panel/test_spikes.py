@@ -8,7 +8,7 @@ import pytest
 
 from rig.errors import BadInputError
 from rig.panel import spikes
-from rig.panel.spikes import MOST_SPIKES, SHOWN_S, SeenSpikes, port_number
+from rig.panel.spikes import MOST_SPIKES, SHOWN_S, SpikeView, port_number
 from rig.panel.stream import Outlet
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -29,9 +29,9 @@ def published(outlet: Outlet) -> Any:
     return None if event is None else json.loads(event.partition("data: ")[2])
 
 
-def seen(clock: VirtualClock, *lines: str) -> tuple[SeenSpikes, Outlet]:
+def seen(clock: VirtualClock, *lines: str) -> tuple[SpikeView, Outlet]:
     outlet = Outlet()
-    found = SeenSpikes(1, outlet, clock)
+    found = SpikeView(1, outlet, clock)
     found.take([*GREETING, *lines])
     found.publish()
     return found, outlet
@@ -101,7 +101,7 @@ def test_a_lost_connection_is_made_again(clock: VirtualClock, monkeypatch: pytes
 
     async def watch() -> None:
         server = await asyncio.start_server(serve, "127.0.0.1", 0)
-        following = asyncio.create_task(SeenSpikes(server.sockets[0].getsockname()[1], outlet, clock).look_on())
+        following = asyncio.create_task(SpikeView(server.sockets[0].getsockname()[1], outlet, clock).follow())
         while (last := published(outlet)) is None or last["afferents"] != ["SA1-2"] or not last["connected"]:
             await asyncio.sleep(0)
         following.cancel()

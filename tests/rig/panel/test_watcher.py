@@ -12,7 +12,7 @@ import pytest
 from rig.control.client import ControlError
 from rig.data.folder import RunFolder
 from rig.data.run_state import Course
-from rig.panel.run_view import SeenRun
+from rig.panel.run_view import RunView
 from rig.panel.stream import NOTHING, PageQueue
 from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
 from sim.devices.clock import VirtualClock
@@ -151,7 +151,7 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
 def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
     """Its owner may be at its report still."""
     run = journal(tmp_path / "run", START)
-    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
     watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "reporting"}})).watcher
     with watcher.outlet.joined() as client:
         assert told(watcher, client)["state"]["run"]["now"] == "home"
@@ -215,7 +215,7 @@ def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
         run = journal(tmp_path / "run", START)
         panel.owners[:] = [StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
         assert told(watcher, client)["readings"]["hand"] is False
-        Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+        Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
         assert len(told(watcher, client)["schedule"]["steps"]) == 1
         panel.owners[:] = [StubOwner(pid=9, kind="by hand", answers={"status": status})]
         found = told(watcher, client)
@@ -250,7 +250,7 @@ def test_a_process_by_hand_that_ended_by_itself_is_told_of(make: Make) -> None:
     watcher = make().watcher
     with watcher.outlet.joined() as client:
         assert told(watcher, client)["state"]["notice"] is None
-        watcher.last_words = lambda: "/dev/ttyUSB0: gone"
+        watcher.last_line = lambda: "/dev/ttyUSB0: gone"
         assert told(watcher, client)["state"]["notice"] == "/dev/ttyUSB0: gone"
 
 
@@ -260,7 +260,7 @@ def _not_ours() -> list[StubOwner]:
 
 def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
-    Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
     owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
     watcher = make(owner).watcher
     with watcher.outlet.joined() as client:
@@ -281,7 +281,7 @@ def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
 
     async def looks_on() -> None:
         with watcher.outlet.joined() as client:
-            task = asyncio.create_task(watcher.look_on())
+            task = asyncio.create_task(watcher.follow())
             seen: dict[str, Any] = {}
             while not seen.get("state", {}).get("run") or "readings" not in seen:
                 await client.woken.wait()
@@ -301,11 +301,11 @@ def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
     run = journal(tmp_path / "run", START)
     watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
 
-    def left(seen: SeenRun, unix_s: float) -> list[list[float]]:
+    def left(seen: RunView, unix_s: float) -> list[list[float]]:
         watcher.run = None
         return [[0.0] * 9]
 
-    monkeypatch.setattr(SeenRun, "look", left)
+    monkeypatch.setattr(RunView, "look", left)
     with watcher.outlet.joined() as client:
         found = told(watcher, client)
     assert (found["readings"]["rows"], found["state"]["run"]) == ([], None)
@@ -313,7 +313,7 @@ def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
 
 def test_a_run_that_is_followed_no_more_leaves_no_schedule(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
-    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).keep(RunFolder(run))
+    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
     panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
     with panel.watcher.outlet.joined() as client:
         assert len(told(panel.watcher, client)["schedule"]["steps"]) == 1

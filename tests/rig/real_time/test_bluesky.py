@@ -165,7 +165,7 @@ REFUSED_ORDERS = {
 
 def _stopped_elsewhere(bench: BlueskyBench, engine: Engine) -> None:
     (one,) = (one for one in announced() if one.run == str(bench.folder.path))
-    one.say_stop()(60.0)
+    one.post_stop()(60.0)
 
 
 def _aborted(bench: BlueskyBench, engine: Engine) -> None:
@@ -273,7 +273,7 @@ def test_a_run_that_ends_by_itself_is_not_terminated(
             during.start()
             bench.press.set({"force_gwt": 2.33, "hold_s": 60.0})
             during.join()
-            monkeypatch.setattr(Announced, "say_stop", _no_answer)
+            monkeypatch.setattr(Announced, "post_stop", _no_answer)
         else:
             _ended_unseen(bench, engine)
         monkeypatch.setattr(Announced, "ask", _no_answer)
@@ -284,7 +284,7 @@ def test_a_run_that_ends_by_itself_is_not_terminated(
 
 def _ended_unseen(bench: BlueskyBench, engine: Engine) -> None:
     (one,) = (one for one in announced() if one.run == str(bench.folder.path))
-    one.say_stop()
+    one.post_stop()
 
 
 def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
@@ -302,6 +302,30 @@ with BlueskyBench(indentor="bar:3.0", force_gwt=1.0, virtual=True, out=sys.argv[
     print(bench._process.pid, flush=True)
     signal.pause()
 """
+
+
+@pytest.mark.parametrize(("code", "stops"), [("no_reply", 1), ("not_confirmed", 0), ("ended", 0)])
+def test_an_order_without_a_reply_is_stopped_since_it_may_have_begun(code: str, stops: int) -> None:
+    """And none that was refused. Its status has ended, so that no stop of an order would reach it any more."""
+    said: list[str] = []
+
+    class Owner:
+        def ask(self, do: str, **order: Any) -> None:
+            raise ControlError("no", code=code)
+
+        def say_stop(self) -> Callable[[float], object]:
+            said.append("stop")
+            return lambda within_s: {}
+
+    class Process:
+        def poll(self) -> None:
+            """It lives."""
+
+    bench = BlueskyBench(**PRESS)
+    bench._owner, bench._process = Owner(), Process()  # type: ignore[assignment]
+    status = bench.press.set({"force_gwt": 1.0})
+    problem = status.exception()
+    assert (getattr(problem, "code", None), len(said)) == (code, stops)
 
 
 def test_a_run_ends_with_the_program_that_orders(tmp_path: Path) -> None:

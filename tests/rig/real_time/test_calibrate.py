@@ -9,7 +9,9 @@ from typing import Any
 
 import pytest
 
-from rig.plan.config import Config
+from rig.engine.bench_memory import BenchMemory
+from rig.engine.sensing import ForceZero
+from rig.plan.config import Config, load_config
 from sim.devices import Load, SerialLine, VirtualBalance
 from sim.serve.ports import PtyPort
 from sim.serve.real_time_loop import WallScheduler
@@ -63,8 +65,11 @@ def test_force_scale_with_a_known_mass(rig: Rig, running: Running, tmp_path: Pat
             return "\n"
 
     weigh = ("calibrate", "force", "--config", config, "--mass-g", "50", "--json")
+    memory = BenchMemory(load_config(config))
+    memory.zeroed(ForceZero(0.2, 0.0))
     with running(scheduler, port):
         weighed, missed = rig(*weigh, typed=Hand()), rig(*weigh, typed="\n")
+    assert memory.read().zero is None, "the sensor was zeroed, and may since have been turned over"
     assert (weighed.code, weighed.json["name"]) == (0, "force_scale")
     assert weighed.json["value"] == pytest.approx(50 / 49, rel=1e-3)
     assert (missed.code, missed.json["code"]) == (2, "correction_too_large")

@@ -3,6 +3,7 @@
 import threading
 from collections.abc import Callable, Iterator
 from itertools import cycle
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from rig.bench.find_devices import find_devices
 from rig.bench.served import ServedBench
 from rig.cli import init
 from rig.clock import WallClock
-from rig.devices.registry import BUILT_IN, ForceKind, find, stage_ports
+from rig.devices.registry import BUILT_IN, ForceKind, StageKind, find, stage_ports
 from rig.plan.config import Config, load_config
 from tests.program import INIT_ANSWERS, Program
 
@@ -70,6 +71,11 @@ def test_every_device_is_found_and_its_file_is_right(
         seen = look(config, closely=True)
         assert seen["stage"]["identity"], "the driver connects with that file"
         assert seen["force"]["force_n"] == 0.0
+        of_stage_kind = find(StageKind, stage)
+        own = getattr(config.stage, of_stage_kind.place, None)
+        for port, key in zip(ports, of_stage_kind.serial_keys, strict=bool(of_stage_kind.serial_keys)):
+            assert answers[port].serial is not None
+            assert attrgetter(key)(own) == answers[port].serial
 
 
 def test_swapped_ports_are_noticed(serve: Serve, program: Program, tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ from rig.data.journal import Journal
 from rig.data.schema import STREAMS
 from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
-from rig.panel.owners import ByHandProcess, NotTakenError
+from rig.panel.owners import ManualProcess, NotTakenError
 from tests.error_codes import raises
 from tests.preloaded import Popen
 from tests.program import Program, beside_progress
@@ -241,7 +241,7 @@ def test_stop_goes_over_the_private_socket_of_whoever_owns_the_ports(serve: Serv
             assert asked == ["stop"]
             refused = post(panel, "/pause")
             assert refused[0] == 409
-            assert "'pause' cannot be asked here" in refused[1]["problem"]
+            assert "'pause' is not available here" in refused[1]["problem"]
         page.until("state", lambda told: told["owner"] is None)
     assert post(panel, "/stop")[0] == 409
 
@@ -291,10 +291,10 @@ LEAVES = "raise SystemExit(3)"
 REFUSES = "import sys; print('rig: warming up\\nrig: the port is in use', file=sys.stderr); sys.exit(1)"
 
 
-def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ByHandProcess:
+def taking(monkeypatch: pytest.MonkeyPatch, script: str) -> ManualProcess:
     """The bench, taken by another program."""
     monkeypatch.setattr(by_hand_process, "words", lambda config: [sys.executable, "-c", script])
-    return ByHandProcess(Path("rig.toml"), announced)
+    return ManualProcess(Path("rig.toml"), announced)
 
 
 def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -310,7 +310,7 @@ def test_the_bench_is_taken_by_one_process_and_left(monkeypatch: pytest.MonkeyPa
     assert bench._process.returncode == 0
     assert announced() == []
     bench.leave()
-    assert bench.last_words == ""
+    assert bench.last_line == ""
     bench.forget()
 
 
@@ -320,9 +320,9 @@ def test_a_bench_that_cannot_be_taken_says_why(monkeypatch: pytest.MonkeyPatch) 
         bench = taking(monkeypatch, script)
         with raises(NotTakenError, code, **{name: value}):
             asyncio.run(bench.take())
-        assert bench.last_words == (said if script == REFUSES else "")
+        assert bench.last_line == (said if script == REFUSES else "")
         bench.forget()
-        assert bench.last_words == ""
+        assert bench.last_line == ""
     monkeypatch.setattr(by_hand_process, "READY_S", 0.2)
     bench = taking(monkeypatch, "import threading; threading.Event().wait(60)")
     with raises(NotTakenError, "no_reply", within_s=0.2):

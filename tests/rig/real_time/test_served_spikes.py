@@ -18,7 +18,7 @@ from rig.clock import WallClock
 from rig.devices.grbl import GrblStage
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.plan.nerve import WantedSpikes
+from rig.plan.nerve import SpikeRequest
 from rig.transport import open_port
 from sim.carriage import Carriage
 from sim.models.fingertip import Fingertip
@@ -137,7 +137,7 @@ def scheduler() -> Iterator[WallScheduler]:
 
 
 def _given() -> _Given:
-    return _Given(AFFERENTS, WantedSpikes("SA1"), False, print)
+    return _Given(AFFERENTS, SpikeRequest("SA1"), False, print)
 
 
 def _read(client: socket.socket, scheduler: WallScheduler, lines: int) -> list[str]:
@@ -207,5 +207,5 @@ def test_a_stuck_process_does_not_delay_the_bench_and_what_waits_has_an_end(sche
 def test_a_busy_port_is_refused_before_a_finger_is_loaded() -> None:
     with socket.create_server(("127.0.0.1", 0)) as other, raises(BadInputError, "port_busy"):
         ServedBench(
-            Config(), stage="grbl", force="mtsics", tcp=other.getsockname()[1] - 2, spikes=WantedSpikes("SA1")
+            Config(), stage="grbl", force="mtsics", tcp=other.getsockname()[1] - 2, spikes=SpikeRequest("SA1")
         )
