@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from sim.config import FingertipConfig
+from sim.config import FingertipConfig, finger_config
 from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
@@ -156,7 +156,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         """
         if solver is not None:
             warnings.warn("Fingertip.load ignores `solver`", DeprecationWarning, stacklevel=2)
-        config = FingertipConfig() if config is None else config
+        config = finger_config(config)
         surface = FingertipSurface.fit(config.geometry)
         keep_tops(surface)
         locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
@@ -669,4 +669,11 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
 def _indentor(shape: Indentor | IndentorProfile | str) -> Indentor:
     if isinstance(shape, Indentor):
         return shape
+    if not isinstance(shape, str) and not hasattr(shape, "evaluate"):
+        raise ArgumentError(
+            "indentor: must be a name such as 'bar:3.0', an Indentor or a profile, not {kind}; MeasuredProfile and "
+            "HeightMap take arrays by from_arrays",
+            code="no_indentor",
+            kind=type(shape).__name__,
+        )
     return parse_shape(shape) if isinstance(shape, str) else Indentor.along(shape)
