@@ -437,17 +437,17 @@ def test_a_position_whose_digits_change_places_becomes_no_limit(reply: int, digi
     bench, sets, left = at_2_5_mm(), list[int](), [reply]
     bench.stage.move_to(z_mm=-10.25, speed_mm_s=2.0)
     bench.sent.clear()
-    z, say = bench.chain.z, bench.chain._say
+    z, send = bench.chain.z, bench.chain._send
     set_ = z._set
 
-    def says(device: Any, line: str) -> None:
+    def sends(device: Any, line: str) -> None:
         if " 4100" in line:
             left[0] -= 1
             if left[0] == -1:
                 line = line.replace("4100", digits)
-        say(device, line)
+        send(device, line)
 
-    bench.chain._say = says  # type: ignore[method-assign]
+    bench.chain._send = sends  # type: ignore[method-assign]
     z._set = _noted(set_, sets)  # type: ignore[method-assign, assignment]
     with suppress(StageError):
         list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
