@@ -8,7 +8,15 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import virtual_stage
-from rig.devices.base import Stage, StageAlarm, StageError, StageOverridden, StageRejected, StageTimeout
+from rig.devices.base import (
+    Stage,
+    StageAlarm,
+    StageError,
+    StageOverridden,
+    StageRejected,
+    StageStatus,
+    StageTimeout,
+)
 from rig.devices.make_drivers import stage_driver
 from rig.devices.tmcl_link import (
     END_SEARCH,
@@ -33,7 +41,7 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from sim.devices.tmcl import TmclModules
+from sim.devices.tmcl import TmclModules, TmclRefusal
 from tests.error_codes import raises
 
 X, Z = Motor(1, 0), Motor(1, 1)
@@ -173,6 +181,17 @@ def test_a_question_is_repeated_and_a_command_is_not() -> None:
     assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == READ_TRIES
 
 
+@pytest.mark.parametrize("odd", [bytes(range(30, 39)), bytes(range(30, 48)), bytes(range(50, 63)) + b"\x02"])
+def test_what_is_no_reply_is_shown_from_its_first_byte(odd: bytes) -> None:
+    """All of it, as whoever searches for the fault needs it; up to four frames."""
+    _, link = linked(lambda n, reply: [odd])
+    with raises(StageError, "garbled", heard=odd.hex(" ")):
+        link.command(X, MST)
+    _, link = linked(lambda n, reply: [bytes(range(30, 80))])
+    with raises(StageError, "garbled", heard=bytes(range(30, 66)).hex(" ")):
+        link.command(X, MST)
+
+
 @pytest.mark.parametrize("status", [1, 2, 3, 4, 5, 6])
 def test_a_refusal_has_the_number_of_its_status(status: int) -> None:
     wire, link = linked(lambda n, reply: [sealed(reply[:2] + bytes([status]) + reply[3:8])])
@@ -276,6 +295,57 @@ def test_a_module_that_is_set_otherwise_is_refused(number: int, value: int, sett
     bench.board.z.parameters[number] = value
     with raises(StageError, "not_as_configured", setting=setting, parameter=number, found=value, axis="z"):
         bench.stage.connect()
+
+
+@pytest.mark.parametrize("number", [0, 1, 3, 4, 10, 11, 207, 208])
+def test_a_module_without_one_of_the_parameters_is_refused_when_it_connects(number: int) -> None:
+    """Not in the middle of a motion."""
+    bench = bench_of(homed=False)
+    parameter = bench.board.z.parameter
+
+    def refuses(which: int) -> int:
+        if which == number:
+            raise TmclRefusal(3)
+        return parameter(which)
+
+    bench.board.z.parameter = refuses  # type: ignore[method-assign]
+    with raises(StageRejected, "line_refused", number=3, line=f"GAP {number}", motor=1):
+        bench.stage.connect()
+
+
+def test_a_status_asks_each_parameter_once() -> None:
+    """A look lasts as long as its questions, and near a finger they follow each other."""
+    bench = bench_of()
+    bench.stage.status()
+    asked = [(data[3], data[1], data[2]) for _, data in bench.sent]
+    once = [*((GAP, number) for number in (0, 1, 3, 4, 10, 11, 207, 208)), (RFS, SEARCH_STATUS)]
+    assert sorted(asked) == sorted((motor, *one) for motor in (0, 1) for one in once)
+
+
+def test_a_maximum_speed_whose_bytes_change_places_once_is_no_reset() -> None:
+    bench = bench_of()
+    parameter, left = bench.board.z.parameter, [1]
+    bench.board.z.parameter = (  # type: ignore[method-assign]
+        lambda number: 256 if number == 4 and left and left.pop() else parameter(number)
+    )
+    assert bench.stage.status().state == "Idle"
+    assert not left
+    assert bench.stage.homed
+
+
+def test_a_jog_on_its_target_but_not_yet_at_rest_is_not_disarmed() -> None:
+    bench = bench_of()
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(0.1)
+    z = bench.board.z
+    position, z.position = z.position, lambda: 200  # type: ignore[method-assign]
+    bench.sent.clear()
+    assert bench.stage.status().state == "Run"
+    assert not bench.commands()
+    z.position = position  # type: ignore[method-assign]
+    bench.clock.wait_s(1.0)
+    assert bench.stage.status() == StageStatus("Idle", 0.0, -15.0, -0.5)
+    assert bench.commands() == ["1.1 5 4 0"]
 
 
 # --- what stops it ---
@@ -454,6 +524,41 @@ def test_a_search_of_the_wrong_axis_is_stopped() -> None:
     bench.stage.stop()
     bench.clock.wait_s(1.0)
     assert abs(bench.board.x.carriage_at(bench.clock.monotonic_s()) + 4000) <= 3
+
+
+def test_another_axis_that_moves_by_itself_ends_homing_and_is_stopped() -> None:
+    bench = bench_of(homed=False)
+    search = bench.board.z.search
+    z: Any = bench.board.z
+
+    def both() -> None:
+        search()
+        bench.board.x.rotate(400)
+
+    z.search = both
+    with raises(StageError, "moves", axis="x"):
+        bench.stage.home()
+    assert bench.commands()[-2:] == ["1.1 3 0 0", "1.0 3 0 0"]
+    bench.clock.wait_s(1.0)
+    assert not bench.board.x.busy
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_homing_that_fails_sends_a_stop_to_both_axes(name: str) -> None:
+    bench = bench_of(homed=False)
+    axis: Any = getattr(bench.board, name)
+    search = axis.search
+
+    def loses_steps() -> None:
+        search()
+        axis.lost = 1
+
+    axis.search = loses_steps
+    with raises(StageAlarm, "alarm", number=207, axis=name):
+        bench.stage.home()
+    assert bench.commands()[-2:] == ["1.1 3 0 0", "1.0 3 0 0"]
+    assert not bench.stage.homed
 
 
 def test_a_stop_ends_a_search_too() -> None:
