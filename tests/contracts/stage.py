@@ -35,7 +35,7 @@ SILENCE = b""
 GIVES_UP_S = 10.0
 """After so long without a reply every driver says so; a reset that is waited for twice is the longest."""
 TRIES = 3
-"""No question is asked more often without a reply."""
+"""No question is asked more often without a reply that is one."""
 
 Replies = Mapping[bytes, bytes | tuple[bytes, str]]
 """What is asked or commanded, and the reply; with it the state that the controller is in from then on."""
@@ -447,6 +447,7 @@ class StageContract:
         bench = StageBench(device, homed=True)
         with bench.fails(garbled.kind, garbled.code, port=PORT):
             _garbled(bench, garbled)
+        assert bench.wire.asked.count(device.where) <= TRIES
         bench.wire.instead.clear()
         bench.wire.mangled = as_it_is
         assert bench.stage.status() == device.home, "the next one is believed"

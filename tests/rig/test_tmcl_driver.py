@@ -181,7 +181,9 @@ def test_a_question_is_repeated_and_a_command_is_not() -> None:
     assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == READ_TRIES
 
 
-@pytest.mark.parametrize("odd", [bytes(range(30, 39)), bytes(range(30, 48)), bytes(range(50, 63)) + b"\x02"])
+@pytest.mark.parametrize(
+    "odd", [bytes(range(30, 39)), bytes(range(30, 48)), bytes(range(50, 63)) + b"\x02"], ids=["9", "18", "14"]
+)
 def test_what_is_no_reply_is_shown_from_its_first_byte(odd: bytes) -> None:
     """All of it, as whoever searches for the fault needs it; up to four frames."""
     _, link = linked(lambda n, reply: [odd])
