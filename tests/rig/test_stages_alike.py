@@ -275,6 +275,38 @@ def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() 
     assert bench.letters("z").count("sstp") == 1
 
 
+def _never_rests(bench: Any, z: Any) -> None:
+    """It swings by a microstep or two."""
+    z._axis.oscillate(-2, 1.0, 100_000, bench.clock.monotonic_s())
+
+
+@every_kind
+def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
+    bench, devices = _bench(kind, homed=False)
+    _never_rests(bench, devices.z)
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
+        bench.stage.jog("z", -0.1, 1.0)
+    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.5
+
+
+@every_kind
+def test_homing_has_three_minutes(kind: str) -> None:
+    bench, devices = _bench(kind)
+    z = devices.z
+
+    def homes() -> None:
+        _never_rests(bench, z)
+        setattr(z, "_searching" if kind == "tmcl" else "_homing", True)
+
+    setattr(z, "search" if kind == "tmcl" else "_home", homes)
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=180.0):
+        bench.stage.home()
+    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 181.0
+    assert not bench.stage.homed
+
+
 class HangingLock:
     """A lock that another thread never gives up."""
 

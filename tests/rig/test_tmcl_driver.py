@@ -480,14 +480,51 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
 
 
+@pytest.mark.parametrize(("ahead", "fast"), [(16, False), (40, True)])
+def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(ahead: int, fast: bool) -> None:
+    """At 0.1 mm/s it is 4 microsteps on its way after the first 0.1 s, and may be 26."""
+    bench = bench_of()
+    parameter, end_s = bench.board.z.parameter, bench.clock.monotonic_s() + 0.4
+    bench.board.z.parameter = lambda number: (  # type: ignore[method-assign]
+        parameter(number) + ahead * (number == 1 and bench.board.z.busy and bench.clock.monotonic_s() < end_s)
+    )
+    if not fast:
+        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
+        return
+    with raises(StageError, "too_fast", speed_mm_s=0.1, axis="z"):
+        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
+
+
 # --- reference search ---
 
 
-def test_a_search_that_does_not_begin_is_no_homing() -> None:
+@pytest.mark.parametrize("late_s", [0.4, 0.7, 1e6])
+def test_a_search_that_does_not_begin_within_half_a_second_is_no_homing(late_s: float) -> None:
     """The position of a module that was just switched on is 0."""
     bench = bench_of(homed=False)
-    bench.board.z.search = lambda: None  # type: ignore[method-assign]
+    z: Any = bench.board.z
+    search = z.search
+    z.search = lambda: bench.clock.call_at(bench.clock.monotonic_s() + late_s, search)
+    if late_s == 0.4:
+        bench.stage.home()
+        return
+    begun_s = bench.clock.monotonic_s()
     with raises(StageError, "did_not_home", axis="z", position=0):
+        bench.stage.home()
+    assert bench.clock.monotonic_s() - begun_s < 0.7
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("counts", [200, -200, 201, -201])
+def test_a_search_that_ends_farther_than_half_a_millimeter_from_0_is_no_homing(counts: int) -> None:
+    bench = bench_of(homed=False)
+    parameter = bench.board.z.parameter
+    bench.board.z.parameter = lambda number: parameter(number) + counts * (number == 1)  # type: ignore[method-assign]
+    if abs(counts) == 200:
+        bench.stage.home()
+        assert bench.stage.homed
+        return
+    with raises(StageError, "did_not_home", axis="z", position=counts):
         bench.stage.home()
     assert not bench.stage.homed
 
