@@ -326,6 +326,12 @@ def test_a_reading_that_stays_ends_a_slow_vibration(faulty: FaultyBench) -> None
     assert not _of(faulty, "hold_end")
 
 
+def test_a_reading_may_stay_where_the_force_swings_by_less_than_five_steps(faulty: FaultyBench) -> None:
+    """However large the force itself is."""
+    _in_the_vibration(faulty, lambda: setattr(faulty, "felt_n", lambda t_s: 8.0 * GWT_N))
+    assert len(_vibrate(faulty, SineMotion.of(1.0, 1.0, 4.0)).holds) == 1
+
+
 @pytest.mark.parametrize(
     ("change_gwt", "later_s", "swing_gwt", "too_long"),
     [(0.0, 1.1, 1.0, True), (0.004, 1.1, 1.0, True), (0.006, 1.1, 1.0, False), (0.0, 0.9, 1.0, False),
