@@ -404,7 +404,7 @@ def test_homing_leaves_a_finger_that_has_come_up_since_the_last_reading() -> Non
     bench = StubBench()
     engine = bench.ready()
     engine.reading()
-    bench.force.shows_gwt = 250.0
-    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", max(bench.force.shows_gwt - 100.0, 0.0))
+    bench.force.shows_gwt = 450.0
+    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", max(bench.force.shows_gwt - 150.0, 0.0))
     verbs.home(engine)
     assert (engine.state, engine.known_contact.kind) == (State.READY, "lifted")

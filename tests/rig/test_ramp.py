@@ -181,7 +181,7 @@ def _mounted(bench: Any) -> None:
 def _paused(bench: Any) -> None:
     asked = [True, False]
     bench.interrupt = lambda: asked.pop(0) if asked else False
-    bench.pause = type(bench.pause)(bench.pause.asked, lambda: True)
+    bench.pause = type(bench.pause)(bench.pause.asked, lambda meanwhile: True)
     verbs.safe_point(bench.engine)
 
 
@@ -502,7 +502,9 @@ def test_a_pause_is_taken_before_the_ramp_and_begins_it_anew(spring: Make) -> No
     bench = spring(soft_trip_n=0.1)
     engine = bench.ready()
     asked = [False]
-    bench.pause = type(bench.pause)(lambda: asked[0] and not asked.clear() if asked else False, lambda: True)
+    bench.pause = type(bench.pause)(
+        lambda: asked[0] and not asked.clear() if asked else False, lambda meanwhile: True
+    )
     bench.on_event = lambda stream, data: (
         asked.__setitem__(slice(None), [True])
         if (stream == "sample" and data["phase"] == "press" and not bench.of("paused") and data["force_gwt"] > 3.0)

@@ -327,9 +327,10 @@ def test_a_reading_that_stays_ends_a_slow_vibration(faulty: FaultyBench) -> None
 
 
 def test_a_reading_may_stay_where_the_force_swings_by_less_than_five_steps(faulty: FaultyBench) -> None:
-    """However large the force itself is."""
-    _in_the_vibration(faulty, lambda: setattr(faulty, "felt_n", lambda t_s: 8.0 * GWT_N))
-    assert len(_vibrate(faulty, SineMotion.of(1.0, 1.0, 4.0)).holds) == 1
+    """By 0.03 gwt about 0.4 gwt, where a step is 0.01 gwt."""
+    stays = lambda t_s: 0.4 * GWT_N if faulty.height_mm < 0.0 else faulty.true_n(t_s)  # noqa: E731
+    _in_the_vibration(faulty, lambda: setattr(faulty, "felt_n", stays))
+    assert len(_vibrate(faulty, SineMotion.of(1.0, 2.5, 4.0), Target("doi_mm", 0.1)).holds) == 1
 
 
 @pytest.mark.parametrize(
