@@ -565,6 +565,16 @@ def test_a_stage_that_leaves_its_way_has_lost_its_place(
     assert (bench.hand.placed, bench.hand.may_touch) == (False, True)
 
 
+def test_a_stage_that_lost_its_reference_has_lost_its_place(
+    at_hand: Callable[..., AtHand], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = at_hand()
+    status = bench.bench.stage.status
+    monkeypatch.setattr(bench.bench.stage, "status", lambda: replace(status(), referenced=False))
+    bench.hand.go(lambda: None, 2.0)
+    assert (bench.hand.placed, bench.hand.may_touch) == (False, True)
+
+
 def test_only_a_place_that_is_lost_puts_the_finger_in_doubt(at_hand: Callable[..., AtHand]) -> None:
     hand = at_hand().hand
     for placed, may_touch in ((True, False), (False, True), (True, True)):
