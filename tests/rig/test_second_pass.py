@@ -17,7 +17,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code
 
@@ -25,7 +25,7 @@ READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 
 
 def carried_out(
-    folder: Path, finger: Fingertip, live: str, attendant: Nobody | None = None, **tables: object
+    folder: Path, finger: Fingertip, live: str, attendant: NoAttendant | None = None, **tables: object
 ) -> FinishedRun:
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
@@ -38,7 +38,7 @@ def carried_out(
     )
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or Nobody()))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or NoAttendant()))
 
 
 @pytest.mark.parametrize(
@@ -97,7 +97,7 @@ SWALLOWING = {
 }  # fmt: skip
 
 
-class Stopping(Nobody):
+class Stopping(NoAttendant):
     """A second Ctrl-C in a press."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
@@ -105,7 +105,7 @@ class Stopping(Nobody):
             raise KeyboardInterrupt
 
 
-class Pausing(Nobody):
+class Pausing(NoAttendant):
     """A pause in a press, and no more."""
 
     presses = False
@@ -134,7 +134,7 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
     verb, attendant = {
         "stopped at once": (PRESS, Stopping()),
         "ended in a pause": (PRESS, Pausing()),
-        "the stage failed": ("rig.move_to(x_mm=1.0)", Nobody()),
+        "the stage failed": ("rig.move_to(x_mm=1.0)", NoAttendant()),
     }[what]
     done = carried_out(tmp_path, finger, lines(*SWALLOWING[how]).replace("HERE", verb), attendant)
     if what == "the stage failed":
