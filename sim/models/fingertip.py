@@ -32,7 +32,7 @@ from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_besid
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
-from sim.models.strain_at_points import Anywhere, SeenInside
+from sim.models.strain_at_points import Anywhere, StrainAtAnyPoint
 from sim.units import GWT_N
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
 
-class Fingertip(ByRecipe, SeenInside):
+class Fingertip(ByRecipe, StrainAtAnyPoint):
     """A condensed 3-D fingertip that indentors can press.
 
     `load` makes one. It stores no state: an indentation starts from rest unless it receives a start. A model is
