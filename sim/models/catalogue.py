@@ -70,6 +70,8 @@ def load(
 
     Raises
     ------
+    ArgumentError
+        If there is no model of this name.
     ModelRangeError
         If a section has receptors at another z, or the tissue stiffens under a simpler model.
     ReceptorError
