@@ -275,7 +275,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         return (status.steps * self.microsteps + status.microsteps) / self.steps_per_mm + 0.0
 
     def refuse_alarm(self, status: AxisStatus) -> None:
-        """Raise StageAlarm for an alarm, now or since the last `unlock`, and for an unknown flag."""
+        """Refuse an alarm, now or since the last `unlock`, and an unknown flag. Raises StageAlarm."""
         flags = status.flags & ~HARMLESS
         if flags and not self._alarm:
             self._alarm = " ".join(ALARMS.get(1 << bit, f"{1 << bit:X} hex") for bit in range(32) if flags >> bit & 1)

@@ -407,7 +407,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         return self.warned
 
     def refuse_alarm(self, warnings: frozenset[str], *, homing: bool = False) -> None:
-        """Raise StageAlarm for a fault, and for a warning that is not known to be harmless."""
+        """Refuse a fault, and a warning that is not known to be harmless. Raises StageAlarm."""
         tolerated = HARMLESS | {DISPLACED} if homing else HARMLESS
         for flag in sorted(warnings - tolerated):
             meaning = ALARMS.get(flag, "unknown warning, see its manual")

@@ -458,6 +458,11 @@ class StageContract:
         with bench.fails(StageError, code, number=number):
             _refused(bench)
 
+    def test_an_unlocked_stage_has_to_be_homed(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        bench.stage.unlock()
+        bench.refuses_to_move()
+
     def test_a_cut_wire_is_an_error_of_its_own(self, device: StageBytes) -> None:
         stop: Verb = lambda bench: bench.stage.stop()  # noqa: E731
         for act in (*VERBS.values(), stop):

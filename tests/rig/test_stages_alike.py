@@ -11,11 +11,11 @@ import pytest
 from pydantic import ValidationError
 
 from rig.devices import standa_link, tmcl_link, zaber_link
-from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
 from rig.plan.config import Config
-from rig.transport import LoopbackTransport
+from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from tests.error_codes import raises
@@ -350,6 +350,34 @@ def test_switched_off_and_on_it_is_no_longer_homed(kind: str) -> None:
     assert not bench.stage.homed
 
 
+@every_kind
+def test_a_status_says_whether_the_devices_count_from_home(kind: str) -> None:
+    """Also where the program does not trust the position, since another one may have homed them."""
+    bench, devices = _bench(kind)
+    assert bench.stage.status().referenced
+    bench.stage.connect()
+    assert bench.stage.status().referenced
+    devices.power_cycle()
+    assert not bench.stage.status().referenced
+    bench.stage.home()
+    assert bench.stage.status().referenced
+
+
+@every_kind
+def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
+    bench, devices = _bench(kind)
+    fail: dict[str, Callable[[Any], object]] = {
+        "zaber": lambda z: z.fail("FH"),
+        "standa": lambda z: z.fail(0x200, lasting=True),
+        "tmcl": lambda z: z.fail(2),
+    }
+    fail[kind](devices.z)
+    with raises(StageAlarm, "alarm", axis="z"):
+        bench.stage.unlock()
+    with raises(StageAlarm, "alarm", axis="z"):
+        bench.stage.home()
+
+
 def _no_stop(kind: str, z: Any) -> None:
     """A device of z that takes every stop and goes on."""
     if kind == "zaber":
@@ -428,3 +456,19 @@ def test_two_controllers_of_standa_need_two_ports() -> None:
     clock = VirtualClock()
     with raises(StageError, "one_port_for_two", port="/dev/a"):
         stage_driver(lambda port: LoopbackTransport(SerialLine(clock, 9600), clock), clock, config)
+
+
+def test_a_port_that_does_not_open_leaves_none_of_the_others_open() -> None:
+    config, clock = Config.model_validate({"stage": {"kind": "standa"}}), VirtualClock()
+    line, closed = SerialLine(clock, 9600), list[str]()
+
+    def opened(port: str) -> LoopbackTransport:
+        if port != config.stage.port:
+            raise TransportError("no such port")
+        wire = LoopbackTransport(line, clock, port)
+        wire.close = lambda: closed.append(port)  # type: ignore[method-assign]
+        return wire
+
+    with pytest.raises(TransportError):
+        stage_driver(opened, clock, config)
+    assert closed == [config.stage.port]

@@ -4,7 +4,7 @@ import random
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
@@ -31,6 +31,8 @@ from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.devices.standa import StandaPair, VirtualStandaController
+from tests.contracts.bytes import standa as controller
+from tests.contracts.stage import StageBench
 from tests.error_codes import raises
 
 # --- frames, as the maker's library sends and reads them ---
@@ -339,6 +341,26 @@ def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
     assert -10.0 < bench.pair.z.carriage_at(bench.clock.monotonic_s()) / per_mm < -9.0
+
+
+NOT_HOMED: dict[str, tuple[str, bytes]] = {
+    "failed": ("z is home", controller.status(controller.HOME | 0x40, 50, controller.HOMED)),
+    "ended by another command": ("z is home", controller.status(controller.SSTP, 50, controller.HOMED)),
+    "without its flag": ("z is home", controller.status(controller.HOME, 50, 0)),
+    "a step from the zero": ("z is zero", controller.status(controller.HOME, 1, controller.HOMED)),
+    "a microstep from the zero": ("z is zero", controller.status(controller.HOME, 0, controller.HOMED, 1)),
+    "without its flag after the zero": ("z is zero", controller.status(controller.HOME, 0, 0)),
+}
+
+
+@pytest.mark.parametrize("how", NOT_HOMED)
+def test_homing_that_ends_otherwise_than_at_home_is_no_homing(how: str) -> None:
+    state, said = NOT_HOMED[how]
+    states = {**controller.DEVICE.states, state: {**controller.DEVICE.states[state], b"z gets": said}}
+    bench = StageBench(replace(controller.DEVICE, states=states))
+    with raises(StageError, "did_not_home", axis="z"):
+        bench.stage.home()
+    assert not bench.stage.homed
 
 
 def test_nothing_but_speed_and_zero_is_ever_written() -> None:

@@ -347,7 +347,36 @@ def test_a_jog_on_its_target_but_not_yet_at_rest_is_not_disarmed() -> None:
     z.position = position  # type: ignore[method-assign]
     bench.clock.wait_s(1.0)
     assert bench.stage.status() == StageStatus("Idle", 0.0, -15.0, -0.5)
+    bench.stage.status()
     assert bench.commands() == ["1.1 5 4 0"]
+
+
+def test_a_jog_that_was_stopped_elsewhere_is_disarmed_before_the_next_target() -> None:
+    """The target would start the axis at the speed of the jog."""
+    bench = bench_of()
+    bench.stage.jog("z", -2.0, 2.0)
+    bench.clock.wait_s(0.3)
+    bench.board.z.stop()
+    bench.clock.wait_s(0.5)
+    bench.sent.clear()
+    bench.stage.move_to(z_mm=-3.0, speed_mm_s=1.0)
+    assert bench.commands() == ["1.1 5 4 0", "1.1 4 0 1200", "1.1 5 4 400", "1.1 5 4 0"]
+
+
+def test_after_a_halt_nothing_can_start_an_axis() -> None:
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
+    bench.stage.halt()
+    assert bench.board.z.parameter(4) == bench.board.x.parameter(4) == 0
+
+
+def test_flags_from_before_are_forgotten_by_an_unlock() -> None:
+    """Reading clears them in the module."""
+    bench = bench_of()
+    bench.board.z.lost = 1
+    bench.stage.unlock()
+    bench.stage.home()
+    assert bench.stage.homed
 
 
 # --- what stops it ---
@@ -626,6 +655,16 @@ def test_a_stop_goes_to_z_at_once_then_to_x_and_is_confirmed() -> None:
     before = bench.board.carriage_steps_at(bench.clock.monotonic_s())
     bench.clock.wait_s(1.0)
     assert bench.board.carriage_steps_at(bench.clock.monotonic_s()) == before
+
+
+def test_an_axis_whose_speed_reads_0_is_at_rest_only_where_it_stays() -> None:
+    """Two bytes of a reply may have changed places."""
+    bench = bench_of()
+    next(bench.stage.moving(z_mm=-20.0, speed_mm_s=10.0))
+    parameter = bench.board.z.parameter
+    bench.board.z.parameter = lambda number: 0 if number == 3 else parameter(number)  # type: ignore[method-assign]
+    bench.stage.stop()
+    assert not bench.board.z.busy
 
 
 @pytest.mark.parametrize("pause_s", [0.02, float("inf")], ids=["drops parts", "waits for ever"])

@@ -4,7 +4,7 @@ import math
 import random
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -29,6 +29,8 @@ from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.devices.zaber import CommandRejected, ZaberChain
+from tests.contracts.bytes import zaber as chain
+from tests.contracts.stage import StageBench
 from tests.error_codes import raises
 
 # --- frames, as the maker's client sends and reads them ---
@@ -283,6 +285,34 @@ def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain]
         bench.stage.connect()
 
 
+@pytest.mark.parametrize("version", ["7.25", "7.25.3", "7.26", "8.00", "10.1"])
+def test_firmware_from_7_25_on_is_accepted(version: str) -> None:
+    bench = bench_of(homed=False)
+    bench.chain.devices[1].settings.update(version=version)
+    assert version in bench.stage.connect()
+
+
+@pytest.mark.parametrize(
+    ("shows", "position"), [("IDLE NI", 0), ("IDLE WR", 0), ("IDLE WH", 0), ("IDLE --", 2), ("IDLE --", -2)]
+)
+def test_homing_that_ends_otherwise_than_at_home_is_no_homing(shows: str, position: int) -> None:
+    """Interrupted, without a home position, or more than a microstep from it."""
+    ends = chain.DEVICE.states["z is home"] | chain.axis(2, shows, position)
+    bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z is home": ends}))
+    with raises(StageError, "did_not_home", axis="z", position=position):
+        bench.stage.home()
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("listed", [b"02 NI", b"00 NI", b"01 NI NC", b"x NI"])
+def test_a_list_of_warnings_of_another_length_is_not_believed(listed: bytes) -> None:
+    bench = StageBench(chain.DEVICE, homed=True)
+    bench.wire.state = "rested"
+    bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK IDLE NI " + listed
+    with raises(StageError, "no_warnings", axis="z", heard=listed.decode("ascii")):
+        bench.stage.status()
+
+
 def test_a_device_without_checksums_is_refused() -> None:
     bench = bench_of(homed=False)
     bench.chain.devices[1].settings["comm.checksum"] = "0"
@@ -333,6 +363,27 @@ def test_a_sine_is_one_command_with_a_count(
     bench.sent.clear()
     bench.stage.move_to(z_mm=-2.6, speed_mm_s=5.0)
     assert not [words for words in bench.commands() if "limit" in words], "they are those of the travel again"
+
+
+def test_a_limit_that_a_device_does_not_set_under_way_is_set_once_at_rest() -> None:
+    """As by a device that refuses every setting while it moves."""
+    bench = at_2_5_mm()
+    z: Any = bench.chain.z
+    set_ = z._set
+
+    def at_rest(setting: str, value: str) -> str:
+        if z.busy:
+            raise CommandRejected("STATUSBUSY")
+        said: str = set_(setting, value)
+        return said
+
+    z._set = at_rest
+    list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    for z_mm, sets in ((-2.6, ["2 1 set limit.max 16000"]), (-2.7, [])):
+        bench.sent.clear()
+        bench.stage.move_to(z_mm=z_mm, speed_mm_s=5.0)
+        assert [words for words in bench.commands() if " set " in words] == sets
+        assert bool([words for words in bench.commands() if "limit" in words]) is bool(sets)
 
 
 def test_the_device_follows_the_sine_and_ends_it_without_the_program() -> None:
