@@ -98,7 +98,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         settings: StandaAxisSettings,
         *,
         counts_per_mm: float,
-        least_acceleration_mm_s2: float = 0.0,
+        least_acceleration_mm_s2: float,
     ) -> None:
         self.name, self.microsteps = name, settings.microsteps
         self._link, self._clock, self._settings = link, clock, settings
@@ -169,7 +169,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
         yield from self._until(look, HOME_S, 0.0, "homing")
         status = self.look()
-        if status.busy or status.command & (COMMAND | FAILED) != HOMES or not status.flags & HOMED:
+        if status.busy or status.command != HOMES or not status.flags & HOMED:
             raise self._not_homed(status)
         if not keep_on():
             raise self._stopped()

@@ -81,7 +81,7 @@ class TmclAxis(WatchedAxis[Look]):
         *,
         counts_per_mm: float,
         travel_mm: float,
-        least_acceleration_mm_s2: float = 0.0,
+        least_acceleration_mm_s2: float,
     ) -> None:
         self.name, self.travel_mm, self.steps_per_mm = name, travel_mm, counts_per_mm
         self.motor = Motor(axis.address, axis.motor)
@@ -308,11 +308,10 @@ class TmclAxis(WatchedAxis[Look]):
             raise self._was_reset(found)
 
     def refuse_moving(self) -> None:
-        """Stop and refuse an axis that moves without a command. Raises StageError."""
+        """Refuse an axis that moves without a command; end its search, which no stop ends. Raises StageError."""
         (speed,), search = self._link.ask(self.motor, (SPEED,))
         if speed or search:
             self._command(RFS, END_SEARCH)
-            self._command(MST)
             raise StageError(
                 "{port}: {axis} axis moves without a command; check the addresses", code="moves", **self._names
             )

@@ -118,7 +118,7 @@ class TmclLink:
             except StageError:
                 if not left:
                     raise
-        raise ValueError(f"tries must be positive, got {tries}")
+        raise AssertionError("tries is positive")
 
     def command(self, motor: Motor, command: int, kind: int = 0, value: int = 0) -> None:
         """Send a command once and wait for its reply. Raises StageError, TransportError."""

@@ -77,10 +77,6 @@ HARMLESS = frozenset((*UNREFERENCED, MANUAL, INTERRUPTED, "WV", "WT", "WP", "ND"
 _VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
 
 
-def _always() -> bool:
-    return True
-
-
 @dataclass(frozen=True)
 class _SineInTime:
     """A sine from a turning point at `start` (counts), that began between begun_s and known_s."""
@@ -118,7 +114,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         *,
         counts_per_mm: float,
         travel_mm: float,
-        least_acceleration_mm_s2: float = 0.0,
+        least_acceleration_mm_s2: float,
     ) -> None:
         self.name, self.travel_mm = name, travel_mm
         self._link, self._clock, self._address, self._units = link, clock, address, units

@@ -34,6 +34,8 @@ PORT, BEGUN_S = "wire", 1000.0
 SILENCE = b""
 GIVES_UP_S = 10.0
 """After so long without a reply every driver says so; a reset that is waited for twice is the longest."""
+TRIES = 3
+"""No question is asked more often without a reply that is one."""
 
 Replies = Mapping[bytes, bytes | tuple[bytes, str]]
 """What is asked or commanded, and the reply; with it the state that the controller is in from then on."""
@@ -337,6 +339,21 @@ class StageContract:
         with bench.fails(StageError, "not_there", target_mm=target_mm):
             list(looks)
 
+    def test_a_motion_has_half_as_much_time_again_and_5_s(self, device: StageBytes) -> None:
+        """Later it is an error; the time to speed up counts, too, and is less than 0.2 s here."""
+        (name, to_mm), speed_mm_s = next(iter(device.move.items())), device.move["speed_mm_s"]
+        most_s = 1.5 * abs(to_mm - getattr(device.home, name)) / speed_mm_s + 5.0
+        bench = StageBench(device, homed=True)
+        in_time_s = bench.clock.monotonic_s() + most_s - 0.3
+        bench.clock.call_at(in_time_s, lambda: setattr(bench.wire, "state", "arrived"))
+        bench.move()
+        assert bench.stage.status() == device.arrived
+        bench = StageBench(device, homed=True)
+        begun_s = bench.clock.monotonic_s()
+        with raises(StageTimeout, "not_over"):
+            bench.move()
+        assert most_s <= bench.clock.monotonic_s() - begun_s <= most_s + 0.5
+
     def test_an_alarm_under_way_has_the_makers_number_and_loses_the_position(self, device: StageBytes) -> None:
         bench = StageBench(device, homed=True)
         looks = bench.under_way()
@@ -414,6 +431,8 @@ class StageContract:
         assert caught.value.code in ("no_reply", "no_status", "no_banner"), repr(caught.value)
         assert caught.value.fields["port"] == PORT
         assert bench.wire.asked.count(device.trigger) <= 1, "it may have been obeyed"
+        if verb in ("connect", "status", "look"):
+            assert bench.wire.asked.count(bench.wire.asked[0]) <= TRIES
 
     @pytest.mark.parametrize("verb", ["connect", "home", "move_to"])
     def test_after_a_silence_that_may_have_moved_it_the_position_is_lost(self, device: StageBytes, verb: str) -> None:
@@ -428,6 +447,7 @@ class StageContract:
         bench = StageBench(device, homed=True)
         with bench.fails(garbled.kind, garbled.code, port=PORT):
             _garbled(bench, garbled)
+        assert bench.wire.asked.count(device.where) <= TRIES
         bench.wire.instead.clear()
         bench.wire.mangled = as_it_is
         assert bench.stage.status() == device.home, "the next one is believed"

@@ -282,6 +282,23 @@ def test_a_device_that_cannot_be_used_is_there_and_says_why(table: ReadOnly, cod
         ask(table, {**table.questions, **table.unusable[code]})
 
 
+HALVES: list[tuple[str, str, bytes, object]] = [
+    *(("leadshine_rtu", "one_drive", bytes([device, 3]), device) for device in (1, 2)),
+    *(("zaber", "one_device", b"/%d " % device, device) for device in (1, 2)),
+    *(("tmcl", "one_motor", bytes([1, 6, 1, motor]), f"module 1, motor {motor}") for motor in (0, 1)),
+]
+
+
+@pytest.mark.parametrize(("name", "code", "begins", "silent"), HALVES, ids=str)
+def test_of_two_on_one_port_the_silent_one_is_named(
+    name: str, code: str, begins: bytes, silent: object, ask: Ask
+) -> None:
+    table = TABLES[name]
+    heard = {question: reply for question, reply in table.questions.items() if not question.startswith(begins)}
+    with raises(StageError, code, silent=silent):
+        ask(table, heard)
+
+
 def test_a_port_that_does_not_open_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
     def open_port(*words: Any, **more: Any) -> Port:
         raise TransportError("no", code="no_permission")

@@ -1,13 +1,19 @@
 """What the stages of Zaber, Standa and Trinamic do alike, on their own bytes: home, move, jog, stop, lose power."""
 
+import struct
 from collections.abc import Callable
+from contextlib import suppress
+from itertools import cycle
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from pydantic import ValidationError
 
-from rig.devices.base import StageError, StageReset, StageTimeout
+from rig.devices import standa_link, tmcl_link, zaber_link
+from rig.devices.base import MoveError, StageError, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
+from rig.devices.registry import StageKind, find
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
@@ -56,6 +62,9 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     bench, devices = _bench(kind, stage={kind: own} if own else {})
     assert bench.stage.homed
     assert kind != "standa" or (bench.stage.steps_per_mm("z") > 0) is bool(own)
+    configured = Config.model_validate({"stage": {"kind": kind, **({kind: own} if own else {})}}).stage
+    for axis in ("x", "z"):
+        assert find(StageKind, kind).steps_per_mm(configured, axis) == bench.stage.steps_per_mm(axis)
     bench.stage.move_to(z_mm=-11.0013, speed_mm_s=5.0)
     bench.stage.move_to(x_mm=-3.5, speed_mm_s=5.0)
     now = bench.stage.status()
@@ -65,6 +74,122 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     x, _, z = devices.carriage_steps_at(bench.clock.monotonic_s())
     assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=within_mm)
     assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=within_mm)
+
+
+@every_kind
+def test_a_move_lasts_as_long_as_its_way_wherever_it_begins(kind: str) -> None:
+    bench, _ = _bench(kind)
+    for to_mm, way_mm in ((-20.0, 20.0), (-1.0, 19.0), (-1.2, 0.2)):
+        begun_s = bench.clock.monotonic_s()
+        bench.stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
+        assert bench.clock.monotonic_s() - begun_s == pytest.approx(way_mm, abs=0.15)
+
+
+def _steps(axis: str, per_mm: float) -> dict[str, Any]:
+    """A measured length of a microstep."""
+    return {f"{axis}_steps_per_mm": {"value": per_mm, "date": "2026-01-01", "expires": "2027-01-01"}}
+
+
+def _reports(kind: str, axis: Any, change: Callable[[int], int]) -> None:
+    """Let a device report other positions than those where it is."""
+    name = "parameter" if kind == "tmcl" else "position"
+    tell = getattr(axis, name)
+    setattr(axis, name, lambda *number: change(tell(*number)) if number in ((), (1,)) else tell(*number))
+
+
+FINENESS = pytest.mark.parametrize(("per_mm", "within"), [(100.0, 1), (400.0, 1), (10000.0, 25)])
+
+
+@every_kind
+@FINENESS
+def test_an_arrival_is_within_2_5_um_or_a_microstep(kind: str, per_mm: float, within: int) -> None:
+    """Short of the target and beyond it."""
+    for off in (within, -within, within + 1, -within - 1):
+        bench, devices = _bench(kind, calibration=_steps("z", per_mm))
+        looks, z = bench.stage.moving(z_mm=-2.0, speed_mm_s=2.0), devices.z
+        next(looks)
+        _reports(kind, z, lambda at, z=z, off=off: at if z.busy else at + off)  # type: ignore[misc]
+        if abs(off) > within:
+            with raises(StageError, "not_there", target_mm=-2.0, at_mm=-2.0 - off / per_mm):
+                list(looks)
+        else:
+            list(looks)
+            assert bench.stage.homed
+
+
+@pytest.mark.parametrize("kind", ["zaber", "tmcl"])
+@FINENESS
+def test_two_positions_at_rest_differ_by_no_more_than_an_arrival_may(kind: str, per_mm: float, within: int) -> None:
+    for apart in (within, within + 1):
+        bench, devices = _bench(kind, calibration=_steps("z", per_mm))
+        more = cycle((0, apart))
+        _reports(kind, devices.z, lambda at, more=more: at + next(more))  # type: ignore[misc]
+        if apart > within:
+            with raises(StageError, "answers_differ", axis="z"):
+                bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
+        else:
+            bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
+
+
+@every_kind
+@pytest.mark.parametrize("nth", range(3))
+def test_one_old_position_among_the_last_is_no_wrong_arrival(kind: str, nth: int) -> None:
+    """As of a reply that came late."""
+    bench, devices = _bench(kind)
+    looks, z, at_rest = bench.stage.moving(z_mm=-2.0, speed_mm_s=2.0), devices.z, list[int]()
+    next(looks)
+
+    def reported(at: int) -> int:
+        if not z.busy:
+            at_rest.append(at)
+        return at // 2 if len(at_rest) == nth + 1 and not z.busy else at
+
+    _reports(kind, z, reported)
+    list(looks)
+    assert bench.stage.homed
+    assert at_rest
+
+
+@pytest.mark.parametrize(("kind", "least_mm_s"), [("zaber", 1 / (20 * 1.6384)), ("standa", 0.05), ("tmcl", 0.05)])
+def test_the_slowest_speed_is_one_of_the_device(kind: str, least_mm_s: float) -> None:
+    bench, devices = _bench(kind, calibration=_steps("z", 20.0))
+    with raises(MoveError, "too_slow", least_mm_s=least_mm_s):
+        bench.stage.move_to(z_mm=-0.1, speed_mm_s=0.99 * least_mm_s)
+    assert not bench.sent
+    bench.stage.move_to(z_mm=-0.1, speed_mm_s=least_mm_s)
+    assert devices.z.position() == 2
+
+
+def _accelerates(kind: str, axis: Any, number: int) -> None:
+    if kind == "zaber":
+        axis.settings["accel"] = number
+    elif kind == "tmcl":
+        axis.parameters[5] = number
+    else:
+        speed = list(struct.unpack("<IBHHIBB9x", axis.settings["mov"]))
+        speed[2:4] = number, number
+        axis.settings["mov"] = struct.pack("<IBHHIBB9x", *speed)
+
+
+@every_kind
+def test_only_the_axis_that_presses_needs_its_acceleration(kind: str) -> None:
+    """That of the configuration is what the bounds of a press are computed from."""
+    bench, devices = _bench(kind, homed=False, calibration=_steps("x", 20000.0) | _steps("z", 20000.0))
+    _accelerates(kind, devices.x, 1)
+    bench.stage.connect()
+    _accelerates(kind, devices.z, 1)
+    with raises(StageError, "not_as_configured", axis="z"):
+        bench.stage.connect()
+
+
+@pytest.mark.parametrize("kind", ["zaber", "tmcl"])
+def test_an_acceleration_of_0_is_that_of_no_ramp(kind: str) -> None:
+    bench, devices = _bench(kind)
+    _accelerates(kind, devices.x, 0)
+    bench.stage.connect()
+    bench.stage.home()
+    bench.stage.move_to(x_mm=-0.01, speed_mm_s=1.0)
+    assert devices.x.position() == 4
 
 
 @every_kind
@@ -82,6 +207,128 @@ def test_a_jog_goes_so_far_and_stops_by_itself(kind: str, homed: bool) -> None:
     bench.stage.end_jog()
     assert bench.stage.status().state == "Idle"
     assert bench.stage.homed is homed
+
+
+@every_kind
+def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
+    """At another speed it arrives there, too."""
+    bench, devices = _bench(kind)
+    bench.stage.jog("z", -2.0, 2.0)
+    bench.clock.wait_s(0.2)
+    asked_s = bench.clock.monotonic_s()
+    bench.stage.jog("z", -1.0, 2.0)
+    assert bench.clock.monotonic_s() - asked_s < 0.2
+    for by_s in (0.2, 0.7, 1.2):
+        assert _speed_mm_s(bench, devices.z, asked_s + by_s) == pytest.approx(2.0, abs=0.05)
+    bench.stage.jog("z", -1.0, 1.0)
+    bench.clock.wait_s(5.0)
+    assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
+
+
+def _speed_mm_s(bench: Any, z: Any, at_s: float) -> float:
+    counts: int = z.carriage_at(at_s - 0.05) - z.carriage_at(at_s + 0.05)
+    return counts / abs(bench.stage.steps_per_mm("z")) / 0.1
+
+
+ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
+    "halt": lambda stage: stage.halt(),
+    "stop": lambda stage: stage.stop(),
+    "home": lambda stage: stage.home(),
+    "move": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0),
+    "connect": lambda stage: stage.connect(),
+}
+
+
+@every_kind
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
+    """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
+    bench, devices = _bench(kind)
+    bench.stage.jog("z", -2.0, 2.0)
+    bench.clock.wait_s(1.0 if end in ("halt", "stop") else 3.0)
+    ENDS_OF_A_JOG[end](bench.stage)
+    z = devices.z
+    if kind == "zaber":
+        z.obey(["move", "abs", "4000", "1310"])
+    elif kind == "standa":
+        z._obey("smov", struct.pack("<IBHHIBB9x", 400, 0, 6000, 6000, 0, 0, 0))
+        z._obey("move", struct.pack("<ih6x", 1000, 0))
+    else:
+        z.set_parameter(4, 1600)
+        z.move_to(4000)
+    bench.clock.wait_s(0.2)
+    with suppress(StageError):
+        bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(10.0)
+    height_mm = z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
+    assert abs(height_mm + 2.5) > 1.0
+
+
+def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() -> None:
+    bench, _ = _bench("standa")
+    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=20.0))
+    bench.clock.wait_s(0.5)
+    bench.sent.clear()
+    begun_s = bench.clock.monotonic_s()
+    bench.stage.halt()
+    assert bench.clock.monotonic_s() - begun_s > 0.2
+    assert bench.letters("z").count("sstp") == 1
+
+
+def _never_rests(bench: Any, z: Any) -> None:
+    """It swings by a microstep or two."""
+    z._axis.oscillate(-2, 1.0, 100_000, bench.clock.monotonic_s())
+
+
+@every_kind
+def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
+    bench, devices = _bench(kind, homed=False)
+    _never_rests(bench, devices.z)
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
+        bench.stage.jog("z", -0.1, 1.0)
+    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.5
+
+
+@every_kind
+def test_homing_has_three_minutes(kind: str) -> None:
+    bench, devices = _bench(kind)
+    z = devices.z
+
+    def homes() -> None:
+        _never_rests(bench, z)
+        setattr(z, "_searching" if kind == "tmcl" else "_homing", True)
+
+    setattr(z, "search" if kind == "tmcl" else "_home", homes)
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=180.0):
+        bench.stage.home()
+    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 181.0
+    assert not bench.stage.homed
+
+
+class HangingLock:
+    """A lock that another thread never gives up."""
+
+    def __init__(self, waited_s: list[float]) -> None:
+        self._waited_s = waited_s
+
+    def acquire(self, blocking: bool = True, timeout: float = -1) -> bool:
+        self._waited_s.append(timeout)
+        return False
+
+
+@every_kind
+def test_a_command_waits_for_another_thread_but_not_for_one_that_hangs(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For the time of two replies; then it goes out all the same."""
+    waited_s = list[float]()
+    link: Any = {"zaber": zaber_link, "standa": standa_link, "tmcl": tmcl_link}[kind]
+    monkeypatch.setattr(link, "threading", SimpleNamespace(Lock=lambda: HangingLock(waited_s)))
+    bench, _ = _bench(kind)
+    bench.stage.move_to(z_mm=-1.0, speed_mm_s=2.0)
+    assert set(waited_s) == {0.4}
 
 
 @every_kind

@@ -81,12 +81,14 @@ class Wire:
         self.clock, self.says = clock, says
         self.sent: list[bytes] = []
         self.coming: list[bytes] = []
+        self.reads_at_once = 0
 
     def write(self, data: bytes) -> None:
         self.sent.append(data)
         self.coming += self.says(data)
 
     def read(self, timeout_s: float) -> bytes:
+        self.reads_at_once += not timeout_s
         if not self.coming:
             self.clock.wait_s(timeout_s)
         return self.coming.pop(0) if self.coming else b""
@@ -117,6 +119,7 @@ def test_a_question_is_repeated_after_zero_bytes_and_a_command_is_not() -> None:
     wire, link = linked([ANSWER[:-1]], [], [ANSWER])
     assert link.ask("gser", SERIAL) == (4711,)
     assert wire.sent == [b"gser", ZEROS, b"gser", ZEROS, b"gser"]
+    assert wire.reads_at_once == 3, "a line on which nothing is left is read once before a question"
     wire, link = linked()
     begun_s = wire.clock.monotonic_s()
     with raises(StageTimeout, "no_reply", port="wire", command="home"):
@@ -358,6 +361,13 @@ ALARMS = [
     (0, "ALARM"), (0x80, "ALARM CTP_ERROR"), (0x800, "ALARM OVERLOAD_POWER_CURRENT"),
     (0x20000, "ALARM H_BRIDGE_FAULT"), (0x1000000, "ALARM EXTIO_ALARM"), (0x40000, "ALARM 40000 hex"),
 ]  # fmt: skip
+BITS = {
+    6: "ALARM", 7: "CTP_ERROR", 8: "POWER_OVERHEAT", 9: "CONTROLLER_OVERHEAT", 10: "OVERLOAD_POWER_VOLTAGE",
+    11: "OVERLOAD_POWER_CURRENT", 12: "OVERLOAD_USB_VOLTAGE", 13: "LOW_USB_VOLTAGE", 14: "OVERLOAD_USB_CURRENT",
+    15: "BORDERS_SWAP_MISSET", 16: "LOW_POWER_VOLTAGE", 17: "H_BRIDGE_FAULT", 20: "WINDING_RES_MISMATCH",
+    21: "ENCODER_FAULT", 23: "ENGINE_RESPONSE_ERROR", 24: "EXTIO_ALARM",
+}  # fmt: skip
+"""Alarms among the flags of a status, by their bits: protocol.xi, without `STATE_`."""
 
 
 def under_way(bench: Bench) -> Iterator[Any]:
@@ -387,6 +397,34 @@ def test_a_stop_clears_the_alarm_of_the_controller_but_not_ours(flag: int, word:
     bench.stage.unlock()
     bench.stage.home()
     assert bench.stage.homed
+
+
+def test_every_flag_has_the_makers_name_and_one_without_a_name_its_number() -> None:
+    bench = bench_of()
+    for bit in range(32):
+        bench.stage.unlock()
+        bench.stage.home()
+        bench.pair.z.flags |= 1 << bit
+        if bit in (0, 1, 2, 4, 5):
+            assert bench.stage.status().state == "Idle"
+            continue
+        with raises(StageAlarm, "alarm", number=BITS.get(bit, f"{1 << bit:X} hex"), axis="z"):
+            bench.stage.status()
+
+
+def test_the_first_alarm_stays_until_it_is_unlocked() -> None:
+    """Another one, later, does not hide it."""
+    bench = bench_of()
+    looks = under_way(bench)
+    bench.pair.z.fail(0x80)
+    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
+        list(looks)
+    bench.stage.stop()
+    bench.pair.z.fail(0x200)
+    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
+        bench.stage.home()
+    bench.stage.unlock()
+    bench.stage.home()
 
 
 def test_an_alarm_whose_cause_is_there_is_not_unlocked() -> None:

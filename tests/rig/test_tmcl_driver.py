@@ -8,7 +8,15 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import virtual_stage
-from rig.devices.base import Stage, StageAlarm, StageError, StageOverridden, StageRejected, StageTimeout
+from rig.devices.base import (
+    Stage,
+    StageAlarm,
+    StageError,
+    StageOverridden,
+    StageRejected,
+    StageStatus,
+    StageTimeout,
+)
 from rig.devices.make_drivers import stage_driver
 from rig.devices.tmcl_link import (
     END_SEARCH,
@@ -33,7 +41,7 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from sim.devices.tmcl import TmclModules
+from sim.devices.tmcl import TmclModules, TmclRefusal
 from tests.error_codes import raises
 
 X, Z = Motor(1, 0), Motor(1, 1)
@@ -173,6 +181,19 @@ def test_a_question_is_repeated_and_a_command_is_not() -> None:
     assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == READ_TRIES
 
 
+@pytest.mark.parametrize(
+    "odd", [bytes(range(30, 39)), bytes(range(30, 48)), bytes(range(50, 63)) + b"\x02"], ids=["9", "18", "14"]
+)
+def test_what_is_no_reply_is_shown_from_its_first_byte(odd: bytes) -> None:
+    """All of it, as whoever searches for the fault needs it; up to four frames."""
+    _, link = linked(lambda n, reply: [odd])
+    with raises(StageError, "garbled", heard=odd.hex(" ")):
+        link.command(X, MST)
+    _, link = linked(lambda n, reply: [bytes(range(30, 80))])
+    with raises(StageError, "garbled", heard=bytes(range(30, 66)).hex(" ")):
+        link.command(X, MST)
+
+
 @pytest.mark.parametrize("status", [1, 2, 3, 4, 5, 6])
 def test_a_refusal_has_the_number_of_its_status(status: int) -> None:
     wire, link = linked(lambda n, reply: [sealed(reply[:2] + bytes([status]) + reply[3:8])])
@@ -276,6 +297,57 @@ def test_a_module_that_is_set_otherwise_is_refused(number: int, value: int, sett
     bench.board.z.parameters[number] = value
     with raises(StageError, "not_as_configured", setting=setting, parameter=number, found=value, axis="z"):
         bench.stage.connect()
+
+
+@pytest.mark.parametrize("number", [0, 1, 3, 4, 10, 11, 207, 208])
+def test_a_module_without_one_of_the_parameters_is_refused_when_it_connects(number: int) -> None:
+    """Not in the middle of a motion."""
+    bench = bench_of(homed=False)
+    parameter = bench.board.z.parameter
+
+    def refuses(which: int) -> int:
+        if which == number:
+            raise TmclRefusal(3)
+        return parameter(which)
+
+    bench.board.z.parameter = refuses  # type: ignore[method-assign]
+    with raises(StageRejected, "line_refused", number=3, line=f"GAP {number}", motor=1):
+        bench.stage.connect()
+
+
+def test_a_status_asks_each_parameter_once() -> None:
+    """A look lasts as long as its questions, and near a finger they follow each other."""
+    bench = bench_of()
+    bench.stage.status()
+    asked = [(data[3], data[1], data[2]) for _, data in bench.sent]
+    once = [*((GAP, number) for number in (0, 1, 3, 4, 10, 11, 207, 208)), (RFS, SEARCH_STATUS)]
+    assert sorted(asked) == sorted((motor, *one) for motor in (0, 1) for one in once)
+
+
+def test_a_maximum_speed_whose_bytes_change_places_once_is_no_reset() -> None:
+    bench = bench_of()
+    parameter, left = bench.board.z.parameter, [1]
+    bench.board.z.parameter = (  # type: ignore[method-assign]
+        lambda number: 256 if number == 4 and left and left.pop() else parameter(number)
+    )
+    assert bench.stage.status().state == "Idle"
+    assert not left
+    assert bench.stage.homed
+
+
+def test_a_jog_on_its_target_but_not_yet_at_rest_is_not_disarmed() -> None:
+    bench = bench_of()
+    bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(0.1)
+    z = bench.board.z
+    position, z.position = z.position, lambda: 200  # type: ignore[method-assign]
+    bench.sent.clear()
+    assert bench.stage.status().state == "Run"
+    assert not bench.commands()
+    z.position = position  # type: ignore[method-assign]
+    bench.clock.wait_s(1.0)
+    assert bench.stage.status() == StageStatus("Idle", 0.0, -15.0, -0.5)
+    assert bench.commands() == ["1.1 5 4 0"]
 
 
 # --- what stops it ---
@@ -408,14 +480,51 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
 
 
+@pytest.mark.parametrize(("ahead", "fast"), [(16, False), (40, True)])
+def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(ahead: int, fast: bool) -> None:
+    """At 0.1 mm/s it is 4 microsteps on its way after the first 0.1 s, and may be 26."""
+    bench = bench_of()
+    parameter, end_s = bench.board.z.parameter, bench.clock.monotonic_s() + 0.4
+    bench.board.z.parameter = lambda number: (  # type: ignore[method-assign]
+        parameter(number) + ahead * (number == 1 and bench.board.z.busy and bench.clock.monotonic_s() < end_s)
+    )
+    if not fast:
+        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
+        return
+    with raises(StageError, "too_fast", speed_mm_s=0.1, axis="z"):
+        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
+
+
 # --- reference search ---
 
 
-def test_a_search_that_does_not_begin_is_no_homing() -> None:
+@pytest.mark.parametrize("late_s", [0.4, 0.7, 1e6])
+def test_a_search_that_does_not_begin_within_half_a_second_is_no_homing(late_s: float) -> None:
     """The position of a module that was just switched on is 0."""
     bench = bench_of(homed=False)
-    bench.board.z.search = lambda: None  # type: ignore[method-assign]
+    z: Any = bench.board.z
+    search = z.search
+    z.search = lambda: bench.clock.call_at(bench.clock.monotonic_s() + late_s, search)
+    if late_s == 0.4:
+        bench.stage.home()
+        return
+    begun_s = bench.clock.monotonic_s()
     with raises(StageError, "did_not_home", axis="z", position=0):
+        bench.stage.home()
+    assert bench.clock.monotonic_s() - begun_s < 0.7
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("counts", [200, -200, 201, -201])
+def test_a_search_that_ends_farther_than_half_a_millimeter_from_0_is_no_homing(counts: int) -> None:
+    bench = bench_of(homed=False)
+    parameter = bench.board.z.parameter
+    bench.board.z.parameter = lambda number: parameter(number) + counts * (number == 1)  # type: ignore[method-assign]
+    if abs(counts) == 200:
+        bench.stage.home()
+        assert bench.stage.homed
+        return
+    with raises(StageError, "did_not_home", axis="z", position=counts):
         bench.stage.home()
     assert not bench.stage.homed
 
@@ -454,6 +563,41 @@ def test_a_search_of_the_wrong_axis_is_stopped() -> None:
     bench.stage.stop()
     bench.clock.wait_s(1.0)
     assert abs(bench.board.x.carriage_at(bench.clock.monotonic_s()) + 4000) <= 3
+
+
+def test_another_axis_that_moves_by_itself_ends_homing_and_is_stopped() -> None:
+    bench = bench_of(homed=False)
+    search = bench.board.z.search
+    z: Any = bench.board.z
+
+    def both() -> None:
+        search()
+        bench.board.x.rotate(400)
+
+    z.search = both
+    with raises(StageError, "moves", axis="x"):
+        bench.stage.home()
+    assert bench.commands()[-2:] == ["1.1 3 0 0", "1.0 3 0 0"]
+    bench.clock.wait_s(1.0)
+    assert not bench.board.x.busy
+    assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_homing_that_fails_sends_a_stop_to_both_axes(name: str) -> None:
+    bench = bench_of(homed=False)
+    axis: Any = getattr(bench.board, name)
+    search = axis.search
+
+    def loses_steps() -> None:
+        search()
+        axis.lost = 1
+
+    axis.search = loses_steps
+    with raises(StageAlarm, "alarm", number=207, axis=name):
+        bench.stage.home()
+    assert bench.commands()[-2:] == ["1.1 3 0 0", "1.0 3 0 0"]
+    assert not bench.stage.homed
 
 
 def test_a_stop_ends_a_search_too() -> None:

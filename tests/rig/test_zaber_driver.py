@@ -5,6 +5,7 @@ import random
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -329,6 +330,9 @@ def test_a_sine_is_one_command_with_a_count(
     assert lowest_mm >= -2.5 - 2 * amplitude_mm - 1e-9
     assert bench.stage.status().z_mm == pytest.approx(-2.5, abs=1e-3)
     assert bench.stage.homed
+    bench.sent.clear()
+    bench.stage.move_to(z_mm=-2.6, speed_mm_s=5.0)
+    assert not [words for words in bench.commands() if "limit" in words], "they are those of the travel again"
 
 
 def test_the_device_follows_the_sine_and_ends_it_without_the_program() -> None:
@@ -403,24 +407,47 @@ def test_what_the_device_refuses_of_a_sine(words: list[str], reason: str) -> Non
 
 
 @pytest.mark.parametrize(
-    ("sent", "done", "code"),
+    ("sent", "done", "code", "fields"),
     [
-        (b"sin 14 500 12", b"sin 41 500 12", "line_refused"),
-        (b"sin 14 500 12", b"sin 14 500 21", "not_over"),
-        (b"sin 14 500 21", b"sin 14 500 12", "over_early"),
-        (b"sin 14 250 12", b"sin 14 520 12", "out_of_time"),
-        (b"sin 14 250 12", b"sin 14 205 12", "out_of_time"),
+        (b"sin 14 500 12", b"sin 41 500 12", "line_refused", {}),
+        (b"sin 14 500 12", b"sin 14 500 21", "not_over", {"timeout_s": 6.0 / 0.98 + 1.0}),
+        (b"sin 14 500 21", b"sin 14 500 12", "over_early", {"expected_s": 10.5}),
+        (b"sin 14 250 12", b"sin 14 520 12", "out_of_time", {}),
+        (b"sin 14 250 12", b"sin 14 205 12", "out_of_time", {}),
     ],
 )
-def test_two_digits_that_change_places_in_a_sine_are_noticed(sent: bytes, done: bytes, code: str) -> None:
+def test_two_digits_that_change_places_in_a_sine_are_noticed(
+    sent: bytes, done: bytes, code: str, fields: dict[str, Any]
+) -> None:
     """The checksum is right."""
     bench = at_2_5_mm()
     read = bench.chain._read
     bench.chain._read = lambda line: read(line.replace(sent, done))  # type: ignore[method-assign]
     _, _, period_ms, cycles = sent.split()
-    with raises(StageError, code):
+    with raises(StageError, code, **fields):
         list(bench.stage.vibrating(amplitude_mm=0.035, period_s=int(period_ms) / 1000, cycles=int(cycles)))
     assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("cycle", [0, 1])
+@pytest.mark.parametrize("share", [0.1, 0.15, 0.25, 0.35, 0.4, 0.6, 0.65, 0.75, 0.85, 0.9])
+def test_an_end_of_a_sine_at_the_wrong_time_is_noticed(share: float, cycle: int) -> None:
+    """In every phase but at that end itself: a report of the upper end, and of the lower one."""
+    for at in (1000, 1400):
+        bench = at_2_5_mm()
+        z: Any = bench.chain.z
+        looks = bench.stage.vibrating(amplitude_mm=0.5, period_s=4.0, cycles=3)
+        next(looks)
+        when_s, position = z._sine[0] + (cycle + share) * 4.0, z.position
+        z.position = partial(_reported, bench.clock, when_s, position, at)
+        with raises(StageError, "out_of_time", axis="z"):
+            list(looks)
+        assert bench.clock.monotonic_s() < when_s + 0.6
+        assert not bench.stage.homed
+
+
+def _reported(clock: VirtualClock, when_s: float, position: Callable[[], int], at: int) -> int:
+    return at if when_s <= clock.monotonic_s() < when_s + 0.15 else position()
 
 
 def _noted(set_: Callable[[str, str], str], values: list[int]) -> Callable[[str, str], str]:
@@ -437,17 +464,17 @@ def test_a_position_whose_digits_change_places_becomes_no_limit(reply: int, digi
     bench, sets, left = at_2_5_mm(), list[int](), [reply]
     bench.stage.move_to(z_mm=-10.25, speed_mm_s=2.0)
     bench.sent.clear()
-    z, say = bench.chain.z, bench.chain._say
+    z, send = bench.chain.z, bench.chain._send
     set_ = z._set
 
-    def says(device: Any, line: str) -> None:
+    def sends(device: Any, line: str) -> None:
         if " 4100" in line:
             left[0] -= 1
             if left[0] == -1:
                 line = line.replace("4100", digits)
-        say(device, line)
+        send(device, line)
 
-    bench.chain._say = says  # type: ignore[method-assign]
+    bench.chain._send = sends  # type: ignore[method-assign]
     z._set = _noted(set_, sets)  # type: ignore[method-assign, assignment]
     with suppress(StageError):
         list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
