@@ -8,7 +8,7 @@ import itertools
 import math
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -239,6 +239,17 @@ class ForceContract:
         assert there.driver.identify() == device.identity
         assert there.wire.asked == list(device.on_identify)
         assert there.driver.read().force_n == pytest.approx(_usual_n(device))
+
+    @pytest.mark.parametrize(("sample_period_s", "resolution_gwt"), [(0.04, 0.02), (0.08, 0.5)])
+    @pytest.mark.parametrize("scale", [1.0, 1.25])
+    def test_it_has_the_sample_period_and_the_resolution_of_its_configuration(
+        self, device: ForceBytes, sample_period_s: float, resolution_gwt: float, scale: float
+    ) -> None:
+        """By these the rig waits for a new sample, and tells a touch from noise."""
+        table = {**device.table, "sample_period_s": sample_period_s, "resolution_gwt": resolution_gwt}
+        driver = Connected(replace(device, table=table), scale=scale).driver
+        assert driver.sample_period_s == sample_period_s
+        assert driver.resolution_gwt == pytest.approx(scale * resolution_gwt)
 
     # --- readings ---
 
