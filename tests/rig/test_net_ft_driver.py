@@ -191,6 +191,20 @@ def test_a_filter_must_be_covered_by_the_latency(number: int, cutoff_hz: int) ->
         Wire(page, latency_s=lag_s - sample_s - 1e-6, sample_period_s=sample_s)
 
 
+@pytest.mark.parametrize(("latency_s", "fine"), [(0.02, True), (0.018, False)])
+def test_the_latency_is_that_of_the_configuration(latency_s: float, fine: bool) -> None:
+    """A filter of 35 Hz takes 0.0286 s, and a sample 0.01 s."""
+    force = {"kind": "net_ft", "port": "udp://10.0.0.7:49152", "sample_period_s": 0.01, "latency_s": latency_s}
+    there = Wire(_page(setuserfilter="5"), connect=False)
+    config = Config.model_validate({"force": force})
+    driver = find(ForceKind, "net_ft").driver(lambda port: there, there.clock, config)
+    if fine:
+        driver.identify()
+    else:
+        with raises(ForceError, "slow_filter", cutoff_hz=35):
+            driver.identify()
+
+
 def test_without_a_filter_no_latency_is_needed() -> None:
     Wire(_page(setuserfilter="0"), sample_period_s=0.01)
     Wire(_page(setuserfilter=None), sample_period_s=0.01)
