@@ -100,6 +100,20 @@ def test_lost_repeated_and_late_packets_are_counted(
     assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, late)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "lost", "repeated"), [([2, 3], 0, 1), ([2, 3, 4], 0, 2), ([3, 4], 1, 1), ([3, 6, 7], 3, 2)]
+)
+@pytest.mark.parametrize("joined", [False, True], ids=["single", "joined"])
+def test_records_of_one_sample_are_repeated_and_not_lost(
+    numbers: list[int], lost: int, repeated: int, joined: bool
+) -> None:
+    """All but the last have the sample of record 1."""
+    there = Wire()
+    records = [record(1), *(record(number, ft=5) for number in numbers[:-1]), record(numbers[-1])]
+    found = there.read_after(b"".join(records[:-1]), records[-1]) if joined else there.read_after(*records)
+    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, 0)
+
+
 def test_a_sample_that_stands_still_is_no_new_one() -> None:
     there = Wire()
     there.come(*(record(n, ft=0) for n in range(1, 40)))
