@@ -31,14 +31,23 @@ def test_a_number_is_one_of_any_kind(simple: Fingertip, value: Any) -> None:
     assert simple.indent("sphere:4", doi_mm=value).force_gwt > 0
 
 
+ARRAY: Any = np.zeros((5, 5))
+PATH: Any = "finger.toml"
+TISSUE: Any = Tissue()
+
+
+def _pressed() -> Any:
+    return load("halfspace").indent("sphere:4", doi_mm=0.2)
+
+
 @pytest.mark.parametrize(
     ("call", "code", "kind"),
     [
-        (lambda: load("halfspace").indent(np.zeros((5, 5)), doi_mm=0.2), "no_indentor", "ndarray"),
-        (lambda: Fingertip.load("finger.toml"), "no_finger_config", "str"),
-        (lambda: load("halfspace", Tissue()), "no_finger_config", "Tissue"),
-        (lambda: choose("bar:3.0", doi_mm=0.2, config=Tissue()), "no_finger_config", "Tissue"),
-        (lambda: to_pandas(load("halfspace").indent("sphere:4", doi_mm=0.2)), "no_table", "IndentationResult"),
+        (lambda: load("halfspace").indent(ARRAY, doi_mm=0.2), "no_indentor", "ndarray"),
+        (lambda: Fingertip.load(PATH), "no_finger_config", "str"),
+        (lambda: load("halfspace", TISSUE), "no_finger_config", "Tissue"),
+        (lambda: choose("bar:3.0", doi_mm=0.2, config=TISSUE), "no_finger_config", "Tissue"),
+        (lambda: to_pandas(_pressed()), "no_table", "IndentationResult"),
     ],
 )
 def test_a_wrong_kind_is_named(call: Callable[[], Any], code: str, kind: str) -> None:
