@@ -105,6 +105,13 @@ _PLAIN = {
     "a valid tuple": "a list",
     "a valid list": "a list",
     "a valid dictionary": "a table",
+    "a valid string": "text",
+    "a valid boolean": "true or false",
+    "a valid integer": "a whole number",
+    "a valid number": "a number",
+    "a valid date": "a date, as 2026-03-01",
+    "Tuple should have": "must have",
+    " after validation": "",
     "Field required": "is required, but is missing",
 }
 
@@ -113,7 +120,7 @@ def plain_rule(message: str) -> str:
     """Return a message of the validation library in the words of this program's other errors."""
     for theirs, ours in _PLAIN.items():
         message = message.replace(theirs, ours)
-    return message
+    return re.sub(r" or instance of \w+", "", message)
 
 
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
@@ -139,6 +146,11 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     if raised is not None and is_coded(raised):
         fields, code = dict(raised.fields), raised.code
     what = str(raised) if rule == "value_error" else plain_rule(problem["msg"])
+    if rule == "missing" and isinstance(problem["loc"][-1], int):  # a number of a list
+        place, what = _short(".".join(map(str, problem["loc"][:-1]))), "has too few values"
+    if rule == "model_type" and model is not None and (table := _table_at(problem["loc"], model)) is not None:
+        needed = [name for name, field in table.model_fields.items() if field.is_required()]
+        what += f" with {', '.join(needed)}" if needed else ""
     fields |= {"where": where, "key": place, "rule": rule, "problem": what}
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
         parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
@@ -163,15 +175,24 @@ _LONGEST_KEY = 200
 
 def _neighbours(place: tuple[str | int, ...], model: type[BaseModel]) -> list[str]:
     """Return keys similar to the last one of a place: from its own table, else from any other."""
-    table, wanted = model, str(place[-1])
-    for name in place[:-1]:
-        inner = _table(table.model_fields[str(name)].annotation) if str(name) in table.model_fields else None
-        table = inner or table
+    table, wanted = _table_at(place[:-1], model) or model, str(place[-1])
     if len(wanted) > _LONGEST_KEY:
         return []
     near = get_close_matches(wanted, table.model_fields, n=2)
-    everywhere = dict(_keys(model))
-    return near or [everywhere[key] for key in get_close_matches(wanted, everywhere, n=2)]
+    everywhere = list(_keys(model))
+    likely = get_close_matches(wanted, {key for key, _ in everywhere}, n=2)
+    inside = ".".join(map(str, place[:-1])) + "."
+    found = [full for name in likely for key, full in everywhere if key == name]
+    return near or sorted(found, key=lambda full: not full.startswith(inside))[:2]
+
+
+def _table_at(place: tuple[str | int, ...], model: type[BaseModel]) -> type[BaseModel] | None:
+    """Return the innermost table on the way to a place, below the whole model."""
+    table = None
+    for name in map(str, place):
+        fields = (table or model).model_fields
+        table = (_table(fields[name].annotation) if name in fields else None) or table
+    return table
 
 
 def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
@@ -187,7 +208,7 @@ def _keys(model: type[BaseModel], above: str = "") -> Iterator[tuple[str, str]]:
 
 def _table(annotation: Any) -> type[BaseModel] | None:
     """Return the table type that a key holds, if any."""
-    kinds = (annotation, *get_args(annotation))
+    kinds = (annotation, *get_args(annotation), *(inner for one in get_args(annotation) for inner in get_args(one)))
     return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.benchmark import QUANTITIES, SHARES, of_level
-from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.config import FingertipConfig, Geometry, MeshSpec, finger_config
 from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
@@ -272,6 +272,9 @@ class Aim:
     per_length: bool = False
 
     def __post_init__(self) -> None:
+        quantities: object = self.quantities
+        if isinstance(quantities, str):
+            object.__setattr__(self, "quantities", (quantities,))
         if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
             raise ModelRangeError(
                 "{quantities}: must be one or more of {known}",
@@ -399,7 +402,7 @@ class Choice:
         ModelRangeError
             If the finger has a mesh of its own.
         """
-        config = FingertipConfig() if config is None else config
+        config = finger_config(config)
         if config.mesh != MeshSpec():
             raise ModelRangeError(
                 "the choice sets the mesh itself; remove [finger.mesh] from the configuration", code="own_mesh"
@@ -491,7 +494,7 @@ def choose(
     """
     refuse_unless_one(doi_mm, force_gwt)
     shape = parse_shape(indentor) if isinstance(indentor, str) else indentor
-    situation = Situation.of(shape, x_mm, z_mm, doi_mm, config or FingertipConfig(), reference)
+    situation = Situation.of(shape, x_mm, z_mm, doi_mm, finger_config(config), reference)
     return cheapest(situation, aim or Aim(), bundled())
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
+from sim.errors import ArgumentError
 from sim.tables import Row, read_columns
 
 # --- measured skin ---
@@ -377,3 +378,17 @@ class FingertipConfig(_Settings):
     def receptor_plane_mm(self) -> float:
         """Position of the receptor plane along the finger (mm from the proximal edge, 6.893 by default)."""
         return self.geometry.length_mm - self.receptor_plane_from_tip_mm
+
+
+def finger_config(config: FingertipConfig | None) -> FingertipConfig:
+    """Return a configuration, by default that of the default finger. Raises ArgumentError."""
+    if config is None:
+        return FingertipConfig()
+    if not isinstance(config, FingertipConfig):
+        raise ArgumentError(
+            "config: must be a FingertipConfig, not {kind}; rig.plan.config.load_config(Path(FILE)).finger is that "
+            "of a configuration file",
+            code="no_finger_config",
+            kind=type(config).__name__,
+        )
+    return config

@@ -56,8 +56,23 @@ class ForceOutOfReachError(ModelRangeError):
     default_code = "force_out_of_reach"
 
 
+def refuse_unless_numbers(**arguments: object) -> None:
+    """Raise ArgumentError for arguments that are not one number each."""
+    for name, value in arguments.items():
+        if not isinstance(value, (str, bytes)):
+            try:
+                float(value)  # type: ignore[arg-type]
+                continue
+            except (TypeError, ValueError):
+                pass
+        sentence = "{name}: must be one number, not {kind}; indent_many takes arrays and lists"
+        raise ArgumentError(sentence, code="not_a_number", name=name, kind=type(value).__name__)
+
+
 def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:
     """Raise ModelRangeError for both a depth and a force, and for neither."""
+    found = {"doi_mm": doi_mm, "force_gwt": force_gwt}
+    refuse_unless_numbers(**{name: value for name, value in found.items() if value is not None})
     if (doi_mm is None) == (force_gwt is None):
         raise ModelRangeError(
             "give exactly one of a depth (doi_mm) and a force (force_gwt)",

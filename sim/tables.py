@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
-from sim.errors import SimError
+from sim.errors import ArgumentError, SimError
 
 # --- csv table ---
 
@@ -237,6 +237,12 @@ def to_xarray(columns: Columns | HasTable) -> Any:
 
 
 def _columns(given: Columns | HasTable) -> Columns:
+    if not isinstance(given, Mapping) and not hasattr(given, "table"):
+        raise ArgumentError(
+            "{kind} is no table; give the results of indent_many, or columns by name",
+            code="no_table",
+            kind=type(given).__name__,
+        )
     return given if isinstance(given, Mapping) else given.table()
 
 

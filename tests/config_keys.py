@@ -1,4 +1,8 @@
-"""tests/data/config_keys.txt, the one list of the keys of the configuration: defaults, kinds, bounds as decided."""
+"""The lists of the keys of the configuration: defaults, kinds, bounds as decided.
+
+tests/data/config_keys.txt has those of every configuration, tests/data/kind_keys.txt those of the own tables of kinds
+of device, which stand only where the kind is named.
+"""
 
 import json
 import re
@@ -10,9 +14,11 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from rig.devices.registry import BUILT_IN, KINDS, find
 from rig.plan.config import Config
 
 DECIDED = Path(__file__).parent / "data" / "config_keys.txt"
+DECIDED_OF_KINDS = DECIDED.with_name("kind_keys.txt")
 
 
 @dataclass(frozen=True)
@@ -30,10 +36,12 @@ class Key:
     def refuses(self, value: Any) -> bool:
         """Whether a configuration with this value, of a list all of these, is refused, and this key is named."""
         several = value if self.length is None or isinstance(value, list) else [value] * self.length
-        tables: Any = [several] if self.lists else several
         place = self.name.split(".")
-        for name in reversed(place):
-            tables = {name: tables}
+        tables = _own_table(place)
+        inner = tables
+        for name in place[:-1]:
+            inner = inner.setdefault(name, {})
+        inner[place[-1]] = [several] if self.lists else several
         try:
             Config.model_validate(tables)
         except ValidationError as error:
@@ -41,13 +49,21 @@ class Key:
         return False
 
 
-def _table() -> Iterator[Key]:
-    for line in DECIDED.read_text(encoding="utf-8").splitlines()[2:]:
+def _own_table(place: list[str]) -> dict[str, Any]:
+    """A configuration that names the kind whose own table a key is in, with all of the table's defaults."""
+    room, kind = place[:2] if len(place) > 2 else ("", "")
+    settings = {f"{of.room}.{name}": find(of, name).settings for of in KINDS for name in BUILT_IN[of.room]}
+    table = settings.get(f"{room}.{kind}")
+    return {room: {"kind": kind, kind: table().model_dump()}} if table is not None else {}
+
+
+def _table(decided: Path) -> Iterator[Key]:
+    for line in decided.read_text(encoding="utf-8").splitlines()[2:]:
         name, default, many, allowed = re.split(r" {2,}", f"{line}  ")[:4]
         length = re.search(r"\d", many)
         kind = many.split()[-1].removesuffix("s") if length else many
         words = allowed.split() if kind == "word" else []
-        number = int if kind == "integer" else float
+        number = float if kind == "number" else int
         bounds = [(sign, number(Fraction(n))) for sign, n in re.findall(r"([<>]=?) ([^,]+)", allowed)]
         found = int(length.group()) if length else None
         yield Key(name, value_of(default), kind, found, many.startswith("lists"), words, bounds)
@@ -61,4 +77,5 @@ def value_of(text: str) -> Any:
         return text
 
 
-TABLE = {key.name: key for key in _table()}
+TABLE = {key.name: key for key in _table(DECIDED)}
+TABLE_OF_KINDS = {key.name: key for key in _table(DECIDED_OF_KINDS)}

@@ -70,6 +70,20 @@ class StubStage:
         self.homed = False
         self.at_stop()
 
+    def unlock(self) -> None:
+        self.told.append("unlock")
+
+    def steps_per_mm(self, axis: str) -> float:
+        return 400.0
+
+    def jog(self, axis: str, mm: float, speed_mm_s: float) -> None:
+        self.told.append(("jog", axis, mm))
+        self.clock.wait_s(abs(mm) / speed_mm_s)
+        self.at_mm["xyz".index(axis)] += mm
+
+    def end_jog(self) -> None:
+        """At rest already."""
+
     def status(self) -> StageStatus:
         return StageStatus(self.state, *self.at_mm)
 

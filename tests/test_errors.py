@@ -6,6 +6,7 @@ from tomllib import TOMLDecodeError
 import pytest
 
 from rig.errors import RigError, code_of, fields_of
+from rig.protocol.handlers import SilentScriptError
 from sim.errors import SimError
 
 
@@ -16,6 +17,15 @@ def test_sentence_code_and_fields_survive_a_pickle(kind: type[RigError] | type[S
     assert type(again) is kind
     assert str(again) == "/dev/a{b}: no reply within 0.5 s"
     assert (again.code, again.fields) == ("no_reply", {"port": "/dev/a{b}", "timeout_s": 0.5})
+
+
+def test_a_silent_script_is_one_after_a_pickle_too() -> None:
+    again = pickle.loads(pickle.dumps(SilentScriptError(12.0)))
+    assert (type(again), again.fields, str(again)) == (
+        SilentScriptError,
+        {"longest_s": 12.0},
+        str(SilentScriptError(12.0)),
+    )
 
 
 @pytest.mark.parametrize("kind", [RigError, SimError])

@@ -127,10 +127,10 @@ class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPo
     nice = 3
 
     def __init__(
-        self, config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
+        self, config: FingertipConfig, indentor: str, truth: Truth, request: SpikeRequest, deepest_mm: float
     ) -> None:
         """Load the finger, draw the afferents, and wait. Raises FingerNotLoadedError."""
-        super().__init__(partial(_pressing, config, indentor, truth, wanted, deepest_mm))
+        super().__init__(partial(_pressing, config, indentor, truth, request, deepest_mm))
 
     def afferents(self) -> AfferentPopulation:
         """Return the afferents."""
@@ -141,12 +141,12 @@ class ReceptorProcess(ForceProcess[IndentorPlace | None, PlaceTable | AfferentPo
 
 
 def _pressing(
-    config: FingertipConfig, indentor: str, truth: Truth, wanted: SpikeRequest, deepest_mm: float
+    config: FingertipConfig, indentor: str, truth: Truth, request: SpikeRequest, deepest_mm: float
 ) -> Answering[IndentorPlace | None, PlaceTable | AfferentPopulation]:
     from sim.models.fingertip import Fingertip
 
     finger = Fingertip.load(config).keeping_ways()
-    afferents = wanted.drawn(finger)
+    afferents = request.drawn(finger)
     organs_mm = afferents.points_mm(finger)
     answer = partial(_answer, finger, parse_shape(indentor), truth, afferents, organs_mm, deepest_mm)
     answer(IndentorPlace(0.0, 0.0))  # the first one takes seconds
@@ -184,13 +184,13 @@ def _answer(
 
 
 class ServedSpikes:
-    """Processes of the afferents, and the feed that they live on."""
+    """Processes of the afferents, and the feed of their poses."""
 
     def __init__(
         self,
         config: Config,
         truth: Truth,
-        wanted: SpikeRequest,
+        request: SpikeRequest,
         server: socket.socket,
         *,
         lsl: bool,
@@ -200,14 +200,14 @@ class ServedSpikes:
         refuse_turned(truth)
         self._complain = complain
         deepest_mm = config.limits.max_doi_mm
-        self._receptors = ReceptorProcess(config.finger, config.virtual.indentor, truth, wanted, deepest_mm)
+        self._receptors = ReceptorProcess(config.finger, config.virtual.indentor, truth, request, deepest_mm)
         self._feed: IndentorFeed | None = None
         self._near, far = socket.socketpair()
         context = multiprocessing.get_context("spawn")
         self._said, saying = context.Pipe(duplex=False)
-        given = _Given(self._receptors.afferents(), wanted, lsl, complain)
+        settings = _DeliverySettings(self._receptors.afferents(), request, lsl, complain)
         self._process = context.Process(
-            target=_deliver, args=(given, far, server, self._receptors.connection, saying), daemon=True
+            target=_deliver, args=(settings, far, server, self._receptors.connection, saying), daemon=True
         )
         with leaving_ctrl_c_to_us():
             self._process.start()
@@ -257,17 +257,17 @@ def refuse_turned(truth: Truth) -> None:
 
 
 @dataclass(frozen=True)
-class _Given:
+class _DeliverySettings:
     """Arguments of the process that delivers the spikes."""
 
     afferents: AfferentPopulation
-    wanted: SpikeRequest
+    request: SpikeRequest
     lsl: bool
     complain: Callable[[str], object]
 
 
 def _deliver(
-    given: _Given,
+    settings: _DeliverySettings,
     poses: socket.socket,
     server: socket.socket,
     receptors: "Connection[IndentorPlace, PlaceTable]",
@@ -276,14 +276,16 @@ def _deliver(
     give_way(0)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        push = open_spikes([_described(given, k) for k in range(len(given.afferents))]) if given.lsl else None
+        push = (
+            open_spikes([_described(settings, k) for k in range(len(settings.afferents))]) if settings.lsl else None
+        )
         scheduler = WallScheduler()
-        delivery = Delivery(given, scheduler, LinePort(scheduler, server, _greeting(given)), push)
-        warm(given.afferents)
+        delivery = Delivery(settings, scheduler, LinePort(scheduler, server, _greeting(settings)), push)
+        warm(settings.afferents)
     except Exception as error:
         saying.send(message_of(error))
         return
-    follower = _Follower(given, scheduler, poses, receptors, delivery, given.complain)
+    follower = _Follower(settings, scheduler, poses, receptors, delivery, settings.complain)
     gc.freeze()
     saying.send(None)
     scheduler.run()
@@ -291,19 +293,19 @@ def _deliver(
     saying.send(delivery.statistics)
 
 
-def _described(given: _Given, k: int) -> Mapping[str, Any]:
-    one = given.afferents[k]
+def _described(settings: _DeliverySettings, k: int) -> Mapping[str, Any]:
+    one = settings.afferents[k]
     return {
         "label": one.name,
         "class": one.model,
         "x_mm": one.x_mm,
         "along_mm": one.along_mm,
-        "delay_s": one.delay_s(given.wanted.path_m),
+        "delay_s": one.delay_s(settings.request.path_m),
     }
 
 
-def _greeting(given: _Given) -> bytes:
-    names = " ".join(one.name for one in given.afferents)
+def _greeting(settings: _DeliverySettings) -> bytes:
+    names = " ".join(one.name for one in settings.afferents)
     return f"# synthetic spikes, not data: {names}\n{COLUMNS}\n".encode("ascii")
 
 
@@ -320,14 +322,14 @@ class Delivery:
 
     def __init__(
         self,
-        given: _Given,
+        settings: _DeliverySettings,
         scheduler: WallScheduler,
         port: LinePort,
         push: Callable[[str, float], object] | None,
     ) -> None:
         self.statistics = SpikeStatistics()
-        self._names = [one.name for one in given.afferents]
-        self._delays_s = [one.delay_s(given.wanted.path_m) for one in given.afferents]
+        self._names = [one.name for one in settings.afferents]
+        self._delays_s = [one.delay_s(settings.request.path_m) for one in settings.afferents]
         self._scheduler, self._port, self._push = scheduler, port, push
         self._waiting: list[tuple[float, int]] = []
         self._timer: Handle | None = None
@@ -374,7 +376,7 @@ class _Follower:
 
     def __init__(
         self,
-        given: _Given,
+        settings: _DeliverySettings,
         scheduler: WallScheduler,
         poses: socket.socket,
         receptors: "Connection[IndentorPlace, PlaceTable]",
@@ -382,7 +384,7 @@ class _Follower:
         complain: Callable[[str], object],
     ) -> None:
         self._scheduler, self._poses, self._receptors, self._delivery = scheduler, poses, receptors, delivery
-        self._spikes = LiveSpikes(given.afferents, receptors.send, complain)
+        self._spikes = LiveSpikes(settings.afferents, receptors.send, complain)
         self._unread = b""
         poses.setblocking(False)
         scheduler.watch(poses, self._read)

@@ -477,7 +477,7 @@ def _reference(text: str) -> Literal["contact", "apex"]:
 
 def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     state = result.state
-    regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm) or "none in the receptor plane"
+    regions = ", ".join(f"[{a:.2f}, {b:.2f}]" for a, b in result.contact_regions_mm)
     at = {X: f"x = {result.x_mm:g}", Z: f"z = {result.z_mm:g}"}
     place = ", ".join(at[axis] for axis in result.indentor.placed_by)
     name = with_size(result.indentor.name)
@@ -486,7 +486,7 @@ def _print(result: IndentationResult, chosen: Chosen, build_s: float) -> None:
     out.print(f"  force          {chosen.force_text(result.force_n)}")
     out.print(f"  DOI            {result.doi_mm:.4f} mm")
     out.print(f"  peak pressure  {result.peak_pressure_kpa:.3g} kPa")
-    out.print(f"  contact        {regions} mm")
+    out.print(f"  contact        {f'{regions} mm' if regions else 'none in the receptor plane'}")
     out.print(f"  {result.small_strain.note}")
     if isinstance(result, FrictionResult):
         out.print(f"  friction       {_friction(result)}")

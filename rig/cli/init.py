@@ -133,7 +133,7 @@ def init_command(
         if to.exists() and not force:
             raise _exists_already(to)
         checked_file("--to", to)
-        given = {"stage": _Given(stage, stage_port), "force": _Given(sensor, sensor_port)}
+        given = {"stage": _DeviceOptions(stage, stage_port), "force": _DeviceOptions(sensor, sensor_port)}
         for room in WORDS:
             _refuse_unknown_kind(room, given[room].kind)
         found = _looked_at(_ports(port, given), quiet=as_json and not err.is_terminal)
@@ -163,7 +163,7 @@ def init_command(
 
 
 @dataclass(frozen=True)
-class _Given:
+class _DeviceOptions:
     """Kind and port of a device from the options."""
 
     kind: str | None
@@ -254,7 +254,7 @@ def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
         )  # fmt: skip
 
 
-def _ports(ports: Sequence[str] | None, given: Mapping[str, _Given]) -> list[str]:
+def _ports(ports: Sequence[str] | None, given: Mapping[str, _DeviceOptions]) -> list[str]:
     """Return the ports to search: those of the options, and all serial ports unless the options name enough."""
     named = [one.port for one in given.values() if one.port is not None]
     for port in (*(ports or ()), *named):
@@ -279,7 +279,7 @@ def _looked_at(ports: Sequence[str], *, quiet: bool) -> list[PortFound]:
     return sorted(found, key=lambda one: ports.index(one.port))
 
 
-def _choose(room: Room, given: _Given, found: Sequence[PortFound], draft: _Draft, talk: _Talk) -> None:
+def _choose(room: Room, given: _DeviceOptions, found: Sequence[PortFound], draft: _Draft, talk: _Talk) -> None:
     """Add a device to the draft: from the options, the only one found, or the one that the user names."""
     of_kind, of_port, device = WORDS[room]
 
@@ -354,7 +354,7 @@ def _kinds_of(room: Room) -> str:
     return f"kind of {WORDS[room][2]} ({' | '.join(names(room))})"
 
 
-def _refuse_another(room: Room, given: _Given, there: PortFound) -> None:
+def _refuse_another(room: Room, given: _DeviceOptions, there: PortFound) -> None:
     """Raise BadInputError if another device answers on the port of a device."""
     if there.kind is None or (there.kind.room == room and given.kind in (None, there.kind.name)):
         return

@@ -15,7 +15,14 @@ from typing import Annotated, Any
 import typer
 from serial.tools import list_ports
 
-from rig.bench.checks import as_words, bench_problems, in_one_line, look_and_contact, today
+from rig.bench.checks import (
+    as_words,
+    bench_problems,
+    expired_calibrations,
+    in_one_line,
+    look_and_contact,
+    today,
+)
 from rig.cli import device_catalogue
 from rig.cli.options import FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
@@ -231,7 +238,12 @@ def _examine(config: Path | None) -> dict[str, Any]:
     found = _installation(settings)
     broken = list(map(str, registry.problems()))
     if config is not None:
-        return found | {"problems_text": [*broken, *bench_problems(settings)]} | _bench(settings)
+        bench = _bench(settings)
+        silent = [
+            f"{name}: {bench[name]['problem_text']}" for name in ("stage", "force") if "problem_text" in bench[name]
+        ]
+        problems = [*broken, *bench_problems(settings), *expired_calibrations(settings), *silent]
+        return found | {"problems_text": problems} | bench
     return found | ({"problems_text": broken} if broken else {})
 
 
@@ -294,7 +306,7 @@ def _bench(settings: Config) -> dict[str, Any]:
             }
             for name, one in settings.calibration.measured()
         ],
-        "last_run_text": left or "clear of the finger, according to the record",
+        "last_run_text": left or "no run on record left the indentor at the finger",
     }
 
 

@@ -21,7 +21,9 @@ if sys.platform == "win32":
     _CTRL_C = "\x03"
 
     def line_waits(within_s: float) -> bool:
-        """Return whether a line has been begun at the keyboard."""
+        """Return whether a line has been begun at the keyboard, or True for a pipe, since that is unknown."""
+        if not sys.stdin.isatty():
+            return True
         clock = WallClock()
         deadline_s = clock.monotonic_s() + within_s
         while not msvcrt.kbhit():

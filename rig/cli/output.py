@@ -109,7 +109,7 @@ class Activity:
     def title(self) -> str:
         """Description of the work, with the estimate if it takes long."""
         expected_s = self._expected_s or 0.0
-        what = number_of(self._total, self.what) if self._counted else self.what
+        what = number_of(self._total, self.what) if self._counts else self.what
         return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
 
     @property
@@ -121,7 +121,7 @@ class Activity:
     def line(self) -> str:
         """Description of the work, its progress, and the time left."""
         what = self.what
-        if self._counted:  # of one piece, "0 of 1" would say nothing
+        if self._counts:  # of one piece, "0 of 1" would say nothing
             pieces = number_of(self._total, self.what)
             what = pieces if self._total == 1 else f"{self._done} of {pieces}"
         return f"{what}, {in_words(self.elapsed_s)} so far{self._left}"
@@ -133,6 +133,7 @@ class Activity:
 
     @property
     def _counts(self) -> bool:
+        """Whether the pieces of the work are shown, and no build within it."""
         return self._counted and self.what == self._own
 
     @property

@@ -20,12 +20,12 @@ T = TypeVar("T")
 class _TextOf(ProgressColumn):
     """Text of a function, evaluated each time the bar is drawn."""
 
-    def __init__(self, say: Callable[[], str]) -> None:
+    def __init__(self, text: Callable[[], str]) -> None:
         super().__init__()
-        self._say = say
+        self._text = text
 
     def render(self, task: Task) -> Text:
-        return Text(self._say())
+        return Text(self._text())
 
 
 class IndentationProgress(RunState):

@@ -241,7 +241,7 @@ def _with_indentor(config: Config, indentor: str | None) -> Config:
 
 def _statistics_line(found: PressStatistics) -> str:
     return (
-        f"{found.asked} forces requested, {found.late} not ready in time (the last force was repeated, at "
+        f"{found.requested} forces requested, {found.late} not ready in time (the last force was repeated, at "
         f"most {found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
         f"{1000.0 * found.slowest_s:.0f} ms"
     )

@@ -57,33 +57,33 @@ def watch_command(
     With --json: the current state, at once.
     """
     with one_line_errors(as_json=as_json):
-        seen = RunScreen(RunFolder(run))
+        shown = RunScreen(RunFolder(run))
         try:
             with foreign_in_one_line(run):
                 if as_json:
-                    seen.take(Following(seen.folder).new())
-                    print_json(_now(seen))
+                    shown.take(Following(shown.folder).new())
+                    print_json(_now(shown))
                     return
                 with resting():
-                    (_on_a_screen if out.is_terminal else _line_by_line)(seen)
-                out.print("\n".join(_end(seen)))
+                    (_on_a_screen if out.is_terminal else _line_by_line)(shown)
+                out.print("\n".join(_end(shown)))
         except KeyboardInterrupt:
             err.print("stopped monitoring; the run continues")
             raise typer.Exit(ExitCode.ABORTED) from None
 
 
-def _on_a_screen(seen: RunScreen) -> None:
-    clock, screen = WallClock(), Screen(seen.force, seen.above, seen.below)
+def _on_a_screen(shown: RunScreen) -> None:
+    clock, screen = WallClock(), Screen(shown.force, shown.above, shown.below)
     with Live(screen, console=out, auto_refresh=False) as live:
-        for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
-            seen.take(documents)
+        for documents in followed(shown.folder, lambda: clock.wait_s(LOOK_S)):
+            shown.take(documents)
             live.refresh()
 
 
-def _line_by_line(seen: RunScreen) -> None:
+def _line_by_line(shown: RunScreen) -> None:
     clock = WallClock()
-    for documents in followed(seen.folder, lambda: clock.wait_s(LOOK_S)):
-        seen.take(documents)
+    for documents in followed(shown.folder, lambda: clock.wait_s(LOOK_S)):
+        shown.take(documents)
         for line in (line for document in documents for line in _line(document)):
             out.print(line)
 
@@ -99,10 +99,10 @@ def _line(document: Document) -> list[str]:
     return [f"{document['t_s']:10.3f}  {on_one_line(name):<18}  {on_one_line(values)}".rstrip()]
 
 
-def _end(seen: RunScreen) -> list[str]:
+def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
-    found = read_run(seen.folder.path)
-    about = alive(summary_of(found), seen.folder.path.parent)
+    found = read_run(shown.folder.path)
+    about = alive(summary_of(found), shown.folder.path.parent)
     ending = ending_of(found, about.state) or {}
     sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
     lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
@@ -110,19 +110,19 @@ def _end(seen: RunScreen) -> list[str]:
     return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
 
 
-def _now(seen: RunScreen) -> dict[str, Any]:
-    found = read_run(seen.folder.path)
-    about = alive(summary_of(found), seen.folder.path.parent)
-    newest = {name: seen.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
+def _now(shown: RunScreen) -> dict[str, Any]:
+    found = read_run(shown.folder.path)
+    about = alive(summary_of(found), shown.folder.path.parent)
+    newest = {name: shown.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
     goes_on = about.state == RUNNING
     return {
-        "run": str(seen.folder.path),
+        "run": str(shown.folder.path),
         "state": about.state,
         "done": about.done,
         "planned": about.planned,
         **newest,
-        "now_text": seen.now if goes_on else None,
-        "next_text": seen.next if goes_on else None,
-        "left_s": seen.left_s if goes_on else None,
+        "now_text": shown.now if goes_on else None,
+        "next_text": shown.next if goes_on else None,
+        "left_s": shown.left_s if goes_on else None,
         "ending": ending_of(found, about.state),
     }

@@ -141,7 +141,7 @@ class PlaceRow:
 
 @dataclass(frozen=True)
 class ReceptorLocation:
-    """Receptor location of one afferent; `asked` is the requested range, `where` the part of it that the runs cover.
+    """Receptor location of one afferent, the `requested` range, and the part of it that the runs cover (`where`).
 
     `rows` has every measure, best first, all over the same `positions` of those `recorded`.
     """
@@ -150,21 +150,21 @@ class ReceptorLocation:
     recordings: tuple[str, ...]
     positions: int
     recorded: int
-    asked: PlaceRange
+    requested: PlaceRange
     where: PlaceRange
     rows: tuple[PlaceRow, ...]
 
     @property
     def with_offset(self) -> bool:
         """Whether an offset of the field's center was fitted."""
-        return self.asked.offset_mm[0] < self.asked.offset_mm[1]
+        return self.requested.offset_mm[0] < self.requested.offset_mm[1]
 
     @property
     def frame(self) -> str:
         """Treatment of the offset; shown with every table of rows."""
         if not self.with_offset:
             return "indentor x = recorded position + receptor x, no offset fitted"
-        low, high = map(in_mm, self.asked.offset_mm)
+        low, high = map(in_mm, self.requested.offset_mm)
         return f"indentor x = recorded position + receptor x + offset, fitted between {low} and {high} mm"
 
 
@@ -205,7 +205,7 @@ def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
             "positions_recorded": one.recorded,
             "x_range_mm": list(one.where.x_mm),
             "depth_range_mm": list(one.where.depth_mm),
-            "offset_range_mm": list(one.asked.offset_mm) if one.with_offset else None,
+            "offset_range_mm": list(one.requested.offset_mm) if one.with_offset else None,
             "frame_text": one.frame,
             "rows": [_as_json(row, with_offset=one.with_offset) for row in one.rows],
         }

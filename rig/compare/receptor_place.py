@@ -227,7 +227,7 @@ def receptor_location(
         recordings=tuple(overlay.recording.name for overlay in overlays),
         positions=len(data.observed.rate),
         recorded=len(data.used),
-        asked=where,
+        requested=where,
         where=data.where,
         rows=tuple(sorted(rows, key=lambda row: row.deviance)),
     )

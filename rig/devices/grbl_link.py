@@ -417,12 +417,12 @@ class Difference(NamedTuple):
     """Setting that differs from the expected value; `with_which` is an explanation."""
 
     number: int
-    wanted: float
+    expected: float
     found: float
     with_which: str = ""
 
     def __str__(self) -> str:
-        return f"${self.number}={self.wanted:g} (found {self.found:g}{self.with_which})"
+        return f"${self.number}={self.expected:g} (found {self.found:g}{self.with_which})"
 
 
 class Misplaced(NamedTuple):
@@ -476,7 +476,7 @@ def settings_fields(wrong: Iterable[Difference]) -> dict[str, Any]:
     all_wrong = list(wrong)
     return {
         "settings": ", ".join(map(str, all_wrong)),
-        "wanted": {one.number: one.wanted for one in all_wrong},
+        "wanted": {one.number: one.expected for one in all_wrong},
         "found": {one.number: one.found for one in all_wrong},
     }
 

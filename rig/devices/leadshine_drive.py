@@ -91,10 +91,6 @@ _DRIVE = "{port}: {axis} axis, drive {drive}"
 _AXIS = "{axis} axis: {problem}"
 
 
-def _always() -> bool:
-    return True
-
-
 class LeadshineDrive:
     """Moves of one axis in mm; the vertical one is positive away from the finger.
 
@@ -180,7 +176,7 @@ class LeadshineDrive:
 
     # --- motion ---
 
-    def homing(self, keep_on: Callable[[], bool] = _always) -> Iterator[Status]:
+    def homing(self, keep_on: Callable[[], bool]) -> Iterator[Status]:
         """Home the axis, whose switch is 0 from then on; yield at each status.
 
         keep_on is checked just before the start. Raises StageError.
@@ -237,7 +233,7 @@ class LeadshineDrive:
             )
         self._loose = False
 
-    def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool] = _always) -> None:
+    def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
         """Extend the present move by a distance, and return at once.
 
         keep_on is checked just before the start. Raises StageError.

@@ -24,9 +24,13 @@ if sys.platform == "win32":
     def _ioctl(file: int, request: int, argument: int | bytearray) -> None:
         raise OSError(errno.ENOSYS, "stop buttons on an input device need Linux")
 else:
-    from fcntl import ioctl as _ioctl
+    import fcntl
 
     _NONBLOCK = os.O_NONBLOCK
+
+    def _ioctl(file: int, request: int, argument: int | bytearray) -> None:
+        fcntl.ioctl(file, request, argument)
+
 
 _EVENT = struct.Struct("llHHi")  # seconds, microseconds, type, code, value
 _KEY = 1

@@ -152,7 +152,8 @@ class TextCellForce:
                 last = self._line(min(self._silence_s, left_s))
             except ForceTimeout:
                 continue
-            if settings.pattern.fullmatch(last):
+            value = self._value(last)
+            if value is not None and (_NUMBER.fullmatch(value) or _NO_NUMBER.fullmatch(value)):
                 return f"text cell, {settings.line} in {settings.unit}"
         if last:
             raise self._garbled(last)
@@ -226,19 +227,17 @@ class TextCellForce:
         """Return the value that the board sends, corrected by the calibration (gwt)."""
         settings, port = self._settings, self._transport.name
         line = self._line(self._silence_s)
-        found = settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None
-        if found is None:
-            raise self._garbled(line)
-        if _NO_NUMBER.fullmatch(found["value"]):
+        value = self._value(line)
+        if value is not None and _NO_NUMBER.fullmatch(value):
             raise ForceBroken(
                 "{port}: the board sends {value} instead of a number; check the cell and its cable",
                 code="no_number",
                 port=port,
-                value=found["value"],
+                value=value,
             )
-        if not _NUMBER.fullmatch(found["value"]):
+        if value is None or not _NUMBER.fullmatch(value):
             raise self._garbled(line)
-        shown_gwt = float(found["value"]) * settings.NEWTONS[settings.unit] / GWT_N
+        shown_gwt = float(value) * settings.NEWTONS[settings.unit] / GWT_N
         if abs(shown_gwt) >= settings.full_scale_gwt:
             kind, code = (ForceOverload, "overload") if shown_gwt > 0 else (ForceUnderload, "underload")
             raise kind(
@@ -248,6 +247,11 @@ class TextCellForce:
                 shown_gwt=shown_gwt,
             )
         return shown_gwt * self._scale
+
+    def _value(self, line: str) -> str | None:
+        """Return the text of the value in a line with a reading; None for another line."""
+        found = self._settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None
+        return None if found is None else found["value"]
 
     def _line(self, within_s: float) -> str:
         """Return a line that is no older than the request, or than the last line of a stream."""

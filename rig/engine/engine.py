@@ -381,8 +381,6 @@ class Engine:
 
     def record_in_motion(self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float) -> None:
         """Journal a reading of a motion. If that fails, raises InterruptedMotionError, so that the motion ends."""
-        if self.state is State.IN_CONTACT and force_gwt >= self.sensing.touch_gwt:
-            self.contact.begin()
         glanced = self.sensing.glanced
         also = {} if glanced is None else glanced.also
         try:

@@ -152,7 +152,7 @@ class _Walk:
         """Take one event."""
         name = next((stream.removeprefix(one) for one in _FAMILIES if stream.startswith(one)), stream)
         t_s = float(event["t_s"])
-        if name in ("mount", "indentation_start") and "indentor" in event:
+        if "indentor" in event:
             if name == "mount":
                 self.close()
             self._indentor = str(event["indentor"])

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 
 from rig.devices.registry import highest_hz, moves_along, ramps
 from rig.errors import BadInputError, RigError
-from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
+from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, SineMotion, Target
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings, StageSettings
 from rig.units import GWT_N
 
@@ -314,11 +314,11 @@ def refuse_vibration(
         )
 
 
-def refuse_vibration_depth(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:
+def refuse_vibration_depth(
+    verb: str, planned: PlannedIndentation, vibration: SineMotion, limits: LimitSettings
+) -> None:
     """Raise an error for a vibration whose lower end is predicted to be too deep."""
-    if planned.vibration is None:
-        return
-    doi_mm = planned.deepest_mm + planned.vibration.amplitude_mm
+    doi_mm = planned.deepest_mm + vibration.amplitude_mm
     if doi_mm > limits.max_doi_mm:
         raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
 

@@ -426,7 +426,7 @@ class Vibrate(PressStep):
             hold_s=vibration.duration_s,
             vibration=vibration,
         )
-        refuse_vibration_depth(self.verb, expected.planned, walk.settings.limits)
+        refuse_vibration_depth(self.verb, expected.planned, vibration, walk.settings.limits)
         return expected
 
 

@@ -80,11 +80,11 @@ def _one_or_more(value: object) -> object:
 _Numbers = Annotated[tuple[float, ...], BeforeValidator(_one_or_more)]
 
 
-class _Given(BaseModel):
+class _StrictModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
 
-class StudyPress(_Given):
+class StudyPress(_StrictModel):
     """One indentor at some positions, to some depths or forces."""
 
     shape: str
@@ -107,7 +107,7 @@ class StudyPress(_Given):
         return [(kind, value) for value in self.doi_mm or self.force_gwt]
 
 
-class StudyFile(_Given):
+class StudyFile(_StrictModel):
     """Contents of the TOML file."""
 
     receptor_depth_mm: _Numbers = Field((DEFAULT_DEPTH_MM,), min_length=1)

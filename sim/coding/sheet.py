@@ -267,7 +267,7 @@ HALF_LENGTHS_MM = (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
 class ReceptorRow:
     """Finger with a row of receptors in the receptor plane."""
 
-    felt: PressedSkin
+    skin: PressedSkin
     line: SkinLine  # of the skin in that plane
     place_mm: Array  # (m,) locations on it above the receptors
 
@@ -278,15 +278,15 @@ class ReceptorRow:
 
     def under_each(self, shapes: Sequence[AxialShape], ends_mm: Array, energy: Energy) -> Iterator[Frictionless]:
         """Return the same for several shapes, which share the response to each node alone."""
-        middle, location = 0.5 * (ends_mm[1:] + ends_mm[:-1]), self.line.places(self.felt.nodes_mm[:, X])
+        middle, location = 0.5 * (ends_mm[1:] + ends_mm[:-1]), self.line.places(self.skin.nodes_mm[:, X])
         mixture, directions = self._seen(ends_mm), self._directions(location)
-        strained = [self.felt.strained(direction) for direction in directions]
-        mobility = [self.felt.mobility(direction, mixture)[[X, Y]] for direction in directions]
-        at_rest, normal = (self.felt.nodes_mm.T @ mixture)[[X, Y]], self.line.normals(self.line.angles(middle))
+        strained = [self.skin.strained(direction) for direction in directions]
+        mobility = [self.skin.mobility(direction, mixture)[[X, Y]] for direction in directions]
+        at_rest, normal = (self.skin.nodes_mm.T @ mixture)[[X, Y]], self.line.normals(self.line.angles(middle))
         across = hats(location, middle)
         for shape in shapes:
-            share = across * shape.over(self.line.plane_mm, self.felt.nodes_mm[:, Z])[:, None]
-            parts, lateral = (self.felt.squared(one, share, energy) for one in strained)
+            share = across * shape.over(self.line.plane_mm, self.skin.nodes_mm[:, Z])[:, None]
+            parts, lateral = (self.skin.squared(one, share, energy) for one in strained)
             skin = SectionSkin(at_rest, np.concatenate([one @ share for one in mobility], axis=-1), normal)
             yield Frictionless("influence", energy, parts, middle, self.place_mm, lateral, skin)
 
@@ -297,11 +297,11 @@ class ReceptorRow:
 
     def _seen(self, ends_mm: Array) -> Array:
         """Return (k, n + 1) interpolation weights of the receptor plane's skin nodes at the samples' ends."""
-        across = self.felt.model.patch.shape[1]
-        row = self.felt.model.receptor_row * across + np.arange(across)
-        location = self.line.places(self.felt.nodes_mm[row, X])
+        across = self.skin.model.patch.shape[1]
+        row = self.skin.model.receptor_row * across + np.arange(across)
+        location = self.line.places(self.skin.nodes_mm[row, X])
         order = np.argsort(location)
-        weights = np.zeros((len(self.felt.nodes_mm), len(ends_mm)))
+        weights = np.zeros((len(self.skin.nodes_mm), len(ends_mm)))
         weights[row[order]] = np.stack([np.interp(ends_mm, location[order], one) for one in np.eye(across)])
         return weights
 

@@ -620,7 +620,7 @@ def noise_of(encoded: Encoded, receptor: Receptor | None, noise: Noise | None) -
         rest = encoded.noise_sd * np.random.default_rng((noise.seed, 1)).normal(size=m)
         return ReadingNoise(np.full(m, sd_at_rest(rest)), f"measured from {m} receptors at rest")
     unit = receptor.gain if noise.at == "receptor" else 1.0
-    return ReadingNoise(np.full(m, unit * encoded.noise_sd), "told", noise.at)
+    return ReadingNoise(np.full(m, unit * encoded.noise_sd), "given", noise.at)
 
 
 def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
@@ -663,7 +663,7 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
             code="axial_of_sheet", axial="axial",
         )  # fmt: skip
     row = receptor_row(task.finger, readings.place_mm, readings.depth_mm)
-    low, high = _on_patch(readings, row.line.places(row.felt.nodes_mm[:, X]))
+    low, high = _on_patch(readings, row.line.places(row.skin.nodes_mm[:, X]))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < FEWEST_FOR_CONTACTS:
         least_mm = FEWEST_FOR_CONTACTS * task.sampling.spacing_mm

@@ -211,7 +211,7 @@ class _OfProfile(Indentor):
         """Whether the measured profile turns within less than about the spacing of nodes."""
         stated, measured = self.profile.sharpest_radius_mm, measured_radius_mm(cast(Hashable, self.profile))
         if (
-            stated == measured
+            stated in (measured, 0.0)  # 0: nothing is sharper
             or max(stated, measured) < EDGE_RADIUS_MM
             or abs(measured / stated - 1) <= RADIUS_TOLERANCE
         ):

@@ -21,6 +21,8 @@ Array = NDArray[np.float64]
 COLUMNS = ("x_mm", "height_mm")
 LINEAR = ",linear"
 _FILLET_MM = 0.02
+WIDEST_MM = 200.0
+"""Width of the widest profile; a wider one is in another unit."""
 
 
 class ProfileError(SimError, ValueError):
@@ -129,6 +131,15 @@ class MeasuredProfile:
                 code="x_not_rising",
                 name=path,
                 x_mm=float(points[backwards[0], 0]),
+            )
+        width_mm = float(points[-1, 0] - points[0, 0])
+        if width_mm > WIDEST_MM:
+            raise ProfileError(
+                "profile {name}: x_mm spans {width_mm:g} mm; lengths are in mm, and at most {widest_mm:g} mm wide",
+                code="too_wide",
+                name=path,
+                width_mm=width_mm,
+                widest_mm=WIDEST_MM,
             )
         heights = points[:, 1] - points[:, 1].min()
         return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)

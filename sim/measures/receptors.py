@@ -158,11 +158,14 @@ def located(mesh: FingerMesh, point: Array) -> MeshLocation:
         if (at[[0, 2]] < 0).any() or (at >= grid.shape).any():
             break
     low, high = mesh.z_mm[[1, -2]]
+    inside = low < point[2] < high
+    where = "outside the tissue, above the skin or in the bone" if inside else "at an end of the finger or beyond it"
     raise ReceptorError(
-        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies at an end of the finger or outside it; z "
-        "must be {low_mm:.2f} to {high_mm:.2f} mm, between skin and bone",
+        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies {where}; z must be {low_mm:.2f} to {high_mm:.2f} mm, "
+        "and y between skin and bone",
         code="outside_finger",
         **_at(point),
+        where=where,
         low_mm=float(low),
         high_mm=float(high),
     )

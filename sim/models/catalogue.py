@@ -6,9 +6,9 @@ A new model is a module with a Builder, and a name and a line here.
 from collections.abc import Callable, Mapping, Sequence
 from typing import Literal, get_args
 
-from sim.config import FingertipConfig
+from sim.config import FingertipConfig, finger_config
 from sim.contact.indentor import ALONG
-from sim.errors import ModelRangeError
+from sim.errors import ArgumentError, ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, ReceptorSet, receptors_at
 from sim.models.condensed import CondensedModel
@@ -70,6 +70,8 @@ def load(
 
     Raises
     ------
+    ArgumentError
+        If there is no model of this name.
     ModelRangeError
         If a section has receptors at another z, or the tissue stiffens under a simpler model.
     ReceptorError
@@ -86,7 +88,10 @@ def load(
     >>> load("halfspace").indent("cylinder:9", doi_mm=0.1).model.kind
     'halfspace'
     """
-    config = FingertipConfig() if config is None else config
+    config = finger_config(config)
+    if name not in MODELS:
+        raise ArgumentError("there is no model {name!r}; choose {known}", code="unknown_model", name=name,
+                            known=", ".join(MODELS))  # fmt: skip
     locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
     if name == "finger" and cached:
         return Fingertip.load(config, slopes=slopes, **locations.as_options())

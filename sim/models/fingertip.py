@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from sim.config import FingertipConfig
+from sim.config import FingertipConfig, finger_config
 from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ALONG, Indentor
 from sim.contact.patch import X, Z
@@ -32,7 +32,7 @@ from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_besid
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
-from sim.models.strain_at_points import Anywhere, SeenInside
+from sim.models.strain_at_points import Anywhere, StrainAtAnyPoint
 from sim.units import GWT_N
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ _TOUCHES_KEPT = 64
 _SIDE_RAD = 0.05  # of the section's widest places; below them the skin is no function of x
 
 
-class Fingertip(ByRecipe, SeenInside):
+class Fingertip(ByRecipe, StrainAtAnyPoint):
     """A condensed 3-D fingertip that indentors can press.
 
     `load` makes one. It stores no state: an indentation starts from rest unless it receives a start. A model is
@@ -156,7 +156,7 @@ class Fingertip(ByRecipe, SeenInside):
         """
         if solver is not None:
             warnings.warn("Fingertip.load ignores `solver`", DeprecationWarning, stacklevel=2)
-        config = FingertipConfig() if config is None else config
+        config = finger_config(config)
         surface = FingertipSurface.fit(config.geometry)
         keep_tops(surface)
         locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
@@ -669,4 +669,11 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
 def _indentor(shape: Indentor | IndentorProfile | str) -> Indentor:
     if isinstance(shape, Indentor):
         return shape
+    if not isinstance(shape, str) and not hasattr(shape, "evaluate"):
+        raise ArgumentError(
+            "indentor: must be a name such as 'bar:3.0', an Indentor or a profile, not {kind}; MeasuredProfile and "
+            "HeightMap take arrays by from_arrays",
+            code="no_indentor",
+            kind=type(shape).__name__,
+        )
     return parse_shape(shape) if isinstance(shape, str) else Indentor.along(shape)

@@ -18,7 +18,7 @@ from sim.contact.patch import X, Y, Z
 from sim.contact.planes import Gathered
 from sim.contact.points import ContactPose
 from sim.contact.solver import ContactState, solve_contact
-from sim.errors import ForceOutOfReachError, ModelRangeError, z_outside
+from sim.errors import ForceOutOfReachError, ModelRangeError, refuse_unless_numbers, z_outside
 from sim.models.condensed import CondensedModel
 from sim.models.relaxation import held_at
 from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
@@ -55,6 +55,7 @@ class RimError(ModelRangeError, TooDeepError):
 
 def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float | None) -> None:
     """Raise ModelRangeError for a position that is not over the finger."""
+    refuse_unless_numbers(x_mm=x_mm, **({} if z_mm is None else {"z_mm": z_mm}))
     length_mm = config.geometry.length_mm
     if not abs(x_mm) <= FARTHEST_X_MM:
         raise ModelRangeError(

@@ -148,7 +148,7 @@ class Anywhere:
         return self._sets[name]
 
 
-class SeenInside:
+class StrainAtAnyPoint:
     """Base class of a finger that returns strain at any point."""
 
     config: FingertipConfig

@@ -38,7 +38,7 @@ _FARTHEST_S = STALE_S / 2  # horizon: plans farther ahead change too often
 class PressStatistics:
     """Counts of readings, late and missing ones, and solve times (s)."""
 
-    asked: int = 0
+    requested: int = 0
     late: int = 0
     unknown: int = 0
     stalest_s: float = 0.0
@@ -88,7 +88,7 @@ class ForcePrefetcher(ABC):
 
     def force_n(self, t_s: float) -> float:
         """Return the force at a time in N; the last one if unsolved, NaN if that is too old."""
-        self.statistics.asked += 1
+        self.statistics.requested += 1
         known = self._known_at(t_s)
         if known is not None:
             return known

@@ -196,7 +196,7 @@ def pressed_finger(slopes: tuple[int, ...], tissue: Tissue, *, sheet: bool) -> F
     """What is pressed, with the row's receptors or the sheet's; another finger on the default mesh."""
     config = FingertipConfig(tissue=tissue, mesh=FINER[slopes] if tissue == Tissue() else MeshSpec())
     if not sheet:
-        x_mm = default_row().felt.model.receptors.position_mm[:, X]
+        x_mm = default_row().skin.model.receptors.position_mm[:, X]
         return Fingertip.load(config, slopes=slopes, receptor_x_mm=x_mm.tolist())
     z_mm = (PLANE_MM + SHEET_MM).tolist()
     return Fingertip.load(config, slopes=slopes, receptor_x_mm=SHEET_MM.tolist(), receptor_z_mm=z_mm)

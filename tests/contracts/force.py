@@ -8,7 +8,7 @@ import itertools
 import math
 import pickle
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -110,7 +110,7 @@ class FarEnd:
     def __init__(self, device: ForceBytes, clock: VirtualClock) -> None:
         self.device, self.clock, self.closed = device, clock, False
         self.replies = {question: [reply] for question, reply in device.usual.items()}
-        self.mangled, self.after_s, self.silent, self.cut = as_it_is, 0.0, False, False
+        self.mangled, self.after_s, self.silent, self.cut = as_it_is, 0.0, False, ""
         self.asked: list[bytes] = []
         self.frames: list[bytes] = []
         self._coming: list[tuple[float, int, bytes]] = []
@@ -118,7 +118,7 @@ class FarEnd:
         self._number = itertools.count()
 
     def write(self, data: bytes) -> None:
-        self._refuse_cut()
+        self._refuse_cut("write")
         question = self.device.heard(data)
         assert question in self.replies, f"{question!r} is no question to {self.device.name}"
         self.asked.append(question)
@@ -126,7 +126,7 @@ class FarEnd:
         self._reply(question, data)
 
     def read(self, timeout_s: float) -> bytes:
-        self._refuse_cut()
+        self._refuse_cut("read")
         now_s = self.clock.monotonic_s()
         while self._next_s <= now_s + timeout_s and not (self._coming and self._coming[0][0] <= self._next_s):
             self.clock.wait_s(max(self._next_s - now_s, 0.0))
@@ -154,8 +154,8 @@ class FarEnd:
         if reply and not self.silent:
             self.send(self.mangled(self.device.said(frame, reply)), self.after_s if after_s is None else after_s)
 
-    def _refuse_cut(self) -> None:
-        if self.cut:
+    def _refuse_cut(self, way: str) -> None:
+        if way in self.cut:
             raise TransportError("{port} is cut", code="cut", port=PORT)
 
 
@@ -240,6 +240,17 @@ class ForceContract:
         assert there.wire.asked == list(device.on_identify)
         assert there.driver.read().force_n == pytest.approx(_usual_n(device))
 
+    @pytest.mark.parametrize(("sample_period_s", "resolution_gwt"), [(0.04, 0.02), (0.08, 0.5)])
+    @pytest.mark.parametrize("scale", [1.0, 1.25])
+    def test_it_has_the_sample_period_and_the_resolution_of_its_configuration(
+        self, device: ForceBytes, sample_period_s: float, resolution_gwt: float, scale: float
+    ) -> None:
+        """By these the rig waits for a new sample, and tells a touch from noise."""
+        table = {**device.table, "sample_period_s": sample_period_s, "resolution_gwt": resolution_gwt}
+        driver = Connected(replace(device, table=table), scale=scale).driver
+        assert driver.sample_period_s == sample_period_s
+        assert driver.resolution_gwt == pytest.approx(scale * resolution_gwt)
+
     # --- readings ---
 
     @pytest.mark.parametrize("scale", [1.0, 1.25])
@@ -319,9 +330,11 @@ class ForceContract:
             assert there.lasts_s(there.driver.zero, zeroing.kind, zeroing.code) < 10.0 + GIVES_UP_S
         assert there.wire.asked.count(device.zero) == zeroing.told
 
-    def test_a_cut_wire_is_an_error_of_its_own(self, device: ForceBytes) -> None:
+    @pytest.mark.parametrize("cut", ["write and read", "read"])
+    def test_a_cut_wire_is_an_error_of_its_own(self, device: ForceBytes, cut: str) -> None:
+        """Before a request, or while its reply is awaited."""
         there = Connected(device)
-        there.wire.cut = True
+        there.wire.cut = cut
         for ask in (there.driver.read, there.driver.zero, there.driver.connect):
             with pytest.raises(TransportError) as caught:
                 ask()

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.base import ForceError, ForceTimeout
+from rig.devices.base import ForceError, ForceTimeout, ZeroedByDriver
 from rig.devices.registry import BUILT_IN
 from rig.engine.sensing import NoReadingError, read
 from sim.devices.clock import VirtualClock
@@ -52,6 +52,25 @@ def test_a_table_leaves_nothing_open(device: ForceBytes) -> None:
     assert set(device.zeroing) >= {"at rest", "never at rest", "overloaded", "silent", "not confirmed"}
     assert {weight.stable for weight in device.weights.values()} | {"stable" in device.lacks} == {True, False}
     assert min(weight.grams for weight in device.weights.values()) < 0
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.25])
+@pytest.mark.parametrize(
+    "device",
+    [device for device in DEVICES if not device.zeroing["at rest"].told],
+    ids=lambda device: device.name,
+)
+def test_a_load_that_the_program_subtracts_is_subtracted_once_however_often_it_is_zeroed(
+    device: ForceBytes, scale: float
+) -> None:
+    driver = Connected(device, scale=scale).driver
+    assert isinstance(driver, ZeroedByDriver)
+    load_n = driver.read().force_n
+    assert load_n
+    for _ in range(3):
+        driver.zero()
+        assert driver.subtracted_n == pytest.approx(load_n)
+        assert driver.read().force_n == pytest.approx(0.0, abs=1e-12)
 
 
 def _sentences(device: ForceBytes) -> Iterator[str]:

@@ -153,23 +153,30 @@ class Port:
         self._replies = replies
         self.sent: list[bytes] = []
         self.closed, self.chatter = False, b""
-        self._coming = b""
+        self.deaf_until_s, self.reply_s = 0.0, 0.0
+        self._coming, self._due_s = b"", 0.0
 
     def write(self, data: bytes) -> None:
         modbus_tcp = self._asks.port == TCP
         number, question = (data[:TRANSACTION], data[TRANSACTION:]) if modbus_tcp else (b"", data)
         assert question in self._asks.questions, f"{question.hex(' ')} is not a question that a probe may send"
         self.sent.append(data)
+        if self._clock.monotonic_s() < self.deaf_until_s:
+            return
         reply = self._replies.get(question, SILENCE)
         self._coming += number + reply if reply else b""
+        self._due_s = self._clock.monotonic_s() + self.reply_s
 
     def read(self, timeout_s: float) -> bytes:
         if self.chatter:
             self._clock.wait_s(0.005)
             return self.chatter
-        data, self._coming = self._coming, b""
-        if not data:
+        left_s = max(self._due_s - self._clock.monotonic_s(), 0.0)
+        if not self._coming or left_s > timeout_s:
             self._clock.wait_s(timeout_s)
+            return b""
+        self._clock.wait_s(left_s)
+        data, self._coming = self._coming, b""
         return data
 
     def close(self) -> None:
@@ -184,11 +191,16 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
     """Probe a port of a table; return the port, the seconds that it took, and the answer."""
 
     def asked(
-        table: ReadOnly, replies: Mapping[bytes, bytes], chatter: bytes = b""
+        table: ReadOnly,
+        replies: Mapping[bytes, bytes],
+        chatter: bytes = b"",
+        *,
+        deaf_s: float = 0.0,
+        reply_s: float = 0.0,
     ) -> tuple[Port, float, str | None]:
         clock = VirtualClock(0.0, 100.0)
         port = Port(table, clock, replies)
-        port.chatter = chatter
+        port.chatter, port.deaf_until_s, port.reply_s = chatter, 100.0 + deaf_s, reply_s
 
         def open_port(name: str, baud: int, *, character: str, dtr: bool, owned: bool) -> Port:
             assert (name, (baud, character), owned) == (table.opens or table.port, table.opened, True)
@@ -228,6 +240,21 @@ def test_a_silent_port_is_no_device_and_takes_a_bounded_time(table: ReadOnly, as
     port, _, identity = ask(table, {})
     assert identity is None
     assert port.sent
+
+
+@pytest.mark.parametrize(("deaf_s", "reply_s"), [(0.5, 0.0), (2.0, 0.0), (2.3, 0.2)])
+def test_a_board_that_restarts_as_its_port_is_opened_is_found(deaf_s: float, reply_s: float, ask: Ask) -> None:
+    """It hears nothing for two seconds; what it says at the end of the wait counts."""
+    _, _, identity = ask(GRBL, GRBL.questions, deaf_s=deaf_s, reply_s=reply_s)
+    assert identity == GRBL.identity
+
+
+@pytest.mark.parametrize("state", ["Run", "Jog", "Hold:0", "Door:1", "Home", "Check", "Sleep"])
+def test_a_board_that_may_not_read_a_line_is_asked_for_its_state_alone(state: str, ask: Ask) -> None:
+    status = GRBL.questions[b"?"].replace(b"Alarm", state.encode())
+    port, _, identity = ask(GRBL, {**GRBL.questions, b"?": status})
+    assert identity == f"GRBL board in state {state}"
+    assert port.sent == [b"?"]
 
 
 @pytest.mark.parametrize("chatter", [b"\x00", b"S D 0.01 g\r\n", b"\xff\xfe", b"<\r\n"], ids=repr)

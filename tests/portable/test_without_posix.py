@@ -287,6 +287,62 @@ assert not patience._watches
     assert (ended.returncode, ended.stdout) == (0, "ended\n"), ended.stderr
 
 
+def test_a_script_whose_end_did_not_arrive_in_time_makes_no_further_step(environment: dict[str, str]) -> None:
+    """It was in compiled code when it was silent for too long."""
+    code = """
+import ctypes, time, types
+import rig.protocol.handlers as patience
+patience.LONGEST_SILENCE_S = 0.2
+sent, done = [], []
+api = types.SimpleNamespace(PyThreadState_SetAsyncExc=lambda thread, kind: sent.append(kind))
+patience.ctypes = types.SimpleNamespace(c_ulong=ctypes.c_ulong, py_object=ctypes.py_object, pythonapi=api)
+class Then:
+    def handle(self, step, spot):
+        done.append(step)
+patient = patience.Patience(Then())
+try:
+    with patience.impatient():
+        while not sent:
+            time.sleep(0.01)
+        patient.handle(type("S", (), {"verb": "rest"})(), None)
+except patience.SilentScriptError:
+    print("ended", done, sent[1:])
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
+    )
+    assert (ended.returncode, ended.stdout) == (0, "ended [] [None]\n"), ended.stderr
+
+
+def test_a_script_is_ended_at_its_time_and_not_before(environment: dict[str, str]) -> None:
+    """By a clock of the test's own; the thread that asks it wakes by a real one."""
+    code = """
+import time, types
+import rig.protocol.handlers as patience
+patience.LONGEST_SILENCE_S = 0.3
+now = [0.0]
+patience.time = types.SimpleNamespace(monotonic=lambda: now[0])
+done = []
+class Then:
+    def handle(self, step, spot):
+        done.append(now[0])
+patient = patience.Patience(Then())
+try:
+    with patience.impatient():
+        for now[0] in (0.0, 0.29, 0.58):
+            time.sleep(0.1)
+            patient.handle(type("S", (), {"verb": "rest"})(), None)
+        now[0] = 0.89
+        while True: pass
+except patience.SilentScriptError:
+    print("ended", done)
+"""
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
+    )
+    assert (ended.returncode, ended.stdout) == (0, "ended [0.0, 0.29, 0.58]\n"), ended.stderr
+
+
 def test_keys_of_the_console_are_read(environment: dict[str, str]) -> None:
     code = """
 import sys, types

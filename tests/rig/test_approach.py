@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -148,4 +149,27 @@ def test_what_was_felt_coarsely_is_felt_again_within_an_increment_or_trips(
     with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=said_mm, felt_before=again):
         Approach(bench.ready(), PressId(0), lowest_mm, 0.2).touch_off()
     assert bench.readings("approach")[-1][0] == pytest.approx(-0.35)
+    assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)
+
+
+@pytest.mark.parametrize(
+    ("lowest_mm", "last_mm", "found"), [(-0.5, -0.37, True), (-0.37, -0.37, True), (-0.36, -0.36, False)]
+)
+def test_a_finger_that_shows_below_a_touch_too_early_is_looked_for_an_increment_farther(
+    lowest_mm: float, last_mm: float, found: bool
+) -> None:
+    """Noise touches at -0.3 mm; an increment below, the finger shows 0.02 gwt, and 0.05 gwt at -0.37 mm.
+
+    Never below the lowest height.
+    """
+
+    def felt(bench: PlainBench) -> float:
+        early = bench.height_mm < -0.295 and not bench.readings("back off")
+        return 0.06 if early else round(bench.hertz(6.0, -0.33), 2)
+
+    bench = _bench(felt)
+    approach = Approach(bench.ready(), PressId(0), lowest_mm, 0.5)
+    with nullcontext() if found else raises(TripError, "no_contact", lowest_mm=lowest_mm):
+        approach.touch_off()
+    assert bench.readings("approach")[-1][0] == pytest.approx(-0.3)
     assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)

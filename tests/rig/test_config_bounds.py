@@ -1,6 +1,7 @@
 """Every key of the configuration: its default, its kind, and the first value that is refused on either side.
 
-tests/data/config_keys.txt says what was decided. A bound that changes is a decision, and changes there.
+tests/data/config_keys.txt says what was decided, and tests/data/kind_keys.txt of the own tables of kinds of device. A
+bound that changes is a decision, and changes there.
 """
 
 import math
@@ -12,8 +13,9 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from rig.devices.registry import BUILT_IN, KINDS, find
 from rig.plan.config import Config
-from tests.config_keys import TABLE, Key, value_of
+from tests.config_keys import TABLE, TABLE_OF_KINDS, Key, value_of
 
 SAFETY = Path(__file__).parents[2] / "docs" / "safety_promises.md"
 WRONG_KIND: dict[str, list[Any]] = {
@@ -23,14 +25,22 @@ WRONG_KIND: dict[str, list[Any]] = {
     "flag": ["perhaps"],
     "date": ["yesterday"],
     "word": ["elsewhere"],
+    "characters": [3],
+    "texts": ["#", [3], [""], ["#", ""]],
 }
 
 
-every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in TABLE))
+ALL = TABLE | TABLE_OF_KINDS
+every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in ALL))
 
 
 def _keys_of(table: str) -> list[Key]:
-    return [key for name, key in TABLE.items() if name.rpartition(".")[0] == table]
+    return [key for name, key in ALL.items() if name.rpartition(".")[0] == table]
+
+
+def _so_long(key: Key, bound: float) -> Any:
+    """A value at a bound: the number itself, or so many characters, which make a line with a reading."""
+    return f"{{value}}{'x' * int(bound)}"[: int(bound)] if key.kind == "characters" else bound
 
 
 @every_table
@@ -38,10 +48,10 @@ def test_the_first_value_beyond_a_bound_is_refused_and_the_last_within_it_is_not
     for key, (sign, bound) in [(k, limit) for k in _keys_of(table) for limit in k.bounds]:
         outwards = -math.inf if ">" in sign else math.inf
         towards = outwards if "=" in sign else -outwards
-        step = math.copysign(1, towards) if key.kind == "integer" else math.nextafter(bound, towards) - bound
+        step = math.nextafter(bound, towards) - bound if key.kind == "number" else math.copysign(1, towards)
         last, first = (bound, bound + step) if "=" in sign else (bound + step, bound)
-        assert not key.refuses(last), f"{key.name} = {last!r} is {sign} {bound:g}"
-        assert key.refuses(first), f"{key.name} = {first!r} is not {sign} {bound:g}"
+        assert not key.refuses(_so_long(key, last)), f"{key.name} = {last!r} is {sign} {bound:g}"
+        assert key.refuses(_so_long(key, first)), f"{key.name} = {first!r} is not {sign} {bound:g}"
 
 
 @every_table
@@ -72,6 +82,7 @@ def _defaults(settings: BaseModel, place: str = "") -> Iterator[tuple[str, Any]]
             yield f"{place}{name}", list(value) if isinstance(value, tuple) else value
 
 
+_TABLES = {".".join(name.split(".")[:2]) for name in TABLE}
 REQUIRED = [name for name, key in TABLE.items() if key.default == "required"]
 
 
@@ -93,6 +104,18 @@ def test_every_key_is_in_the_table_with_its_default() -> None:
         name: key.default for name, key in TABLE.items() if name not in REQUIRED
     }
     assert not list(Config().calibration.measured())
+
+
+def test_every_key_of_a_kind_is_in_its_table_with_its_default() -> None:
+    """All but the tables of leadshine and laumas, which may stand in any configuration."""
+    told: dict[str, Any] = {}
+    for of in KINDS:
+        for name in BUILT_IN[of.room]:
+            kind = find(of, name)
+            if kind.settings is not None and f"{of.room}.{kind.place}" not in _TABLES:
+                told |= _defaults(kind.settings(), f"{of.room}.{kind.place}.")
+    assert told == {name: key.default for name, key in TABLE_OF_KINDS.items()}
+    assert list(told) == list(TABLE_OF_KINDS)
 
 
 @pytest.mark.parametrize("name", REQUIRED)

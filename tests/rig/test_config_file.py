@@ -37,6 +37,33 @@ def test_no_file_means_the_defaults() -> None:
     assert load_config(None) == Config()
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[calibration]\nz_steps_per_mm = 401.2\n", "must be a table with value, date, expires"),
+        ("[calibration]\nz_steps_per_mm = [400, 1]\n", "must be a table with value, date, expires"),
+        ('stage = "grbl"\n', "must be a table"),
+        ("[force]\nlaumas = 3\n", "must be a table"),
+        ("[limits]\nalong_mm = 3\n", "must be a list"),
+        ("[limits]\nalong_mm = [1, 2, 3]\n", "must have at most 2 items, not 3"),
+        ("[stage]\ntravel_mm = [1, 2]\n", "has too few values"),
+        ("[virtual]\nrelaxation = [[0.2]]\n", "has too few values"),
+        ("[stage]\nport = 5\n", "must be text"),
+        ('[stage]\ndtr = "yes"\n', "must be true or false"),
+        ("[habits]\nsettle_readings = 1.5\n", "must be a whole number"),
+        ('[limits]\nmax_force_gwt = "50"\n', "must be a number"),
+        (
+            '[calibration]\nz_steps_per_mm = {value = 1, date = "1.3.2026", expires = 2027-03-01}\n',
+            "must be a date, as 2026-03-01",
+        ),
+    ],
+)
+def test_what_is_expected_in_words_of_the_file(toml: Path, text: str, expected: str) -> None:
+    """The validation library speaks of tuples, instances and classes."""
+    toml.write_text(text)
+    assert str(_refused(toml)).endswith(f": {expected}")
+
+
 VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
 
 
@@ -67,7 +94,7 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
          {"key": "sync.register_address", "value": 24578, "le": 4095}),
         ('[stage]\nport = "tcp://10.0.0.7"\n', "no_port_name", {"key": "stage.port", "value": "tcp://10.0.0.7"}),
         ('[force]\nport = ""\n', "no_port_name", {"key": "force.port", "value": ""}),
-        ("[limits]\nx_mm = [-6.0]\n", "missing_key", {"key": "limits.x_mm.1"}),
+        ("[limits]\nx_mm = [-6.0]\n", "missing_key", {"key": "limits.x_mm", "value": [-6.0]}),
         ("[virtual]\nz_screw_steps_per_mm = 0\n", VALUE,
          {"key": "virtual.z_screw_steps_per_mm", "value": 0, "rule": "greater_than", "gt": 1.0}),
         ("a = = 1", "no_toml", {}),

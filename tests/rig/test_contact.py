@@ -78,8 +78,8 @@ class Stage:
     homed = True
 
 
-def _whereabouts(known: KnownContact) -> FinalPosition:
-    """As a run's end has it of an engine that knows this."""
+def _engine_that(known: KnownContact) -> Engine:
+    """It knows this."""
     engine = Engine.__new__(Engine)
     bench = FaultyBench.__new__(FaultyBench)
     bench.stage = Stage()  # type: ignore[assignment]
@@ -91,7 +91,12 @@ def _whereabouts(known: KnownContact) -> FinalPosition:
         begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm
 
     engine.motion = Motion()  # type: ignore[assignment]
-    return FinalPosition.of(engine)
+    return engine
+
+
+def _whereabouts(known: KnownContact) -> FinalPosition:
+    """As a run's end has it of an engine that knows this."""
+    return FinalPosition.of(_engine_that(known))
 
 
 def _on_record(settings: Config, known: KnownContact) -> None:
@@ -149,6 +154,20 @@ def test_every_place_says_what_is_known_and_no_more(
         assert f"{FORCES[kind]:.2f} gwt" in said
     if kind == "raised":
         assert "not confirmed by force" in said
+
+
+def test_before_a_resumed_run_its_ending_and_the_record_are_told(settings: Config) -> None:
+    """The record alone where no run ended early; nothing where it says that the finger is clear."""
+    at = FinalPosition.of(_engine_that(_known("touching")))
+    ending = Ending.of(RunAborted("the cable was cut"), at, Path("runs") / "7")
+    _on_record(settings, _known("disagreement"))
+    known = BenchMemory(settings).read().contact
+    assert known is not None
+    both = str(careful_of(ending, settings))
+    assert all(words in both for words in (ending.reason, ending.at.words, ending.next, known.words))
+    assert careful_of(None, settings) == f"{known.words}; {known.to_do}"
+    _on_record(settings, _known("lifted"))
+    assert careful_of(ending, settings) is None
 
 
 # --- the record ---

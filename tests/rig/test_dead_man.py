@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.base import StageError, StageHeld, StageStatus
 from rig.engine import dead_man as module
-from rig.engine.dead_man import Direction, dead_man_jog
+from rig.engine.dead_man import UP, Direction, dead_man_jog, jog_up_from_rest
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -146,3 +146,20 @@ def test_what_has_no_end_and_is_not_looked_at_is_left_to_a_switch_of_the_control
     dead_man_jog(stage, stage.clock, lambda: next(held, None), 2.0, by_mm, look)  # type: ignore[arg-type]
     assert stage.left_to_it == left
     assert bool(stage.told) is not bool(left)
+
+
+def test_a_way_up_from_rest_is_made_in_slices_of_a_fifth_of_a_second() -> None:
+    """2 mm/s: 0.4 mm each, and what is left; the remaining distance is told after each."""
+
+    class Above(There):
+        def steps_per_mm(self, axis: str) -> float:
+            return self.steps
+
+        def status(self) -> StageStatus:
+            return StageStatus(self.state, 0.0, 0.0, self.x_mm)
+
+    stage = Above()
+    slices = jog_up_from_rest(stage, stage.clock, lambda: UP, 2.0, 1.0)  # type: ignore[arg-type]
+    assert [(at.z_mm, left_mm) for at, left_mm in slices] == [
+        (pytest.approx(done), pytest.approx(1.0 - done)) for done in (0.4, 0.8, 1.0)
+    ]

@@ -164,7 +164,7 @@ def test_rates_are_read_back_through_the_receptor(rig: Program, at: str) -> None
     found = rig(*options, "--gain", 1000, "--threshold", threshold, "--json").json
     assert 0 in found["reading"]
     assert found["errors"]["relative_l2"] < 0.3
-    assert found["noise"]["known_text"] == "told"
+    assert found["noise"]["known_text"] == "given"
     assert found["problems_text"] == []
     wide = rig(*options, "--gain", "1000±100", "--threshold", threshold, "--json").json
     assert wide["pressure_pseudo"] == found["pressure_pseudo"]

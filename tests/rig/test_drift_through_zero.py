@@ -15,6 +15,7 @@ from rig.engine import Engine, EngineError, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import LimitError
+from rig.manual.guard import Guard
 from rig.manual.home_and_zero import zero as zero_by_hand
 from rig.settings import RigSettings
 from rig.units import GWT_N
@@ -159,6 +160,12 @@ def test_readings_that_never_agree_are_no_force_at_rest() -> None:
     """0.04 and −0.04 gwt in turn, half a second apart, both below the touch threshold of 0.05 gwt."""
     with raises(NoReadingError, "unsteady"):
         _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04).at_rest_gwt()
+
+
+def test_a_force_that_does_not_settle_allows_no_way_aside() -> None:
+    guard = Guard(RigSettings(), _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04))
+    with raises(LimitError, "unsteady"):
+        guard.refuse_contact(lambda seconds: None)
 
 
 def test_a_force_that_does_not_settle_is_not_zeroed() -> None:

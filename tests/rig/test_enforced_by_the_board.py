@@ -162,6 +162,24 @@ def test_homing_ends_at_the_pull_off_of_the_board(settings: str, z_mm: float, ho
     assert stage.homed is homes
 
 
+@pytest.mark.parametrize("negative", range(4))
+@pytest.mark.parametrize("elsewhere", ["", "x_mm", "y_mm"])
+def test_each_axis_homes_to_the_end_that_the_board_names(negative: int, elsewhere: str) -> None:
+    """$23 has a bit for each axis that homes to its negative end; Z never does."""
+    board = Board(VirtualClock())
+    board.answers[b"$$\n"] = f"$13=0\r\n$23={negative}\r\n$27=1\r\n$130=60\r\n$131=30\r\nok\r\n".encode()
+    stage = connected(board, homed=False)
+    ends = {"x_mm": -59.0 if negative & 1 else -1.0, "y_mm": -29.0 if negative & 2 else -1.0, "z_mm": -1.0}
+    other = {"x_mm": -60.0 - ends["x_mm"], "y_mm": -30.0 - ends["y_mm"]}
+    board.status = at("Idle", **(ends | {name: mm for name, mm in other.items() if name == elsewhere}))
+    if elsewhere:
+        with raises(StageError, "did_not_home", axis=elsewhere[0].upper(), target_mm=ends[elsewhere]):
+            stage.home()
+    else:
+        stage.home()
+    assert stage.homed is not bool(elsewhere)
+
+
 def test_a_garbled_answer_to_the_settings_is_asked_for_again() -> None:
     board = Board(VirtualClock())
     right, wrong = b"$13=0\r\n$102=400.000\r\nok\r\n", b"$13=0\r\n$102=000.000\r\nok\r\n"

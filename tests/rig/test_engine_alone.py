@@ -3,6 +3,7 @@
 Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 3 s, the soft trip 203.94 gwt.
 """
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -22,6 +23,7 @@ def test_a_new_engine_is_nowhere_and_has_touched_nothing() -> None:
     engine = StubBench().engine
     assert (engine.state, engine.placed, engine.may_touch) == (State.UNHOMED, False, False)
     assert (engine.problem, engine.indentor, engine.contact.total_s) == (None, None, 0.0)
+    assert engine.measured_ago_s == math.inf
     assert [engine.next_index() for _ in range(3)] == [0, 1, 2]
 
 
@@ -79,6 +81,55 @@ def test_what_was_lifted_is_clear_and_no_press() -> None:
     assert engine.contact.total_s == pytest.approx(touched_s)
     engine.heartbeat.look()
     assert not engine.heartbeat.lost
+
+
+# --- what is known of contact without a question to a device ---
+
+
+def _moved(bench: StubBench) -> None:
+    bench.engine.go_to_height(1.9, 0.5)
+
+
+def _read(bench: StubBench) -> None:
+    bench.engine.go_to_height(1.9, 0.5)
+    bench.engine.read_force_gwt(PressId(0), "press")
+
+
+@pytest.mark.parametrize("last", [_moved, _read], ids=["in motion", "at rest"])
+@pytest.mark.parametrize(
+    ("shows_gwt", "zeroed", "kind", "force_gwt"),
+    [(3.0, True, "touching", 3.0), (0.04, True, "unknown", 0.04), (3.0, False, "unknown", None)],
+)
+def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_zero(
+    last: Callable[[StubBench], None], shows_gwt: float, zeroed: bool, kind: str, force_gwt: float | None
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    if not zeroed:
+        engine.sensing.zero = None
+    bench.force.shows_gwt = shows_gwt
+    last(bench)
+    known = engine.known_contact
+    assert (known.kind, known.force_gwt) == (kind, force_gwt if force_gwt is None else pytest.approx(force_gwt))
+    assert (known.x_mm, known.height_mm) == (0.0, pytest.approx(1.9))
+
+
+@pytest.mark.parametrize(("shows_gwt", "kind"), [(0.04, "lifted"), (3.0, "disagreement")])
+def test_after_the_lift_of_a_trip_the_finger_is_clear_if_position_and_force_say_so(
+    shows_gwt: float, kind: str
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, "for_the_test"):
+        engine.trip(TripError("for the test", code="for_the_test"))
+    assert (engine.known_contact.kind, engine.may_touch) == (kind, kind != "lifted")
+    assert (engine.known_contact.x_mm, engine.known_contact.height_mm) == (0.0, pytest.approx(2.0))
+
+
+def test_before_homing_no_place_is_known() -> None:
+    known = StubBench().engine.measure_contact()
+    assert (known.kind, known.force_gwt, known.x_mm, known.height_mm) == ("unknown", None, None, None)
 
 
 # --- readings ---
@@ -166,6 +217,18 @@ def test_every_reading_trips_on_a_sensor_that_fails_and_above_the_hard_trip(read
     with raises(TripError, "no_reading", error="no answer"):
         READINGS[read](engine)
     assert bench.of("trip")[0]["force_gwt"] is None
+
+
+@pytest.mark.parametrize("read", READINGS)
+def test_the_stop_inputs_are_asked_anew_before_and_after_each_reading_at_rest(read: str) -> None:
+    """In motion the last status has them."""
+    engine, asked = StubBench().in_contact(), list[bool]()
+    engine.stop_problem = lambda *, at_rest: asked.append(at_rest)
+    READINGS[read](engine)
+    assert asked == [True, True]
+    asked.clear()
+    engine.go_to_height(1.9, 0.5)
+    assert set(asked) == {False}
 
 
 def test_readings_count_from_zero_and_raw_ones_do_not() -> None:
@@ -305,3 +368,43 @@ def test_who_looks_first_stops_the_stage() -> None:
     with raises(TripError, "heartbeat_lost"):
         engine.go_to_height(1.94, 0.5)
     assert bench.stage.told[-1] == "stop"
+
+
+# --- a stage that leaves its way ---
+
+
+@pytest.mark.parametrize(("from_mm", "to_mm"), [(1.95, None), (1.5, None), (3.0, 10.0), (24.0, 25.0)])
+def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float, to_mm: float | None) -> None:
+    """Since its height is not trusted any more. From above clearance to habits.park_height_mm, 10 mm, and never
+    beyond the top of the travel, 25 mm.
+    """
+    bench = StubBench()
+    engine = bench.in_contact()
+    while engine.height_mm > from_mm + 1e-9:
+        engine.go_to_height(max(engine.height_mm - 0.05, from_mm), 0.5)
+    engine.lift(from_mm)
+    at_mm: list[float] = []
+
+    def strays() -> None:
+        bench.stage.at_mm[0] += 1.0
+        at_mm.append(bench.height_mm)
+
+    bench.stage.at_look = strays
+    with raises(TripError, "off_its_way", axis="x"):
+        engine.go_to_height(from_mm - 0.05, 0.5)
+    assert ("stop" in bench.stage.told, "unlock" in bench.stage.told) == (True, True)
+    assert bench.height_mm == pytest.approx(at_mm[-1] + 2.0 if to_mm is None else to_mm, abs=0.01)
+
+
+# --- homing ---
+
+
+def test_homing_leaves_a_finger_that_has_come_up_since_the_last_reading() -> None:
+    """It pushes beyond the soft trip, and less as the indentor goes up; only a push that grows would end that."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.reading()
+    bench.force.shows_gwt = 450.0
+    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", max(bench.force.shows_gwt - 150.0, 0.0))
+    verbs.home(engine)
+    assert (engine.state, engine.known_contact.kind) == (State.READY, "lifted")

@@ -1,10 +1,12 @@
 """How a GRBL stage moves: what is asked on the way, when a move is over, and where it must have arrived."""
 
 import math
+from collections.abc import Callable
 
 import pytest
 
 from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus
+from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.scripted_board import BANNER, At, Board, at, connected
@@ -170,3 +172,74 @@ def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
     board.status = at("Idle", -5.001)
     with raises(StageError, "not_there", axis="X", at_mm=-5.001):
         stage.move_to(x_mm=-5.0, speed_mm_s=1.0)
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda stage: stage.move_to(x_mm=-11.0, speed_mm_s=1.0),
+        lambda stage: stage.jog("x", -10.0, 1.0),
+        lambda stage: stage.jog("z", -1.0, 1.0),
+    ],
+    ids=["move", "jog", "jog down"],
+)
+def test_at_a_speed_that_is_known_to_be_changed_no_byte_is_sent(
+    board: Board, move: Callable[[GrblStage], object]
+) -> None:
+    stage = connected(board)
+    board.status = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0|Ov:50,100,100>\r\n"
+    stage.status()
+    board.heard.clear()
+    with raises(StageOverridden, "overridden", feed_percent=50):
+        move(stage)
+    assert board.said == []
+
+
+# --- jogs up ---
+
+
+def test_a_jog_up_is_extended_on_its_way_and_one_from_rest_or_after_another_is_confirmed(board: Board) -> None:
+    """On its way it is one line, which the board joins to the motion before it."""
+    stage = connected(board)
+    for _ in range(3):
+        stage.jog("z", 0.1, 1.0)
+    lines = [data for data in board.said if data != b"?"]
+    extended = b"$J=G91Z0.1F60\n"
+    assert lines == [b"G92X0Y0Z-0.1G90G21G94F60\n", b"$J=Z0F60\n", extended, extended]
+    for before in (stage.status, lambda: stage.jog("x", 0.1, 1.0), lambda: stage.jog("z", -0.1, 1.0)):
+        board.status = at("Idle", z_mm=-3.1)
+        before()
+        board.heard.clear()
+        board.status = at("Idle", z_mm=-3.1)
+        stage.jog("z", 0.1, 1.0)
+        assert board.said[-1] == b"$J=Z0F60\n"
+        board.status = at("Idle")
+        stage.end_jog()
+
+
+# --- the ends of the travel ---
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "told_mm"),
+    [
+        (0.0, -0.0002),
+        (math.nextafter(0.0, 1.0), -0.0002),
+        (-0.0001, -0.0002),
+        (-0.5, -0.5),
+        (-39.5, -39.5),
+        (-39.9999, -39.9998),
+        (-40.0, -39.9998),
+        (math.nextafter(-40.0, -41.0), -39.9998),
+        (-40.01, -40.01),
+    ],
+)
+def test_a_target_at_an_end_of_the_travel_is_told_just_within_it(board: Board, to_mm: float, told_mm: float) -> None:
+    """The board compares in 24 bits; what lies beyond is for it to refuse."""
+    board.answers[b"$$\n"] = b"$13=0\r\n$132=40.000\r\nok\r\n"
+    board.status = at("Idle", z_mm=-20.0)
+    stage = connected(board)
+    board.status = at("Idle", z_mm=to_mm)
+    stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
+    (line,) = (data for data in board.said if data.startswith(b"G92"))
+    assert float(line.partition(b"Z")[2].partition(b"G")[0]) == pytest.approx(-20.0 - told_mm, abs=1e-6)

@@ -120,6 +120,34 @@ def test_an_offset_from_before_the_line_was_executed_is_not_a_confirmation(clock
     assert not [data for data in board.said if data.startswith(b"$J=")]
 
 
+def test_an_offset_of_an_earlier_motion_is_not_a_confirmation(board: Board) -> None:
+    """Told the same target again, the board reports no work zero: that of the first time says nothing."""
+    stage = connected(board)
+    stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+    board.heard.clear()
+    answer = board._answer
+    board._answer = lambda data: at("Idle") if data == b"?" else answer(data)  # type: ignore[method-assign]
+    with raises(StageError, "not_confirmed", doubt_code="no_offset"):
+        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+    assert not [data for data in board.said if data.startswith(b"G1")]
+
+
+@pytest.mark.parametrize(
+    ("shown", "fine"), [("60", True), ("59.5", True), ("60.5", True), ("59", False), ("61", False), ("600", False)]
+)
+def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(board: Board, shown: str, fine: bool) -> None:
+    """It may print whole mm/min: half of one is no difference."""
+    stage = connected(board)
+    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F{shown} S0]\r\nok\r\n".encode()
+    if fine:
+        stage.jog("x", -0.5, 1.0)
+    else:
+        doubt = {"doubt_code": "wrong_feed", "found_mm_min": float(shown), "meant_mm_min": 60.0}
+        with raises(StageError, "not_confirmed", **doubt):
+            stage.jog("x", -0.5, 1.0)
+        assert not [data for data in board.said if data.startswith(b"$J=")]
+
+
 def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: VirtualClock) -> None:
     stage = connected(board)
     stage.stop()

@@ -85,6 +85,40 @@ def test_a_board_as_configured_is_taken(board: Board, clock: VirtualClock) -> No
     _connect(board, clock, {n: value for n, value in SET.items() if value})  # one that it lacks counts as 0
 
 
+@pytest.mark.parametrize(
+    ("setting", "wanted", "found", "hal"),
+    [
+        ("$384=0", {384: 1}, {384: 0}, True),
+        ("$10=31", {10: 127}, {10: 31}, True),
+        ("$10=95", {10: 127}, {10: 95}, True),
+        ("$10=63", {10: 127}, {10: 63}, True),
+        ("$23=4", {23: 0}, {23: 4}, False),
+        ("$23=7", {23: 3}, {23: 7}, True),
+        ("$384=1", {}, {}, True),
+        ("$10=511", {}, {}, True),
+        ("$23=3", {}, {}, True),
+        ("$384=0", {}, {}, False),
+        ("$10=0", {}, {}, False),
+    ],
+)
+def test_a_board_whose_moves_could_not_be_confirmed_is_told_what_to_set(
+    board: Board,
+    clock: VirtualClock,
+    setting: str,
+    wanted: dict[int, float],
+    found: dict[int, float],
+    hal: bool,
+) -> None:
+    """grblHAL may hide its work zero and its overrides, or store each target; no board may home Z downwards."""
+    board.answers[b"$I\n"] = b"[VER:1.1f.20240101:]\r\n" + b"[FIRMWARE:grblHAL]\r\n" * hal + b"ok\r\n"
+    board.answers[b"$$\n"] = f"$13=0\r\n{setting}\r\nok\r\n".encode()
+    if wanted:
+        with raises(StageError, "not_as_configured", wanted=wanted, found=found):
+            GrblStage(board, clock).connect()
+    else:
+        GrblStage(board, clock).connect()
+
+
 @pytest.mark.parametrize("number", SET)
 @pytest.mark.parametrize("by", [-1, 1])
 def test_each_setting_is_held_to_its_value(board: Board, clock: VirtualClock, number: int, by: int) -> None:

@@ -15,12 +15,12 @@ IDENTIFIES = [
     (["--width", "0.5"], "--width 0.5: must be 1 to 50 %"),
     (["--width", "nan"], "--width nan: must be 1 to 50 %"),
     (["--width", "inf"], "--width inf: must be 1 to 50 %"),
-    (["--width", "wide"], "'--width': must be a valid number"),
+    (["--width", "wide"], "'--width': must be a number"),
     (["--most-gwt", "500"], "--most-gwt 500: must be 1 to 100 gwt"),
     (["--most-gwt", "nan"], "--most-gwt nan: must be 1 to 100 gwt"),
     (["--presses", "0"], "'--presses': must be greater than or equal to 1"),
     (["--presses", "9"], "'--presses': must be less than or equal to 8"),
-    (["--presses", "nan"], "'--presses': must be a valid integer"),
+    (["--presses", "nan"], "'--presses': must be a whole number"),
     (["--to", "nowhere/finger.toml"], "must be a file in an existing folder"),
     (["--to", "."], "must be a file in an existing folder"),
     (["--shapes", "blob:3"], "blob:3"),
@@ -35,9 +35,9 @@ IDENTIFIES = [
     (["--subject", "a b/c"], "subject"),
 ]
 SERVES = [
-    (["--random-finger", "seven"], "'--random-finger': must be a valid integer"),
+    (["--random-finger", "seven"], "'--random-finger': must be a whole number"),
     (["--random-finger", "-1"], "'--random-finger': must be greater than or equal to 0"),
-    (["--random-finger", "nan"], "'--random-finger': must be a valid integer"),
+    (["--random-finger", "nan"], "'--random-finger': must be a whole number"),
     (["--tcp", "70000"], "--tcp 70000: must be 0 to 65534"),
     (["--tcp", "0", "--pty"], "--pty and --tcp cannot be combined; give one of them"),
     (["--tcp", "0", "--indentor", "blob:3"], "blob:3"),
@@ -46,9 +46,9 @@ SERVES = [
     (["--stage", "wheel"], "--stage wheel: "),
 ]
 BESIDE = [
-    (["seven"], "'--reveal': must be a valid integer"),
+    (["seven"], "'--reveal': must be a whole number"),
     (["-1"], "--reveal"),
-    (["7.5"], "'--reveal': must be a valid integer"),
+    (["7.5"], "'--reveal': must be a whole number"),
     (["7", "--beside", "nowhere.toml"], "nowhere.toml: No such file or directory"),
     (["7", "--beside", "."], "Is a directory"),
     (["7", "--beside", "not.toml"], "not.toml: not valid TOML"),

@@ -559,6 +559,19 @@ def test_a_reference_is_compared_with_the_first_one(
     assert len(bench.of("alarm")) == (abs(deviation) > 0.15)
 
 
+@pytest.mark.parametrize(
+    ("low_gwt", "high_gwt", "within"), [(3.9, 4.1, True), (4.0, 4.0, True), (4.1, 5.0, False), (1.9, 3.9, False)]
+)
+def test_the_last_hold_of_a_reference_lies_in_the_band_of_an_identified_finger(
+    low_gwt: float, high_gwt: float, within: bool
+) -> None:
+    bench = _plain(settings={"limits": {"on_alarm": "trip"}})
+    off = {"index": 7, "force_gwt": 4.0, "low_gwt": low_gwt, "high_gwt": high_gwt}
+    with nullcontext() if within else raises(TripError, "not_as_met", **off):
+        compare_reference(bench.engine, _found(2.0, 4.0), (low_gwt, high_gwt))
+    assert len(bench.of("alarm")) == (not within)
+
+
 def test_a_deviation_is_journalled_to_a_millionth_and_may_be_as_wide_as_the_band() -> None:
     bench = _plain(settings={"limits": {"reference_band": 0.125}})
     bench.engine.first_reference_gwt = [3.0]

@@ -30,6 +30,7 @@ VERBS: dict[str, Callable[[LeadshineStage], object]] = {
     "move_to": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=1.0),
     "jog": lambda stage: stage.jog("z", -1.0, 1.0),
     "jog_while": lambda stage: stage.jog_while("z", -1, lambda: True, 1.0),
+    "limit_depth": lambda stage: stage.limit_depth(-1.0),
 }
 
 
@@ -154,6 +155,33 @@ def test_what_makes_the_position_doubtful_makes_it_untrusted(
     assert not stage.homed
     with raises(StageNotHomed, "not_homed"):
         stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+
+
+@pytest.mark.parametrize("loses", ["move_to", "limit_depth"])
+@pytest.mark.parametrize("again", ["home", "jog", "jog_while"])
+def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_moves(
+    bench: Make, loses: str, again: str
+) -> None:
+    """At power-on it has them from its memory again, and its speeds of homing and jogging."""
+    bus, stage = bench()
+    bus.status = lambda device, t_s: HOMED & ~0x40
+    with raises(StageError, "lost_home", axis="z", drive=2):
+        VERBS[loses](stage)
+    path_1, jog_rpm = (Z, 0x6208), (Z, 0x01E1)
+    bus.registers[path_1], bus.registers[jog_rpm] = 0x41, 60
+    bus.status = lambda device, t_s: HOMED
+    bus.told.clear()
+    if again == "jog_while":
+        held = iter([True, False])
+        stage.jog_while("z", -1, lambda: next(held), 1.0)
+    else:
+        VERBS[again](stage)
+    homing_speeds = (Z, 0x600F)
+    assert [(device, register, said) for _, device, register, said in bus.told][:3] == [
+        (*path_1, [0]),
+        (*homing_speeds, [1, 1, 333, 333]),
+        (*jog_rpm, [1]),
+    ]
 
 
 def test_while_it_homes_the_position_is_not_trusted(bench: Make, clock: VirtualClock) -> None:

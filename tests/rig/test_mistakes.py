@@ -67,6 +67,11 @@ def test_a_mistake_with_something_else_is_told_in_pythons_words(tmp_path: Path, 
         ("[stage]\nclearance_mm = 1.0\n", "stage.clearance_mm", ["habits.clearance_mm", "limits.search_mm"]),
         ("[stage.drives.x]\ndevice_id = 1\nprot = 'a'\n", "stage.drives.x.prot", ["port"]),
         ("[stage]\nqqqqqq = 1\n", "stage.qqqqqq", []),
+        (
+            "[finger]\nstiffness = 1.2\n",
+            "finger.stiffness",
+            ["finger.tissue.stiffness", "finger.geometry.stiffness_of_fit"],
+        ),
         # two at most, of its own table and of the others
         ("[calibration]\ny_steps_permm = 1\n", "calibration.y_steps_permm", ["y_steps_per_mm", "z_steps_per_mm"]),
         (

@@ -17,8 +17,9 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, SpikeRequest, Visits, run_spikes, visits_of
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, visits_of
 from rig.report.nerve_figures import nerve_figures
+from rig.units import GWT_N
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
@@ -115,6 +116,96 @@ def test_a_run_that_was_killed_in_a_hold_is_lifted(run: Run, config: Config) -> 
     assert found.visits[-1].path.depth_mm(found.visits[-1].path.times_s[-1]) < 0
 
 
+GIVES = {"compliance_mm_per_n": {"value": 1.0, "sd": 0.01, "date": "2026-01-01", "expires": "2036-01-01"}}
+"""What a soft rig gives: 0.0098 mm for each gwt."""
+
+
+def _sample(t_s: float, height_mm: float, force_gwt: float = 0.0, phase: str = "press", x_mm: float = 1.0) -> Any:
+    return "sample", {"t_s": t_s, "x_mm": x_mm, "height_mm": height_mm, "force_gwt": force_gwt, "phase": phase}
+
+
+BEGUN: list[tuple[str, dict[str, Any]]] = [
+    ("mount", {"t_s": 0.0, "indentor": "bar:3.0"}),
+    ("move", {"t_s": 1.0, "x_mm": 1.0, "along_mm": 0.25, "height_mm": 2.0}),
+    ("indentation_start", {"t_s": 1.5, "index": 0}),
+    _sample(6.0, 0.1, phase="approach"),
+    ("touch", {"t_s": 7.0, "contact_height_mm": 0.0}),
+]
+LIFTED = ("retract", {"t_s": 20.0, "height_mm": 2.0})
+
+
+def _visit(run: Run, *events: Any, begun: Any = BEGUN, **tables: Any) -> Visit:
+    """The only visit of such a journal."""
+    config = Config.model_validate({"calibration": GIVES, **tables})
+    (visit,) = visits_of(replace(run, in_order=[*begun, *events], end_s=21.0), config).visits
+    return visit
+
+
+def test_a_visit_has_the_place_of_the_move_and_of_the_truth_where_it_is_known(run: Run) -> None:
+    """A press may begin without the name of its indentor; what was mounted is on."""
+    held = {"t_s": 9.0, "doi_mm": 0.5}
+    truth = {"true_doi_mm": 0.52, "true_x_mm": 1.02}
+    found = _visit(run, _sample(8.0, -0.5), ("hold_end", held), LIFTED)
+    assert (found.indentor, found.x_mm, found.along_mm) == ("bar:3.0", 1.0, 0.25)
+    assert found.path.depth_mm(8.0) == pytest.approx(0.5, abs=1e-9)
+    found = _visit(run, _sample(8.0, -0.5), ("hold_end", held | truth), LIFTED)
+    assert (found.indentor, found.x_mm, found.along_mm) == ("bar:3.0", 1.02, 0.25)
+    assert found.path.depth_mm(8.0) == pytest.approx(0.52, abs=1e-9)
+    found = _visit(run, ("indentation_start", {"t_s": 7.5, "indentor": "step"}), _sample(8.0, -0.5), LIFTED)
+    assert found.indentor == "step"
+
+
+def test_a_visit_goes_on_over_a_rounding_of_its_place(run: Run) -> None:
+    begun = [(name, event | ({"x_mm": 0.0} if "x_mm" in event else {})) for name, event in BEGUN]
+    visit = _visit(run, _sample(8.0, -0.3, x_mm=5e-7), _sample(9.0, -0.5, x_mm=-5e-7), LIFTED, begun=begun)
+    assert visit.path.depth_mm([8.0, 9.0]) == pytest.approx([0.3, 0.5], abs=1e-9)
+
+
+def test_the_depth_is_less_what_the_rig_gives(run: Run) -> None:
+    visit = _visit(run, _sample(8.0, -0.5, 10.0), LIFTED)
+    assert visit.path.depth_mm(8.0) == pytest.approx(0.5 - 10.0 * GWT_N, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("phase", "mm_s"),
+    [("press", 0.8), ("hold", 0.8), ("compliance", 0.8), ("approach", 0.2), ("touch", 0.2), ("back off", 0.2)],
+)
+def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float) -> None:
+    """0.4 mm: at half its time it is half way, and it rests at its end."""
+    habits = {"press_speed_mm_s": 0.8, "approach_speed_mm_s": 0.2}
+    visit = _visit(run, _sample(8.0, -0.1), _sample(18.0, -0.5, phase=phase), LIFTED, habits=habits)
+    lasts_s = 0.4 / mm_s + mm_s / Config().stage.acceleration_mm_s2
+    assert visit.path.depth_mm([8.0 + lasts_s / 2, 8.0 + lasts_s]) == pytest.approx([0.3, 0.5], abs=1e-6)
+    assert visit.path.depth_mm(8.0 + 0.95 * lasts_s) < 0.4999
+
+
+@pytest.mark.parametrize(("on_trip", "depth_mm"), [("retract", -2.0), ("stop", -0.01)])
+def test_a_trip_lifts_to_clearance_or_nobody_knows_how(run: Run, on_trip: str, depth_mm: float) -> None:
+    """What stays is out of contact in the end, just so."""
+    visit = _visit(run, _sample(8.0, -0.5, 1.0), ("trip", {"t_s": 12.0}), limits={"on_trip": on_trip})
+    assert visit.path.depths_mm[-1] == pytest.approx(depth_mm, abs=1e-9)
+
+
+def test_a_run_that_was_killed_right_below_clearance_is_lifted_too(run: Run) -> None:
+    """From 3 mm above contact to below it in one move, which was the last."""
+    high = [(name, event | ({"height_mm": 3.0} if "height_mm" in event else {})) for name, event in BEGUN]
+    visit = _visit(run, _sample(8.0, -0.5), begun=high)
+    assert visit.path.depth_mm(8.0) == pytest.approx(0.5, abs=1e-9)
+    assert visit.path.depth_mm(visit.path.times_s[-1]) < 0
+
+
+@pytest.mark.parametrize(("ends_s", "cycles"), [(13.0, 4.0), (10.25, 2.5), (9.0, 0.0)])
+def test_a_sine_ends_with_its_cycles_or_where_it_was_cut_short(run: Run, ends_s: float, cycles: float) -> None:
+    """4 cycles of 0.5 s and 40 µm from 9 s on, about a depth of 0.5 mm; then a trip lifts it."""
+    sine = {"t_s": 9.0, "amplitude_um": 40.0, "frequency_hz": 2.0, "cycles": 4}
+    visit = _visit(run, _sample(8.0, -0.5), ("vibrate", sine), ("trip", {"t_s": ends_s + 1e-3}))
+    (swing,) = visit.path.swings
+    assert (swing.begins_s, swing.period_s, swing.amplitude_mm) == (9.0, 0.5, 0.04)
+    assert swing.cycles == pytest.approx(cycles, abs=0.003)
+    if cycles:
+        assert visit.path.depth_mm([9.25, 9.5]) == pytest.approx([0.54, 0.46], abs=1e-6)
+
+
 # --- spikes ---
 
 
@@ -166,6 +257,18 @@ def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger:
         ]
         assert np.any(inside, axis=0).all()
         assert (np.diff(train.spike_s) > 0).all()
+
+
+@pytest.mark.usefixtures("cheap")
+def test_afferents_fire_in_the_first_move_of_a_visit_too(run: Run, finger: Fingertip) -> None:
+    """To below contact in one go, as where the finger was touched before."""
+    config = Config()
+    begun = [event for event in BEGUN if event[0] != "sample"]
+    pressed = replace(run, in_order=[*begun, _sample(8.0, -0.6), LIFTED], end_s=21.0)
+    (visit,) = visits_of(pressed, config).visits
+    (train,) = _spikes(pressed, config, finger, "SA1@0").trains
+    touched_s = next(t_s for t_s in np.arange(1.0, 8.0, 0.01) if visit.path.depth_mm(t_s) > 0)
+    assert ((train.spike_s > touched_s) & (train.spike_s < 8.0)).any()
 
 
 @pytest.mark.usefixtures("cheap")

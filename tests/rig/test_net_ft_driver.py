@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceError, ForceOverload, ForceTimeout
-from rig.devices.net_ft import _CUTOFFS_HZ, GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings, Sequence
+from rig.devices.net_ft import GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings, Sequence
 from rig.devices.registry import ForceKind, KnownBench, find
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, NotOwnedError, TransportError, UdpTransport, open_port
@@ -100,6 +100,20 @@ def test_lost_repeated_and_late_packets_are_counted(
     assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, late)
 
 
+@pytest.mark.parametrize(
+    ("numbers", "lost", "repeated"), [([2, 3], 0, 1), ([2, 3, 4], 0, 2), ([3, 4], 1, 1), ([3, 6, 7], 3, 2)]
+)
+@pytest.mark.parametrize("joined", [False, True], ids=["single", "joined"])
+def test_records_of_one_sample_are_repeated_and_not_lost(
+    numbers: list[int], lost: int, repeated: int, joined: bool
+) -> None:
+    """All but the last have the sample of record 1."""
+    there = Wire()
+    records = [record(1), *(record(number, ft=5) for number in numbers[:-1]), record(numbers[-1])]
+    found = there.read_after(b"".join(records[:-1]), records[-1]) if joined else there.read_after(*records)
+    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, 0)
+
+
 def test_a_sample_that_stands_still_is_no_new_one() -> None:
     there = Wire()
     there.come(*(record(n, ft=0) for n in range(1, 40)))
@@ -119,6 +133,18 @@ def test_what_came_before_the_request_is_not_used() -> None:
     there.coming = [(there.clock.monotonic_s(), record(1, axes=(0, 0, -9, 0, 0, 0)))]
     there.come(record(2, axes=(0, 0, -5, 0, 0, 0)))
     assert there.driver.read().force_n == pytest.approx(5e-6)
+
+
+@pytest.mark.parametrize(("pause_s", "lost"), [(0.0, 999), (0.9, 999), (1.1, 0)])
+@pytest.mark.parametrize("joined", [False, True], ids=["after the request", "before it, too"])
+def test_records_that_nobody_read_in_a_pause_are_not_lost(pause_s: float, lost: int, joined: bool) -> None:
+    """The system drops them once its buffer is full."""
+    there = Wire()
+    there.read_after(record(1))
+    there.clock.wait_s(pause_s)
+    records = [record(1001), record(1002)] if joined else [record(1001)]
+    assert there.read_after(*records)["packets_lost"] == lost
+    assert there.read_after(record(1010))["packets_lost"] == lost + 1010 - int(records[-1][2:4].hex(), 16) - 1
 
 
 def test_the_stream_is_started_again_after_silence() -> None:
@@ -169,24 +195,70 @@ def test_without_its_counts_and_units_it_does_not_run(page: bytes, code: str) ->
     assert START not in there.sent
 
 
-@pytest.mark.parametrize("number", range(len(_CUTOFFS_HZ)))
-def test_a_filter_must_be_covered_by_the_latency(number: int) -> None:
+@pytest.mark.parametrize(("number", "cutoff_hz"), list(enumerate((838, 326, 152, 73, 35, 18, 8, 5), 1)))
+def test_a_filter_must_be_covered_by_the_latency(number: int, cutoff_hz: int) -> None:
     """Else a reading at rest would show the force before it."""
-    cutoff_hz = _CUTOFFS_HZ[number]
-    lag_s = 0.0 if cutoff_hz is None else 1 / cutoff_hz
-    Wire(_page(setuserfilter=str(number)), latency_s=lag_s, sample_period_s=0.01)
-    if lag_s > 0.01:
-        with raises(ForceError, "slow_filter", latency_s=lag_s):
-            Wire(_page(setuserfilter=str(number)), latency_s=lag_s - 0.0101, sample_period_s=0.01)
+    lag_s, sample_s = 1 / cutoff_hz, 0.001
+    page = _page(setuserfilter=str(number), comrdtrate=None)
+    Wire(page, latency_s=lag_s - sample_s + 1e-9, sample_period_s=sample_s)
+    with raises(ForceError, "slow_filter", cutoff_hz=cutoff_hz, latency_s=lag_s):
+        Wire(page, latency_s=lag_s - sample_s - 1e-6, sample_period_s=sample_s)
 
 
-@pytest.mark.parametrize(
-    ("unit", "newton"), [("N", 1.0), ("kN", 1e3), ("lbf", 4.4482216), ("klbf", 4448.2216), ("kgf", 9.80665)]
-)
+@pytest.mark.parametrize(("latency_s", "fine"), [(0.02, True), (0.018, False)])
+def test_the_latency_is_that_of_the_configuration(latency_s: float, fine: bool) -> None:
+    """A filter of 35 Hz takes 0.0286 s, and a sample 0.01 s."""
+    force = {"kind": "net_ft", "port": "udp://10.0.0.7:49152", "sample_period_s": 0.01, "latency_s": latency_s}
+    there = Wire(_page(setuserfilter="5"), connect=False)
+    config = Config.model_validate({"force": force})
+    driver = find(ForceKind, "net_ft").driver(lambda port: there, there.clock, config)
+    if fine:
+        driver.identify()
+    else:
+        with raises(ForceError, "slow_filter", cutoff_hz=35):
+            driver.identify()
+
+
+def test_without_a_filter_no_latency_is_needed() -> None:
+    Wire(_page(setuserfilter="0"), sample_period_s=0.01)
+    Wire(_page(setuserfilter=None), sample_period_s=0.01)
+
+
+KGF, LBF, INCH_M = 9.80665, 0.45359237 * 9.80665, 0.0254
+FORCES_N = {"N": 1.0, "kN": 1e3, "lbf": LBF, "klbf": 1e3 * LBF, "kgf": KGF, "kg": KGF, "g": 1e-3 * KGF}
+TORQUES_NM = {
+    "Nm": 1.0, "N-m": 1.0, "Nmm": 1e-3, "N-mm": 1e-3, "kNm": 1e3, "kN-m": 1e3, "lbf-in": LBF * INCH_M,
+    "lbf-ft": 12 * LBF * INCH_M, "kgf-cm": 0.01 * KGF, "kgfcm": 0.01 * KGF, "kgf-m": KGF,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("unit", "newton"), FORCES_N.items())
 def test_counts_become_newtons_by_the_page(unit: str, newton: float) -> None:
     there = Wire(_page(cfgcpf="2000", scfgfu=unit))
     there.come(record(1, axes=(0, 0, -500, 0, 0, 0)))
-    assert there.driver.read().force_n == pytest.approx(0.25 * newton)
+    assert there.driver.read().force_n == pytest.approx(0.25 * newton, rel=1e-9)
+
+
+@pytest.mark.parametrize(("unit", "newton_meters"), TORQUES_NM.items())
+def test_counts_become_newton_meters_by_the_page(unit: str, newton_meters: float) -> None:
+    there = Wire(_page(cfgcpt="2000", scfgtu=unit))
+    there.come(record(1, axes=(0, 0, 0, 500, -500, 1000)))
+    also = there.driver.read().also
+    torques = [also[axis] for axis in ("tx_nm", "ty_nm", "tz_nm")]
+    assert torques == pytest.approx([factor * newton_meters for factor in (0.25, -0.25, 0.5)], rel=1e-5, abs=1e-9)
+
+
+def test_every_unit_that_is_accepted_is_in_these_tables() -> None:
+    assert set(NetFtSettings.NEWTONS) == set(FORCES_N)
+    assert set(NetFtSettings.NEWTON_METERS) == set(TORQUES_NM)
+
+
+def test_of_a_page_that_never_ends_64_kib_are_read() -> None:
+    there = Wire(b"", connect=False)
+    there.coming = [(there.clock.monotonic_s(), bytes(1024))] * 200
+    with raises(ForceError, "no_counts"):
+        there.driver.identify()
+    assert sum(len(data) for _, data in there.coming) == (200 - 64) * 1024
 
 
 # --- axes and status ---

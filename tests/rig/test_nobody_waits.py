@@ -80,7 +80,7 @@ WALK = {
     "stranger": Walked("3", "rig.cli.serve.truth_of", own=False),
     "home": Walked("--config rig.toml", "rig.cli.bench._home"),
     "zero": Walked("--config rig.toml", "rig.cli.bench.open_force"),
-    "status": Walked("--config rig.toml", "rig.cli.bench.look"),
+    "status": Walked("--config rig.toml", "rig.cli.bench.look_and_contact"),
     "stop": Walked("--config rig.toml", "rig.cli.stop.send_stop", own=False),
     "jog": Walked("--config rig.toml --axis x --by-mm 1", "rig.cli.jog.by_hand"),
     "by-hand": Walked("--config rig.toml", "rig.cli.panel.ManualLog", own=False),
@@ -146,7 +146,7 @@ def test_it_is_said_before_it_is_done(
     assert printed.out == ""
     if own:
         assert now is not None
-        assert now.what in printed.err
+        assert now.title in printed.err
         assert now.title != Activity(f"rig {name}: working …").title
     assert output._activities.current is None
 

@@ -1,5 +1,6 @@
 """Presses as the plan foresees them, and every verb as the engine carries it out beside a spring."""
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -10,7 +11,7 @@ from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import Precondition, Reference
-from rig.records import Hold, Indentation, PlannedIndentation, PressId, Target
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, Prediction, PressId, Target
 from rig.session.execute import Live
 from tests.rig.script_walk import StandIn, Walked, ready, walked
 
@@ -61,6 +62,38 @@ def test_each_reference_of_a_pass_expects_the_same_press() -> None:
     assert (first.planned.x_mm, first.planned.increments, first.planned.hold_s) == (0.5, 4, 0.25)
     assert first.planned == second.planned
     assert [press.index for press in (*first.ids, *second.ids)] == [0, 1]
+
+
+PACES: dict[str, tuple[Callable[[Rig], object], Pace]] = {
+    "indent": (lambda rig: rig.indent(doi_mm=0.5), Pace(1.0, 0.05, 1, 1.0)),
+    "indent otherwise": (
+        lambda rig: rig.indent(doi_mm=0.5, increments=2, speed_mm_s=0.3, hold_s=0.25), Pace(0.3, 0.05, 2, 0.25),
+    ),
+    "ramp": (lambda rig: rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.25), Pace(0.3, math.inf, 1, 0.25)),
+    "vibrate": (
+        lambda rig: rig.vibrate(frequency_hz=4, amplitude_um=40, duration_s=0.5, doi_mm=0.5), Pace(1.0, 0.05, 1, 0.5),
+    ),
+    "precondition": (lambda rig: rig.precondition(presses=3, doi_mm=0.5, hold_s=0.25), Pace(1.0, 0.05, 1, 0.25)),
+    "reference": (
+        lambda rig: rig.reference(x_mm=0.5, doi_mm=0.3, increments=4, hold_s=0.25), Pace(1.0, 0.05, 4, 0.25),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("verb", PACES)
+def test_the_model_is_asked_for_a_press_at_its_pace(verb: str) -> None:
+    """Tissue that relaxes pushes harder the faster it is pressed. By the usual 1 mm/s and 0.05 mm."""
+    script, pace = PACES[verb]
+    asked: list[Pace | None] = []
+
+    class Paced(StandIn):
+        def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
+            asked.append(pace)
+            return super().press(indentor, x_mm, target, pace)
+
+    (*_, expected) = walked(lambda rig: script(ready(rig)), Paced(), stage={"kind": "zaber"}).expected
+    assert asked == [pace]
+    assert (expected.planned.increments, expected.planned.hold_s) == (pace.ramps, pace.hold_s)
 
 
 def test_a_touch_is_foreseen_where_the_model_has_contact() -> None:

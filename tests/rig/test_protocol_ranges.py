@@ -66,6 +66,8 @@ HALF, BEYOND = "half_a_range", "invalid_value"
         (["from_mm=1", "to_mm=1"], "empty_range", {"from_mm": 1.0, "to_mm": 1.0}),
         (["from_mm=5", "to_mm=-5", "spacing_mm=0.02"], "too_many_positions", {"positions": 501, "high": 500}),
         (["from_mm=20.1", "to_mm=0"], BEYOND, {"key": "from_mm", "value": "20.1", "le": 20.0}),
+        (["from_mm=-20.1", "to_mm=0"], BEYOND, {"key": "from_mm", "value": "-20.1", "ge": -20.0}),
+        (["from_mm=0", "to_mm=20.1"], BEYOND, {"key": "to_mm", "value": "20.1", "le": 20.0}),
         (["from_mm=0", "to_mm=-20.1"], BEYOND, {"key": "to_mm", "value": "-20.1", "ge": -20.0}),
         (["from_mm=0", "to_mm=1", "spacing_mm=0"], BEYOND, {"key": "spacing_mm", "value": "0", "gt": 0.0}),
         (["from_mm=0", "to_mm=9", "spacing_mm=5.1"], BEYOND, {"key": "spacing_mm", "value": "5.1", "le": 5.0}),

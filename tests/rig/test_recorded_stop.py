@@ -1,6 +1,7 @@
 """A stop is recorded whenever it came, and no data look worse for it."""
 
 import json
+import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -214,6 +215,16 @@ def test_killed_after_any_document_it_is_where_its_last_event_says(finger: Finge
         ), document  # fmt: skip
         contacts[document.get("stream", ""), known.may_touch] += 1
     assert contacts["indentation_start", True] == contacts["retract", False] == 2
+
+
+def test_one_document_more_is_on_the_disk_and_not_only_on_its_way(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, bytes_at_sync = tmp_path / "events.jsonl", list[int]()
+    path.write_bytes(b'{"doc": "stop", "uid": "b", "seq": 0, "t_s": 2.5, "status": "done"}\n')
+    monkeypatch.setattr(os, "fsync", lambda descriptor: bytes_at_sync.append(os.fstat(descriptor).st_size))
+    add_to_end(path, {"reason": "again"}, 12.0)
+    assert bytes_at_sync[-1] == path.stat().st_size
 
 
 def test_one_document_more_is_the_last_one_with_more(tmp_path: Path) -> None:

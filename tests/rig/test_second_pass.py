@@ -1,6 +1,7 @@
 """What a script does when it is carried out need not be what it did when it was checked."""
 
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.session.session import FinishedRun, NewRun, Nobody, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code
 
@@ -24,7 +25,7 @@ READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 
 
 def carried_out(
-    folder: Path, finger: Fingertip, live: str, attendant: Nobody | None = None, **tables: object
+    folder: Path, finger: Fingertip, live: str, attendant: NoAttendant | None = None, **tables: object
 ) -> FinishedRun:
     """A script that indents once when checked and does something else when carried out."""
     path = folder / "sly.py"
@@ -37,7 +38,7 @@ def carried_out(
     )
     script, config = load_script(str(path)), Config.model_validate(tables)
     plan = make_plan(script, config, finger)
-    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or Nobody()))
+    return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or NoAttendant()))
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,7 @@ SWALLOWING = {
 }  # fmt: skip
 
 
-class Stopping(Nobody):
+class Stopping(NoAttendant):
     """A second Ctrl-C in a press."""
 
     def watch(self, stream: str, data: Mapping[str, Any]) -> None:
@@ -104,7 +105,7 @@ class Stopping(Nobody):
             raise KeyboardInterrupt
 
 
-class Pausing(Nobody):
+class Pausing(NoAttendant):
     """A pause in a press, and no more."""
 
     presses = False
@@ -133,7 +134,7 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
     verb, attendant = {
         "stopped at once": (PRESS, Stopping()),
         "ended in a pause": (PRESS, Pausing()),
-        "the stage failed": ("rig.move_to(x_mm=1.0)", Nobody()),
+        "the stage failed": ("rig.move_to(x_mm=1.0)", NoAttendant()),
     }[what]
     done = carried_out(tmp_path, finger, lines(*SWALLOWING[how]).replace("HERE", verb), attendant)
     if what == "the stage failed":
@@ -152,16 +153,16 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
 ELSEWHERE = {
     "in another thread": lines(
         "def other():", "    try:", "        rig.move_to(x_mm=1.0)",
-        "    except Exception as error:", "        threading.told.append(error)",
+        "    except Exception as error:", "        sys.told.append(error)",
         "thread = threading.Thread(target=other)", "thread.start()", "thread.join()", PRESS,
     ),
     "within another verb": lines(
         "def other(*_):", "    try:", "        rig.move_to(x_mm=1.0)",
-        "    except Exception as error:", "        threading.told.append(error)",
+        "    except Exception as error:", "        sys.told.append(error)",
         "    sys.setprofile(None)", "def profile(frame, what, _):",
         "    if frame.f_code.co_name == 'touch_off':", "        other()", "sys.setprofile(profile)", PRESS,
     ),
-    "after the end": lines("threading.told.append(rig)", PRESS),
+    "after the end": lines("sys.told.append(rig)", PRESS),
 }  # fmt: skip
 
 
@@ -169,10 +170,8 @@ ELSEWHERE = {
 def test_a_verb_out_of_turn_moves_nothing(
     tmp_path: Path, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, where: str
 ) -> None:
-    import threading
-
     told: list[Any] = []
-    monkeypatch.setattr(threading, "told", told, raising=False)
+    monkeypatch.setattr(sys, "told", told, raising=False)
     done = carried_out(tmp_path, finger, ELSEWHERE[where])
     assert (done.problem, done.complete) == (None, True)
     (error,) = told

@@ -1,6 +1,7 @@
 """What a sensor's readings are taken for: waits, zero, noise, and what is felt while something moves."""
 
 import math
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -113,6 +114,21 @@ def test_a_sensor_says_who_it_is() -> None:
     assert sensing.connect() == "stub sensor"
 
 
+@pytest.mark.parametrize("shows_gwt", [0.0, 3.0])
+@pytest.mark.parametrize("latency_s", [0.0, 0.7])
+def test_each_wait_for_a_force_at_rest_is_announced_with_its_length(shows_gwt: float, latency_s: float) -> None:
+    """So that a heartbeat covers it: the waits for readings, and the pause between them in steps of 0.1 s."""
+    sensor, sensing = _sensing(force={"latency_s": latency_s})
+    sensor.shows_gwt = shows_gwt
+    sensing.take_zero([0.0])
+    begun_s, told = sensor.clock.monotonic_s(), list[tuple[float, float]]()
+    sensing.at_rest_gwt(lambda seconds: told.append((sensor.clock.monotonic_s(), seconds)))
+    times = [*(at_s for at_s, _ in told), sensor.clock.monotonic_s()]
+    assert times[0] == begun_s
+    assert [after - before for before, after in pairwise(times)] == pytest.approx([seconds for _, seconds in told])
+    assert max(seconds for _, seconds in told[1:]) == pytest.approx(0.05 if shows_gwt else 0.1)
+
+
 # --- zero and noise ---
 
 
@@ -123,6 +139,7 @@ def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
     assert sensing.settled().force_n == pytest.approx(7.0 * GWT_N)
     zero = sensing.take_zero([1.9, 2.0, 2.1])
     assert sensing.zeroed
+    assert sensing.absolute, "a zero is taken in the air unless it says otherwise"
     assert (zero.offset_n, zero.noise_gwt) == pytest.approx((2.0 * GWT_N, math.sqrt(0.02 / 3)))
     assert sensing.settled().force_n == pytest.approx(5.0 * GWT_N)
     assert sensing.raw().force_n == pytest.approx(7.0 * GWT_N)
@@ -150,7 +167,10 @@ def test_contact_is_six_standard_deviations_or_a_step_or_what_is_configured(
 
 
 def test_without_a_zero_a_force_counts_from_the_reading_before_the_motion() -> None:
+    """A new reading: the last one at rest may be from long ago."""
     sensor, sensing = _sensing()
+    sensor.shows_gwt = 70.0
+    sensing.settled()
     sensor.shows_gwt = 80.0
     assert sensing.glance_gwt() == pytest.approx(80.0)
     sensing.begin_motion(away=False)

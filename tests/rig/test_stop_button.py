@@ -282,6 +282,40 @@ def test_a_key_that_goes_away_is_known_to_be_gone(
     key.close()
 
 
+@pytest.mark.parametrize(
+    ("down", "only", "pressed"),
+    [([], None, False), ([A], None, True), ([A], A, True), ([A], B, False), ([B, 767], A, False), ([767], 767, True)],
+)
+def test_a_key_that_is_down_as_the_device_is_opened_is_pressed_until_it_is_let_go(
+    down: list[int], only: int | None, pressed: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device of Linux is asked for its keys (EVIOCGKEY, a bit each) and reserved (EVIOCGRAB)."""
+    fcntl, tty = pytest.importorskip("fcntl"), pytest.importorskip("tty")
+    master, device = os.openpty()
+    tty.setraw(device)
+    grabbed: list[int] = []
+
+    def ioctl(file: int, request: int, argument: Any) -> int:
+        if request == 0x40044590:
+            grabbed.append(argument)
+        else:
+            assert request & ~(0x3FFF << 16) == 0x80004518
+            for code in down:
+                argument[code // 8] |= 1 << code % 8
+        return 0
+
+    monkeypatch.setattr(fcntl, "ioctl", ioctl)
+    key = StopKey(Path(os.ttyname(device)), only)
+    assert key.pressed is pressed
+    assert grabbed == [1]
+    for code in down:
+        os.write(master, event(code, 0))
+    until(lambda: not key.pressed)
+    key.close()
+    os.close(device)
+    os.close(master)
+
+
 def test_what_sends_no_key_events_is_no_button(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
     path, send = pipe
     key = StopKey(path)

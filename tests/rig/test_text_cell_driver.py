@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from rig.devices.base import ForceError, ForceTimeout
+from rig.devices.base import ForceBusy, ForceError, ForceTimeout
 from rig.devices.text_cell import TextCellForce, TextCellSettings
 from rig.errors import first_problem
 from rig.plan.config import Config
@@ -77,6 +77,10 @@ def test_lines_that_boards_send(line: str, unit: str, sent: bytes, gwt: float) -
         ("{skip}{value}", b"load12.5", None),
         ("x={skip}{value}", b"x=12.5", 12.5),
         ("{skip}{skip},{value}", b"a b,12.5", 12.5),
+        ("{value}{skip}{skip}", b"12.5 a b", 12.5),
+        ("{value}{skip}{skip},", b"12.5 a b,", 12.5),
+        ("{skip}{value}{skip}{skip}", b"12.5 a b", 12.5),
+        ("w{skip}{skip}{value}{skip}{skip}g", b"w 12.5 b g", 12.5),
         ("{skip}g {value}", b"1 g 2 g 3", None),  # {skip} ends at the first g
     ],
 )
@@ -159,6 +163,18 @@ def test_lines_of_a_banner_are_ignored_while_it_starts_and_named_ones_always() -
     assert board.gwt() == 6.0
 
 
+@pytest.mark.parametrize(("shown", "gwt"), [(b"-5.00", -5.0), (b"nan", None), (b"ovf", None)])
+def test_a_banner_of_one_word_is_no_reading_and_a_broken_cell_is_one(shown: bytes, gwt: float | None) -> None:
+    board = Board(*((1.0 + 0.1 * n, line + b"\r\n") for n, line in enumerate([b"x", b"HX711", shown, shown])))
+    assert board.driver.connect() == "text cell, {value} in g"
+    assert board.clock.monotonic_s() == pytest.approx(1.2)
+    if gwt is None:
+        with raises(ForceError, "no_number", value=shown.decode()):
+            board.gwt()
+    else:
+        assert board.gwt() == gwt
+
+
 def test_a_board_that_resets_during_a_press_is_an_error() -> None:
     board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"HX711 demo\r\n"))
     assert board.gwt() == 10.0
@@ -172,6 +188,26 @@ def test_silence_is_an_error_after_two_samples_and_the_configured_time() -> None
     with raises(ForceTimeout, "no_reply", port="wire"):
         board.driver.read()
     assert board.clock.monotonic_s() == pytest.approx(0.1 + 0.3 + 2 * PERIOD_S)
+
+
+@pytest.mark.parametrize("odd", ["menu", "Set point: 12.5", "1e2", "0x10", "5" * 501])
+def test_a_board_whose_lines_are_no_readings_is_there_and_its_last_line_is_told(odd: str) -> None:
+    lines = ["12.5 oz", odd]
+    board = Board(*((0.1 * n, f"{lines[n % 2 - 1]}\r\n".encode()) for n in range(100)), start_s=1.05)
+    with raises(ForceError, "garbled", port="wire", line=odd, expected="{value}"):
+        board.driver.connect()
+    assert board.clock.monotonic_s() == pytest.approx(1.05)
+
+
+def test_a_reply_to_an_earlier_request_does_not_verify_a_zero() -> None:
+    """Polled in vain, the board still owes a reply: it comes when the zero has been confirmed, and the load stays."""
+    late, still = [(1.1, b"Tare\r\n"), (1.2, b"0.10\r\n")], [(1.9 + 0.2 * n, b"50.00\r\n") for n in range(60)]
+    board = Board(*late, *still, poll="r", zero="t", zero_done="Tare", silence_s=0.3)
+    with raises(ForceTimeout, "no_reply"):
+        board.driver.read()
+    assert board.clock.monotonic_s() == pytest.approx(1.0)
+    with raises(ForceBusy, "not_zeroed", left_gwt=50.0):
+        board.driver.zero()
 
 
 def test_a_board_that_sends_unasked_is_not_polled() -> None:

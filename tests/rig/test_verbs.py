@@ -102,6 +102,7 @@ def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make)
     engine.keep_zero = left.append
     verbs.zero(engine)
     assert left == [None, engine.sensing.zero]
+    assert (engine.known_contact.kind, engine.known_contact.force_gwt) == ("lifted", 0.0)
     assert engine.sensing.zero is not None
     zero = engine.sensing.sensor.zero
 
@@ -136,14 +137,24 @@ def test_a_drift_beyond_the_band_alarms_either_way(spring: Make, drift_gwt: floa
     assert len(bench.of("alarm")) == (abs(drift_gwt) > 0.03)
 
 
-def test_a_drift_as_large_as_a_touch_is_measured_again_in_the_air(spring: Make) -> None:
-    """And zeroed there: the stage goes up to habits.park_height_mm, 10 mm, and slowly back."""
-    bench = spring()
+@pytest.mark.parametrize(
+    ("habits", "from_mm", "heights_mm"),
+    [({}, 2.0, [10.0, 2.0]), ({}, 10.0, []), ({}, 12.0, []), ({"park_height_mm": 35.0}, 2.0, [25.0, 2.0])],
+)
+def test_a_drift_as_large_as_a_touch_is_measured_again_in_the_air(
+    spring: Make, habits: dict[str, float], from_mm: float, heights_mm: list[float]
+) -> None:
+    """And zeroed there: the stage goes up to habits.park_height_mm, at most as high as it can, and slowly back.
+
+    From there or higher it need not move.
+    """
+    bench = spring(settings=RigSettings.model_validate({"habits": habits}))
     engine = bench.ready()
+    engine.lift(from_mm)
     _feels(bench, 0.3)
     before = len(_heights(bench))
     verbs.zero(engine)
-    assert _heights(bench)[before:] == [10.0, 2.0]
+    assert _heights(bench)[before:] == heights_mm
     assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.3)
     verbs.move_to(engine, 1.0)
     assert engine.x_mm == 1.0

@@ -326,6 +326,13 @@ def test_a_reading_that_stays_ends_a_slow_vibration(faulty: FaultyBench) -> None
     assert not _of(faulty, "hold_end")
 
 
+def test_a_reading_may_stay_where_the_force_swings_by_less_than_five_steps(faulty: FaultyBench) -> None:
+    """By 0.03 gwt about 0.4 gwt, where a step is 0.01 gwt."""
+    stays = lambda t_s: 0.4 * GWT_N if faulty.height_mm < 0.0 else faulty.true_n(t_s)  # noqa: E731
+    _in_the_vibration(faulty, lambda: setattr(faulty, "felt_n", stays))
+    assert len(_vibrate(faulty, SineMotion.of(1.0, 2.5, 4.0), Target("doi_mm", 0.1)).holds) == 1
+
+
 @pytest.mark.parametrize(
     ("change_gwt", "later_s", "swing_gwt", "too_long"),
     [(0.0, 1.1, 1.0, True), (0.004, 1.1, 1.0, True), (0.006, 1.1, 1.0, False), (0.0, 0.9, 1.0, False),

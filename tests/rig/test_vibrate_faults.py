@@ -292,7 +292,7 @@ def test_a_sine_of_another_period_ends_within_its_ends(
     told, heard = f"{amplitude} {sine.period_s * 1000:g} {sine.cycles}", f"{amplitude} {ms} {sine.cycles}"
     _read_as(faulty, told.encode(), heard.encode())
     asked: list[bool] = []
-    faulty.pause = Pause(lambda: bool(asked), lambda: False)
+    faulty.pause = Pause(lambda: bool(asked), lambda meanwhile: False)
     acts: dict[str, Any] = {
         "nobody": lambda: None,
         "a pause": lambda: asked.append(True),

@@ -148,7 +148,7 @@ def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
 
 def test_the_skin_moves_as_its_nodes_do(row: ReceptorRow) -> None:
     """Mixtures of few nodes, by rows of the compliance; against all of it."""
-    patch, felt = row.felt.model.patch, row.felt
+    patch, felt = row.skin.model.patch, row.skin
     rng = np.random.default_rng(0)
     direction, share, seen = rng.normal(size=(3, len(patch))), rng.random((len(patch), 2)), np.zeros((len(patch), 2))
     seen[[3, 40, 41], [0, 1, 1]] = (1.0, 0.25, 0.75)
@@ -169,12 +169,12 @@ def test_it_lies_below_places_of_the_receptor_plane(
     row = receptor_row(
         config, np.array([-1.0, 0.0, 1.0]), depth_mm if isinstance(depth_mm, float) else np.array(depth_mm)
     )
-    points = row.felt.model.receptors.position_mm
+    points = row.skin.model.receptors.position_mm
     assert_allclose(points[:, Z], config.receptor_plane_mm)
     deep = np.broadcast_to(depth_mm, 3).tolist()
     above = [row.line.above(x, depth) for x, depth in zip(points[:, X], deep, strict=True)]
     assert_allclose(above, [-1, 0, 1], atol=1e-3)
-    assert row.felt.model.patch.axes == (X, 1)
+    assert row.skin.model.patch.axes == (X, 1)
 
 
 def test_what_a_press_bears_in_the_plane_is_its_forces_there(row: ReceptorRow, cylinder: IndentationResult) -> None:

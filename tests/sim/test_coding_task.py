@@ -47,7 +47,7 @@ SED = PRESSURE**2
 
 
 def observation(reading: np.ndarray = SED, **more: object) -> Observation:
-    given: dict[str, object] = {"receptor": None, "noise": ReadingNoise(np.full(M, 0.5), "told")}
+    given: dict[str, object] = {"receptor": None, "noise": ReadingNoise(np.full(M, 0.5), "given")}
     return Observation(SQUARES, reading, **(given | more))  # type: ignore[arg-type]
 
 
@@ -69,10 +69,9 @@ def test_what_is_heard_is_above_silence_or_above_noise() -> None:
     receptor = through(2.0, 1.0)
     assert observation(rate, receptor=receptor).responding.tolist() == (rate > 0).tolist()
     assert observation(rate, receptor=receptor, noise=None).responding.tolist() == (rate > 0).tolist()
-    noisy = ReadingNoise(np.full(M, 0.5), "told", "output")
-    assert (  # 3 sd
-        observation(rate, receptor=receptor, noise=noisy).responding.tolist() == (rate > 1.5).tolist()
-    )
+    noisy = ReadingNoise(np.full(M, 0.5), "given", "output")
+    exceeding = observation(rate, receptor=receptor, noise=noisy).responding.tolist()
+    assert exceeding == (rate > 1.5).tolist()  # three sd
 
 
 @pytest.mark.parametrize(("receptor", "unit"), [(None, 1.0), (through(4.0, 0.0), 4.0)])
@@ -83,7 +82,7 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
     for misfit, said in ((27.9, False), (28.1, True)):
         off = SED.copy()
         off[5] += np.sqrt(misfit) * 0.5
-        given = observation(unit * off, receptor=receptor, noise=ReadingNoise(np.full(M, 0.5 * unit), "told"))
+        given = observation(unit * off, receptor=receptor, noise=ReadingNoise(np.full(M, 0.5 * unit), "given"))
         problems = given.unexplained(PRESSURE)
         assert bool(problems) is said
         if said:
@@ -127,7 +126,7 @@ def test_noise_is_measured_told_or_assumed() -> None:
     before, after = (noise_of(SAID, Receptor(2.0, 0.0), Noise(20.0, at, 7)) for at in NOISE_PLACES)
     assert_allclose(before.sd, np.full(M, 0.5))  # in the unit of rates
     assert_allclose(after.sd, np.full(M, 0.25))
-    assert (before.known, before.at, after.at) == ("told", "receptor", "output")
+    assert (before.known, before.at, after.at) == ("given", "receptor", "output")
     for none in (noise_of(replace(SAID, noise_sd=0.0), None, Noise(20.0)), noise_of(SAID, None, None)):
         assert_allclose(none.sd, np.full(M, 1e-3 * 128))
         assert none.known == "none; a small sd is assumed"
@@ -277,7 +276,7 @@ def test_pressures_are_encoded_and_read_back_by_the_operator_that_is_named() -> 
     seen = observe(task)
     assert_allclose(seen.reading, expected.rate, rtol=1e-12)
     assert seen.noise is not None
-    assert (seen.noise.known, seen.noise.at) == ("told", "output")
+    assert (seen.noise.known, seen.noise.at) == ("given", "output")
     found = decode_task(task)
     assert_allclose(found.pressure, [20, 14], rtol=0.3)
     assert found.errors is not None

@@ -12,6 +12,7 @@ from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile, ProfileError, read_profile
 from sim.contact.shapes import parse_shape
 from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
 NAN, IS_NAN = math.nan, pytest.approx(math.nan, nan_ok=True)
@@ -47,6 +48,12 @@ def test_it_pickles_without_its_curves() -> None:
     assert pickle.loads(pickle.dumps(own)).evaluate(np.array([0.3]))[0] == height
 
 
+def test_a_wide_profile_is_pressed(finger: Fingertip) -> None:
+    """Its edges are sharp, although the skin reaches none."""
+    wide = MeasuredProfile.from_arrays(np.linspace(-90, 90, 181), np.zeros(181))
+    assert finger.indent(wide, doi_mm=0.2).force_gwt > 0
+
+
 @pytest.mark.parametrize(
     ("x", "height", "code", "fields"),
     [
@@ -56,6 +63,7 @@ def test_it_pickles_without_its_curves() -> None:
         ([0.0, NAN], [0.0, 1.0], "point_of_no_numbers", {"point": 1, "x_mm": IS_NAN, "height_mm": 1.0}),
         ([0.0], [0.0], "too_few_points", {"points": 1}),
         ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "x_not_rising", {"x_mm": 1.0}),
+        ([-4000.0, 0.0, 4000.0], [0.0, 1.0, 2.0], "too_wide", {"width_mm": 8000.0}),
     ],
 )
 def test_what_is_no_profile_is_refused(

@@ -60,12 +60,12 @@ class ColumnMap:
     `window_s` is the window of the counts if it was given as a number instead of a column, else None.
     """
 
-    given: Mapping[str, RecordingColumn] = field(default_factory=dict)
+    named: Mapping[str, RecordingColumn] = field(default_factory=dict)
     window_s: float | None = None
 
     def __getitem__(self, role: str) -> RecordingColumn:
         """Return the column of a role."""
-        return self.given.get(role, RecordingColumn(_ROLES[role].default))
+        return self.named.get(role, RecordingColumn(_ROLES[role].default))
 
     def names(self, *roles: str) -> list[str]:
         """Return the names of the columns of several roles."""
@@ -73,7 +73,7 @@ class ColumnMap:
 
     def split(self, required: Sequence[str], optional: Sequence[str]) -> tuple[list[str], list[str]]:
         """Return the names of the required and the optional columns; a column named by `--columns` is required."""
-        asked = [role for role in optional if role in self.given]
+        asked = [role for role in optional if role in self.named]
         return self.names(*required, *asked), self.names(*(role for role in optional if role not in asked))
 
     def changes(self, *roles: str) -> tuple[str, ...]:

@@ -201,7 +201,7 @@ def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _
             code="no_spikes",
             path=str(path),
         )
-    number = columns.given["segment"].name if "segment" in columns.given else ""
+    number = columns.named["segment"].name if "segment" in columns.named else ""
     if number in full:
         return full[number]
     if number == "" and len(full) == 1:
@@ -241,7 +241,7 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
     name = columns["sync"].name
     if name in segment.events:
         return name, segment.events[name]
-    given = "sync" in columns.given
+    given = "sync" in columns.named
     if name == _NO_PULSES or (not given and not any(map(len, segment.events.values()))):
         return name, np.empty(0)
     raise RecordingError(

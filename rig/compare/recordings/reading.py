@@ -41,7 +41,7 @@ COUNTS: Roles = (("position", "count", "window"), ("repeat",))
 
 def holds_counts(path: Path, columns: ColumnMap) -> bool:
     """Return whether a table has counts instead of rates."""
-    return "rate" not in columns.given and ("count" in columns.given or columns["count"].name in header_of(path))
+    return "rate" not in columns.named and ("count" in columns.named or columns["count"].name in header_of(path))
 
 
 def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
@@ -51,7 +51,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     required, optional = COUNTS if counted else RATES
     in_table = [role for role in required if role != "window" or columns.window_s is None]
     names = columns.split(in_table, optional)
-    rows = read_table(path, *names, others=bool(columns.given), hint=COLUMNS_HINT)
+    rows = read_table(path, *names, others=bool(columns.named), hint=COLUMNS_HINT)
     placed = list(_placed(rows, columns))
     found = _counts(path, placed, columns) if counted else _rates(path, placed, columns)
     return replace(with_enough_positions(path, found), changes=columns.changes(*required, *optional))
@@ -230,7 +230,7 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
 def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
     """Raise RecordingError for a role of `--columns` that no file uses."""
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
-    for role, column in columns.given.items():
+    for role, column in columns.named.items():
         if role not in used:
             expected = "a role must be one of {roles}" if used else "add --recorded"
             raise RecordingError(

@@ -68,7 +68,7 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
 
 
 def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
-    name = columns["time"].name if "time" in columns.given else _TIMES
+    name = columns["time"].name if "time" in columns.named else _TIMES
     wanted = (name, f"{name}_index", "id")
     found = [numbers_in(file, path, f"units/{column}") for column in wanted]
     if any(one is None for one in found):
@@ -121,7 +121,7 @@ def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
     places = (f"intervals/{name}/start_time", f"acquisition/{name}/timestamps")
     each = {place: numbers_in(file, path, place) for place in places}
     found = next(((place, pulses) for place, pulses in each.items() if pulses is not None), None)
-    if found is None and "sync" in columns.given:
+    if found is None and "sync" in columns.named:
         raise RecordingError(
             "{path}: there are no sync pulses {name}; use {places}",
             code="no_pulses",
@@ -202,7 +202,7 @@ NWB = ".nwb"
 def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
     times: dict[str, list[float]] = {"spike": [], "sync": []}
     time, kind = columns["time"], columns["kind"].name
-    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.given), hint=COLUMNS_HINT):
+    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.named), hint=COLUMNS_HINT):
         said = row.cells.get(kind) or "spike"
         if said not in times:
             raise row.wrong(kind, "unknown_kind", "spike or sync")

@@ -129,7 +129,7 @@ def test_only_what_the_run_covers_counts(laid: Laid) -> None:
     """Pressed up to 2.2 mm: receptors beyond 0.2 mm miss some positions, but no more than a fifth."""
     found = receptor_location(laid(-0.4, 0.8, pressed=np.arange(-3.0, 2.21, 0.05)), WHERE, Form(), ("ep1",))
     assert found is not None
-    assert found.asked == WHERE
+    assert found.requested == WHERE
     assert found.where.x_mm == pytest.approx((-1.0, 1.0))
     assert (found.positions, found.recorded) == (33, 41)
     narrower = receptor_location(laid(-0.4, 0.8, pressed=np.arange(-3.0, 1.41, 0.05)), WHERE, Form(), ("ep1",))

@@ -63,6 +63,14 @@ def test_likely_fingers_differ_in_their_tissue_alone() -> None:
     assert {one.mesh for one in likely} == {file.finger.mesh}
 
 
+def test_likely_fingers_keep_what_a_draw_does_not_name() -> None:
+    file = identified_file()
+    other = {"poisson": 0.45, "dermis_mm": 0.9, "bone": "elastic"}
+    tissue = file.finger.tissue.model_copy(update=other)
+    for one in fingers_of(file.finger.model_copy(update={"tissue": tissue}), file.identified):
+        assert one.tissue.model_dump().items() >= other.items()
+
+
 TO_THE_DRAWS = "stiffness = 0.9323938199059483\ne_dermis = "  # of the first of them
 WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "no file": (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),

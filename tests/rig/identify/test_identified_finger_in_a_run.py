@@ -8,6 +8,7 @@ import pytest
 from rig.compare.plausible_fingers import read_plausible
 from rig.data import Run, read_run
 from rig.plan.finger_file import read_finger_file
+from rig.plan.plan import found
 from rig.units import GWT_N
 from tests.program import Program
 from tests.rig.identify.finger_file import SERIES, identified_file
@@ -92,7 +93,14 @@ def test_what_a_run_finds_lies_in_the_band(
     assert not run.stream("alarm")
     report = run.folder.report.read_text(encoding="utf-8")
     assert 'id="identified"' in report
-    assert "Of 6 presses in this run, 6 lie within their band, whose nominal coverage is 90%." in report
+    assert [one.kept for one in found(run)] == [True] * 6
+    places = {(one.predicted.purpose, one.predicted.index): one.x_mm for one in found(run)}
+    assert places == {
+        **{("data", 0): -0.3, ("data", 1): -0.3, ("data", 2): 0.3, ("data", 3): 0.3},
+        **{("reference", 0): 0.0, ("reference", 1): 0.0},
+    }
+    assert {one.indentor for one in found(run)} == {"cylinder:3"}
+    assert all(number in report for number in ("6 of 6 presses", "90%"))
     after = read_finger_file(run.folder.path / "finger_after.toml")
     assert after.identified.runs == ("one", run.folder.path.name)
     assert after.identified.draw[0].stiffness != identified_file().identified.draw[0].stiffness

@@ -8,13 +8,14 @@ import pytest
 from scipy.stats import norm
 
 import rig.plan.finger_model as finger_model
-from rig.data import Run
+from rig.data import Run, RunFolder
 from rig.plan.config import Config
 from rig.plan.finger_model import Answers, band_of, remaining_shares
-from rig.plan.finger_update import ReferenceForce, references, updated_by
+from rig.plan.finger_update import ReferenceForce, learned, references, updated_by
 from rig.plan.plan import Plan
 from rig.protocol.check import NoPredictionError
 from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, Target
+from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.units import GWT_N
 from tests.error_codes import raises
@@ -155,6 +156,26 @@ def test_moduli_stay_where_fingers_are_interpolated() -> None:
     z = np.log([draw.stiffness for draw in identified.draw])
     far = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 9.0, 1e-4))
     assert {draw.e_fat for draw in far.draw} == {0.02}
+
+
+def test_a_finger_that_stiffens_goes_on_to_and_one_that_does_not_never_begins() -> None:
+    """However soft the reference says it is: the prior begins at 0.02."""
+    z = np.linspace(-0.2, 0.2, 8)
+    for stiffens, least in ((0.3, 0.02), (0.0, 0.0)):
+        identified = identified_file(spread=0.2).identified
+        draws = tuple(
+            draw.model_copy(update={"stiffening": stiffens and stiffens + by})
+            for draw, by in zip(identified.draw, z, strict=True)
+        )
+        identified = identified.model_copy(update={"draw": draws})
+        far = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, -9.0, 1e-4))
+        assert {draw.stiffening for draw in far.draw} == {least}
+
+
+def test_without_references_a_run_teaches_nothing(tmp_path: Path, finger: Fingertip) -> None:
+    folder = RunFolder(tmp_path)
+    folder.config.write_text(identified_file().as_toml(), encoding="utf-8")
+    assert learned(Run(folder, {"t_s": 0.0}, None, {}, {}, {}, 9.0, 9.0), finger) is None
 
 
 def test_references_at_two_places_are_averaged_each_whatever_came_between() -> None:

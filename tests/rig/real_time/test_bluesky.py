@@ -313,7 +313,7 @@ def test_an_order_without_a_reply_is_stopped_since_it_may_have_begun(code: str, 
         def ask(self, do: str, **order: Any) -> None:
             raise ControlError("no", code=code)
 
-        def say_stop(self) -> Callable[[float], object]:
+        def post_stop(self) -> Callable[[float], object]:
             said.append("stop")
             return lambda within_s: {}
 

@@ -56,7 +56,7 @@ def test_a_protocol_on_a_real_wire(
     felt = b"".join(bytes.fromhex(c["hex"]) for c in wire if (c["port"], c["dir"]) == (bench.ports["force"], "rx"))
     assert bench.statistics is not None
     assert bench.statistics.unknown == felt.count(b"S I\r\n")
-    assert bench.statistics.asked > felt.count(b"S D") + felt.count(b"S S") > 40
+    assert bench.statistics.requested > felt.count(b"S D") + felt.count(b"S S") > 40
 
 
 def test_run_needs_ports_that_are_there_and_leaves_nothing_otherwise(

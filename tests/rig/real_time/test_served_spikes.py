@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from rig.bench.served import ServedBench
-from rig.bench.served_spikes import Delivery, IndentorFeed, _Given
+from rig.bench.served_spikes import Delivery, IndentorFeed, _DeliverySettings
 from rig.clock import WallClock
 from rig.devices.grbl import GrblStage
 from rig.errors import BadInputError
@@ -136,8 +136,8 @@ def scheduler() -> Iterator[WallScheduler]:
     made.close()
 
 
-def _given() -> _Given:
-    return _Given(AFFERENTS, SpikeRequest("SA1"), False, print)
+def _settings() -> _DeliverySettings:
+    return _DeliverySettings(AFFERENTS, SpikeRequest("SA1"), False, print)
 
 
 def _read(client: socket.socket, scheduler: WallScheduler, lines: int) -> list[str]:
@@ -152,7 +152,7 @@ def test_every_client_gets_every_line_in_order_of_time(scheduler: WallScheduler)
     clients = [socket.create_connection(server.getsockname()) for _ in range(2)]
     for _ in clients:
         scheduler.run_once(0.0)
-    delivery = Delivery(_given(), scheduler, port, lambda name, at_s: pushed.append((name, at_s)))
+    delivery = Delivery(_settings(), scheduler, port, lambda name, at_s: pushed.append((name, at_s)))
     now_s, delay_s = WallClock().monotonic_s(), AFFERENTS[0].delay_s()
     delivery.add(1, now_s - delay_s - 0.010)
     delivery.sync(now_s - 0.004)
