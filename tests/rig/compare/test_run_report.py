@@ -3,8 +3,6 @@
 import csv
 import math
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -239,24 +237,6 @@ def test_the_commit_is_of_a_work_tree_or_nothing(tmp_path: Path) -> None:
     assert commit(outside) is None
     here = commit(Path(__file__))
     assert here is None or re.fullmatch(r"[0-9a-f]{40}( with changes)?", here)
-
-
-@pytest.mark.skipif(shutil.which("git") is None, reason="no git")
-def test_the_commit_is_marked_where_files_were_changed_since(tmp_path: Path) -> None:
-    def git(*words: str) -> str:
-        who = ("-c", "user.name=somebody", "-c", "user.email=", "-c", "commit.gpgsign=false")
-        done = subprocess.run(["git", *who, *words], cwd=tmp_path, check=True, capture_output=True, text=True)
-        return done.stdout.strip()
-
-    module = tmp_path / "module.py"
-    module.write_text("a = 1\n")
-    git("init", "-q")
-    assert commit(module) is None, "nothing is committed"
-    git("add", "module.py")
-    git("commit", "-q", "-m", "one")
-    assert commit(module) == git("rev-parse", "HEAD")
-    module.write_text("a = 2\n")
-    assert commit(module) == git("rev-parse", "HEAD") + " with changes"
 
 
 # --- the page and its numbers ---
