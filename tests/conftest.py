@@ -87,6 +87,7 @@ REAL_TIME = (
     "rig/test_safety.py::test_a_silent_engine_stops_the_stage_while_another_thread_blocks",
     "rig/test_safety.py::test_a_beating_or_resting_engine_is_left_alone",
     "rig/test_stage_in_hand.py::test_a_stop_that_comes_while_a_port_is_opened",
+    "rig/test_stop_button.py::test_a_key_that_is_down_as_the_device_is_opened_is_pressed_until_it_is_let_go",
     "rig/test_stop_gate.py",
     "rig/test_stop_from_another_thread.py",
     "rig/test_stop_switch.py",
