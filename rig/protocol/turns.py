@@ -29,6 +29,12 @@ class _InThisThread(threading.local):
 _here = _InThisThread()
 
 
+def take_over() -> None:
+    """Let this process, forked from that of the script, carry the script on in its place: its parent must not."""
+    for script in _here.scripts:
+        script.pid = os.getpid()
+
+
 @contextmanager
 def script_under_way() -> Iterator[None]:
     """Carry out a script here; a stop that it swallowed is raised at its end.
@@ -54,7 +60,7 @@ class Turns:
     """Turns of one `Rig`, which belongs to the thread that made it, and to the script that first calls a verb."""
 
     def __init__(self) -> None:
-        self._thread, self._pid = threading.get_ident(), os.getpid()
+        self._thread, self._pid = threading.get_ident(), os.getpid()  # the process counts where there is no script
         self._script: _Script | None = None
         self._begun = self._within = False
 
@@ -64,7 +70,8 @@ class Turns:
         script = _here.scripts[-1] if _here.scripts else None
         if not self._begun:
             self._script, self._begun = script, True
-        own = (self._thread, self._pid) == (threading.get_ident(), os.getpid()) and script is self._script
+        pid = self._pid if self._script is None else self._script.pid
+        own = (self._thread, pid) == (threading.get_ident(), os.getpid()) and script is self._script
         if not own or self._within:
             raise BadInputError(
                 "{verb}: called in another thread or process, within another verb, or after the end of run(rig); "

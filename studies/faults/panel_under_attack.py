@@ -25,7 +25,7 @@ def take():
         while True:
             os.open(os.devnull, os.O_RDONLY)
     except OSError:
-        print("taken", flush=True)
+        print("taken", file=sys.__stdout__, flush=True)
 threading.Thread(target=take, daemon=True).start()
 from rig.cli import main
 main()

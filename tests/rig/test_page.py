@@ -274,7 +274,7 @@ def test_every_next_command_knows_of_a_kill(rig: Run, opened: list[Any], tmp_pat
     assert _page(resumed)["steps"] == "1 indentation, 1 preconditioning press, the rest of 2 planned indentations"
     assert resumed.err.count("press Enter") == 1
     assert "careful" not in _page(rig(*RUN, typed="n\n"))
-    assert "clear of the finger" in rig("doctor", "--config", "rig.toml").out
+    assert "no run on record" in rig("doctor", "--config", "rig.toml").out
 
 
 # --- what ends before it begins ---

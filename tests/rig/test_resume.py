@@ -15,7 +15,7 @@ import pytest
 from rig.data import FolderBusyError, RunFolder, read_run
 from rig.data.journal import Journal, mend_journal, read_journal
 from rig.engine import RecordError, Target, TripError, indent
-from rig.engine.bench import Pause
+from rig.engine.bench import Meanwhile, Pause
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -232,7 +232,7 @@ def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
     def look(stream: str, data: Mapping[str, Any]) -> None:
         asked[0] = asked[0] or (stream == "sample" and data["phase"] == "press")
 
-    def go_on() -> bool:
+    def go_on(meanwhile: Meanwhile) -> bool:
         assert bench.height_mm == pytest.approx(2.0, abs=0.002)
         bench.on_event, asked[0] = (lambda stream, data: None), False
         return True

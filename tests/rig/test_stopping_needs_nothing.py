@@ -153,7 +153,7 @@ def test_nobody_reads_beside_an_owner_that_is_heard_until_it_has_answered(tmp_pa
         settings, _ = stage_alone(_file(tmp_path, f"[stage]\nport = '{port}'\n"))
         found = send_stop(settings, find=lambda: [ByHand()])  # type: ignore[list-item]
     assert before == [b""]
-    assert (found.confirmed_by, found.told, found.sent, found.state) == (7, (7,), True, "Alarm")
+    assert (found.confirmed_by, found.notified, found.sent, found.state) == (7, (7,), True, "Alarm")
     assert board.all.startswith(obstacles.STOP)
 
 

@@ -215,4 +215,4 @@ def test_what_is_no_relaxation(relaxation: list[list[float]]) -> None:
     error = first_problem("", caught.value)
     whole = len(relaxation[0]) == 2
     assert error.code == ("no_prony_series" if whole else "missing_key")
-    assert error.fields["key"] == ("virtual" if whole else "virtual.relaxation.0.1")
+    assert error.fields["key"] == ("virtual" if whole else "virtual.relaxation.0")

@@ -4,6 +4,7 @@ import ast
 import errno
 import io
 import json
+import logging
 import os
 import pickle
 import shutil
@@ -109,6 +110,10 @@ def test_a_folder_that_cannot_be_had_is_said(folder: Path, monkeypatch: pytest.M
         cached_arrays("k", lambda: pytest.fail("made in vain"))
 
 
+def warnings_in(caplog: pytest.LogCaptureFixture) -> list[logging.LogRecord]:
+    return [record for record in caplog.records if record.levelno >= logging.WARNING]
+
+
 def test_a_full_disk_costs_no_answer_and_is_named(
     folder: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -117,7 +122,7 @@ def test_a_full_disk_costs_no_answer_and_is_named(
 
     monkeypatch.setattr(Path, "replace", full)
     assert Maker().get()[1] is False
-    (told,) = caplog.records
+    (told,) = warnings_in(caplog)
     assert told.args == (folder, os.strerror(errno.ENOSPC))
     monkeypatch.undo()
     monkeypatch.setenv("RIG_CACHE_DIR", str(folder))
@@ -212,7 +217,7 @@ def test_what_is_no_arrays_is_made_anew_with_one_line(
     assert found is expected
     assert not read
     assert peak < 5e7
-    reasons = [record.args for record in caplog.records]
+    reasons = [record.args for record in warnings_in(caplog)]
     assert len(reasons) == (2 if what == "a folder" else 1)  # a folder stays in the way
     if what != "a folder":
         assert cached_arrays("k", lambda: {}, layout={"a": ("f", "n"), "b": ("f", "23")})[1]

@@ -29,6 +29,7 @@ from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
+from rig.protocol import turns
 from rig.transport import TransportError
 from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import FaultCase
@@ -156,6 +157,7 @@ class Played:
     def _strike(self, case: FaultCase, message: Message) -> list[tuple[float, bytes]]:
         """In the child: what arrives of the message; from here on the world is this case's own."""
         gc.disable()
+        turns.take_over()
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
         self._begun_s = time.process_time()
         self._case, world = case, self.world
