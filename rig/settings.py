@@ -56,7 +56,8 @@ def as_tuples(value: Any) -> Any:
 
 def _addressed(port: str) -> str:
     over_ip = port.startswith(("tcp://", "udp://"))
-    if not port.strip() or (over_ip and not re.fullmatch(r"(tcp|udp)://[^/]+:\d{1,5}", port)):
+    no_scheme = re.fullmatch(r"[^/:]+:\d{1,5}", port)  # a host and its port; a serial port has no such name
+    if not port.strip() or no_scheme or (over_ip and not re.fullmatch(r"(tcp|udp)://[^/]+:\d{1,5}", port)):
         raise RuleError(
             "not a port; use tcp://HOST:PORT, udp://HOST:PORT or a serial port, such as /dev/ttyUSB0 or COM3",
             code="no_port_name",

@@ -93,6 +93,8 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
         ('[sync]\noutput = "drive"\nregister_address = 0x6002\n', VALUE,
          {"key": "sync.register_address", "value": 24578, "le": 4095}),
         ('[stage]\nport = "tcp://10.0.0.7"\n', "no_port_name", {"key": "stage.port", "value": "tcp://10.0.0.7"}),
+        ('[stage]\nport = "127.0.0.1:5000"\n', "no_port_name", {"key": "stage.port", "value": "127.0.0.1:5000"}),
+        ('[force]\nport = "gateway:502"\n', "no_port_name", {"key": "force.port", "value": "gateway:502"}),
         ('[force]\nport = ""\n', "no_port_name", {"key": "force.port", "value": ""}),
         ("[limits]\nx_mm = [-6.0]\n", "missing_key", {"key": "limits.x_mm", "value": [-6.0]}),
         ("[virtual]\nz_screw_steps_per_mm = 0\n", VALUE,
