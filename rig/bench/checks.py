@@ -134,7 +134,7 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
 
 
 def look_and_contact(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
-    """Return the same state, and the contact on record."""
+    """Return the state of both devices and the recorded state of contact."""
     found, at = _look(settings, closely=closely)
     return {**found, "contact": contact(settings, at)}
 
@@ -149,13 +149,13 @@ def _look(settings: Config, *, closely: bool) -> tuple[dict[str, dict[str, Any]]
 
 
 def contact(settings: Config, at: StageStatus | None = None) -> dict[str, Any]:
-    """Return the recorded state of contact; a lift counts no longer if the stage (at) is not where it was left."""
+    """Return the recorded state of contact; a lift no longer counts if the stage (`at`) has moved since."""
     record = BenchMemory(settings).read()
     known = record.contact
     if known is None:
         nothing = dict.fromkeys(("contact", "may_touch", "force_gwt"))
         return {**nothing, "where_text": "nothing on record", "to_do_text": None}
-    if at is not None and record.left_at_mm is not None and not known.may_touch and not record.is_where_left(at):
+    if at is not None and record.left_at_mm is not None and record.is_lifted and not record.is_where_left(at):
         known = replace(known, kind="unknown", force_gwt=None)  # switched off, or moved by something else
     return known.as_json()
 

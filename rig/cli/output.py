@@ -128,12 +128,12 @@ class Activity:
 
     @property
     def state(self) -> tuple[object, ...]:
-        """What it is and how far, without times; only a new state has a line of its own."""
+        """Description and progress without times; without a terminal, a line is printed only when it changes."""
         return self.what, self._done, self._total
 
     @property
     def _counts(self) -> bool:
-        """Whether the pieces of the work are shown, and no build within it."""
+        """Whether the line counts pieces of the work, instead of showing a build within it."""
         return self._counted and self.what == self._own
 
     @property

@@ -160,7 +160,7 @@ def finger_with_nodes(config: FingertipConfig, x_mm: Array, below_mm: Array) -> 
     """
     task = _task(config, (), x_mm, below_mm)
     with _finger_problems():
-        return Fingertip.load(config, receptor_x_mm=task.x_mm, receptor_depth_mm=task.depth_mm)
+        return _finger(task.config_json, task.x_mm, task.depth_mm)
 
 
 def _task(config: FingertipConfig, presses: Sequence[PossiblePress], x_mm: Array, below_mm: Array) -> _Task:

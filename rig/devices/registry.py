@@ -33,7 +33,7 @@ class NumberedIdentity(str):
     Parameters
     ----------
     identity : str
-        What the device is, in words.
+        Description of the device.
     serial : int
         Its serial number.
     """
@@ -41,7 +41,7 @@ class NumberedIdentity(str):
     serial: int
 
     def __new__(cls, identity: str, serial: int) -> Self:
-        """Return the text, with the number."""
+        """Make the description, with the serial number as its attribute."""
         made = super().__new__(cls, identity)
         made.serial = serial
         return made

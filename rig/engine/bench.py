@@ -63,7 +63,7 @@ def monitored(heartbeat: Heartbeat) -> Iterator[None]:
 
 
 Meanwhile = Callable[[], object]
-"""Called again and again while a person is waited for; what it raises ends the wait."""
+"""Function that a wait for a person calls repeatedly; its exceptions end the wait."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +130,7 @@ class WatchedBench(Bench, Protocol):
         ...
 
     def record_zero(self, zero: ForceZero | None) -> None:
-        """Record the zero of the force sensor for the next command; None: its readings have a new, unknown one."""
+        """Record the zero of the force sensor for the next command; None if it has changed and is unknown."""
         ...
 
     def close(self) -> None:

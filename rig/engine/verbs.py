@@ -218,8 +218,8 @@ def look_at_devices(engine: Engine) -> None:
 class LooksAtClearance:
     """Checks of stop inputs and devices during a wait of any length; each call checks only what is due.
 
-    While a person handles the indentor or the finger, only the participant's button counts: nothing trips, and lifts,
-    by a force from a hand. The next step asks the devices.
+    While a person handles the indentor or the finger, only the participant's button acts, because the force of a hand
+    must neither trip nor lift. The next step asks the devices.
 
     The devices of a virtual bench are not asked: they cannot be lost, and by the wall clock their time would depend
     on the speed of the computer.

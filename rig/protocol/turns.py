@@ -30,7 +30,7 @@ _here = _InThisThread()
 
 
 def take_over() -> None:
-    """Let this process, forked from that of the script, carry the script on in its place: its parent must not."""
+    """Continue the script in this process, which was forked from its own; the parent must not continue it."""
     for script in _here.scripts:
         script.pid = os.getpid()
 

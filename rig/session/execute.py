@@ -92,7 +92,7 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
         answer: A = executor(engine, step, expected)
     except Exception:
         raise
-    except BaseException:  # A stop: it acts before the script can make anything of it.
+    except BaseException:  # Stop the stage before the script can handle the exception.
         engine.stop()
         raise
     return answer

@@ -258,6 +258,14 @@ def test_a_finger_is_identified_in_a_rehearsal(rig: Rig, tmp_path: Path) -> None
     assert (tmp_path / "finger.toml").exists()
 
 
+def require_printed(code: str, printed: str, environment: dict[str, str]) -> None:
+    """Run code in a process; it must succeed and print this text."""
+    ended = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
+    )
+    assert (ended.returncode, ended.stdout) == (0, printed), ended.stderr
+
+
 @pytest.mark.parametrize("body", ["pass", SWALLOWS])
 def test_a_script_that_makes_no_step_is_ended(environment: dict[str, str], tmp_path: Path, body: str) -> None:
     code = f"""
@@ -281,10 +289,7 @@ with patience.impatient():
     pass
 assert not patience._watches
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
-    )
-    assert (ended.returncode, ended.stdout) == (0, "ended\n"), ended.stderr
+    require_printed(code, "ended\n", environment)
 
 
 def test_a_script_whose_end_did_not_arrive_in_time_makes_no_further_step(environment: dict[str, str]) -> None:
@@ -308,10 +313,7 @@ try:
 except patience.SilentScriptError:
     print("ended", done, sent[1:])
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
-    )
-    assert (ended.returncode, ended.stdout) == (0, "ended [] [None]\n"), ended.stderr
+    require_printed(code, "ended [] [None]\n", environment)
 
 
 def test_a_script_is_ended_at_its_time_and_not_before(environment: dict[str, str]) -> None:
@@ -337,10 +339,7 @@ try:
 except patience.SilentScriptError:
     print("ended", done)
 """
-    ended = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=DEADLINE_S
-    )
-    assert (ended.returncode, ended.stdout) == (0, "ended [0.0, 0.29, 0.58]\n"), ended.stderr
+    require_printed(code, "ended [0.0, 0.29, 0.58]\n", environment)
 
 
 def test_keys_of_the_console_are_read(environment: dict[str, str]) -> None:
@@ -364,8 +363,7 @@ with keyboard.single_keys() as keys:
     except KeyboardInterrupt:
         print("interrupted")
 """
-    ended = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
-    assert (ended.returncode, ended.stdout) == (0, "interrupted\n"), ended.stderr
+    require_printed(code, "interrupted\n", environment)
 
 
 def test_keys_from_a_pipe_are_read(environment: dict[str, str]) -> None:
