@@ -66,8 +66,8 @@ class CleanEnvironment:
         self.folder = folder
         venv.create(folder, with_pip=True)
 
-    def run(self, *words: str | Path, code: int = 0) -> str:
-        """What a program of it prints; it knows of no other environment. Raises NotFitError."""
+    def run(self, *words: str | Path, code: int = 0) -> "subprocess.CompletedProcess[str]":
+        """Run a program of it, which knows of no other environment. Raises NotFitError."""
         program = self.folder / ("Scripts" if os.name == "nt" else "bin") / words[0]
         kept = {
             name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "RIG_", "VIRTUAL"))
@@ -78,7 +78,7 @@ class CleanEnvironment:
         )
         if done.returncode != code:
             raise NotFitError(f"{' '.join(map(str, words))}: {done.returncode}\n{done.stdout}{done.stderr}")
-        return done.stdout + done.stderr
+        return done
 
 
 def main() -> None:
@@ -133,21 +133,23 @@ def built(tools: CleanEnvironment) -> list[Path]:
 def tried(place: CleanEnvironment, version: str) -> Iterator[str]:
     """The program where it is installed and nothing else is. Raises NotFitError."""
     for program in (("rig",), ("python", "-m", "rig")):
-        _expect(place.run(*program, "--version").strip(), f"rig {version}")
+        _expect(place.run(*program, "--version").stdout.strip(), f"rig {version}")
     yield "rig --version and python -m rig --version"
-    file = place.run("python", "-c", EVERYTHING.format(left_out=OF_EXTRAS)).strip()
+    file = place.run("python", "-c", EVERYTHING.format(left_out=OF_EXTRAS)).stdout.strip()
     _expect(Path(file).is_relative_to(place.folder.resolve()), True)
     yield "every module but the cluster's is imported without an extra"
     (place.folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
-    told = json.loads(place.run("rig", "dry-run", "mine.py", "--json"))
-    _expect((told["complete"], told["indentations"]), (True, 2))
+    outcome = json.loads(place.run("rig", "dry-run", "mine.py", "--json").stdout)
+    _expect((outcome["complete"], outcome["indentations"]), (True, 2))
     yield "a run of two indentations, with its report"
-    run = str(told["run"])
+    run = str(outcome["run"])
     for words in (("runs",), ("show", run), ("watch", run), ("export", run, "--csv"), ("doctor", "--bundle", run)):
         place.run("rig", *words)
     yield "runs, show, watch, export, doctor --bundle"
-    said = place.run("rig", "export", run, "--nwb", code=2)
-    _expect(said.strip(), "rig: export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'")
+    refused = place.run("rig", "export", run, "--nwb", code=2)
+    _expect(
+        refused.stderr.strip(), "rig: export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'"
+    )
     yield "an extra that is not there is asked for in one line"
 
 
