@@ -133,16 +133,19 @@ def test_an_offset_of_an_earlier_motion_is_not_a_confirmation(board: Board) -> N
 
 
 @pytest.mark.parametrize(
-    ("shown", "fine"), [("60", True), ("59.5", True), ("60.5", True), ("59", False), ("61", False), ("600", False)]
+    ("shown", "found_mm_min"),
+    [("F60", 60), ("F59.5", 59.5), ("F60.5", 60.5), ("F59", 59.0), ("F61", 61.0), ("F600", 600.0), ("", None)],
 )
-def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(board: Board, shown: str, fine: bool) -> None:
-    """It may print whole mm/min: half of one is no difference."""
+def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
+    board: Board, shown: str, found_mm_min: float | None
+) -> None:
+    """It may print whole mm/min: half of one is no difference. No feed at all is none."""
     stage = connected(board)
-    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F{shown} S0]\r\nok\r\n".encode()
-    if fine:
+    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 {shown} S0]\r\nok\r\n".encode()
+    if found_mm_min is not None and abs(found_mm_min - 60.0) <= 0.5:
         stage.jog("x", -0.5, 1.0)
     else:
-        doubt = {"doubt_code": "wrong_feed", "found_mm_min": float(shown), "meant_mm_min": 60.0}
+        doubt = {"doubt_code": "wrong_feed", "found_mm_min": found_mm_min, "meant_mm_min": 60.0}
         with raises(StageError, "not_confirmed", **doubt):
             stage.jog("x", -0.5, 1.0)
         assert not [data for data in board.said if data.startswith(b"$J=")]

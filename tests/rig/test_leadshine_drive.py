@@ -14,7 +14,20 @@ from rig.devices.leadshine_drive import LeadshineDrive, Status
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import CONTROL, HOME, HOMED, RUN_PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
+from tests.drives_as_registers import (
+    CONTROL,
+    HOME,
+    HOMED,
+    PR0,
+    RUN_PR0,
+    RUNNING,
+    STATUS,
+    TRIGGER,
+    Bus,
+    X,
+    Z,
+    homed_stage,
+)
 from tests.error_codes import raises
 
 QUICK_STOP = 0x40
@@ -223,6 +236,28 @@ def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clo
     told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
     assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+@pytest.mark.parametrize("arrived", [True, False])
+def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
+    bench: Make, clock: VirtualClock, arrived: bool
+) -> None:
+    """Else a bit error of a stop, which is written with the register of the trigger, could start it again."""
+    bus, stage = bench()
+    looks = stage.moving(z_mm=-10.0, speed_mm_s=1.0)
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 9.0 else HOMED
+    next(looks)
+    if arrived:
+        list(looks)
+    else:
+        bus.status = lambda device, t_s: HOMED
+    bus.told.clear()
+    stage.halt()
+    assert [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)] == [[0]] * (not arrived)
+    bus.told.clear()
+    stage.halt()
+    assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
 
 
 def test_a_drive_that_takes_no_stop_is_told_of_in_its_own_words(bench: Make) -> None:
