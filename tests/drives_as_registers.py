@@ -84,7 +84,7 @@ def homed_stage(
         settings = DriveSettings(device_id=device, **(drive or {}))
         bus.registers[device, 1] = settings.pulses_per_rev
         drives.append(LeadshineDrive(bus, clock, axis, settings, pulses_per_mm=per_mm, travel_mm=60.0))
-    stage = LeadshineStage(*drives, **options)
+    stage = LeadshineStage(*drives, **{"inputs_register": 0x0179, **options})
     stage.connect()
     stage.home()
     bus.asked.clear()

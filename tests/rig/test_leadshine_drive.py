@@ -294,7 +294,7 @@ def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(c
         return HOMED
 
     one.status = two.status = status
-    stage = LeadshineStage(x, z)
+    stage = LeadshineStage(x, z, inputs_register=0x0179)
     stage.stop()
     assert told_before_asked[0] == (1, 2)
     assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}

@@ -259,6 +259,15 @@ def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up(
 # --- the rest ---
 
 
+@pytest.mark.parametrize("register", [0x0179, 0x017A])
+def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, register: int) -> None:
+    bus, stage = bench(inputs_register=register)
+    for word, inputs in ((0, set()), (1, {"di1"}), (64, {"di7"}), (0b0101_0010, {"di2", "di5", "di7"}), (128, set())):
+        bus.registers[Z, register] = word
+        assert stage.active_inputs() == inputs
+    assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
+
+
 @pytest.mark.parametrize("output", [None, SyncSettings(), SyncSettings(output="drive", register_address=1)])
 def test_an_output_that_lacks_its_words_is_refused(bench: Make, output: SyncSettings | None) -> None:
     bus, stage = bench(output=output)
