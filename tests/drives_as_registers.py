@@ -18,7 +18,7 @@ HOMED, RUNNING, ALARM, DISABLED = 0x72, 0x46, 0x01, 0x30
 class Bus:
     """Drives that answer at once, or after takes_s; what is written stays, and PR0 is at its end at once.
 
-    One that is told to home shows once that it runs.
+    One that is told to home shows once that it runs, and is at 0.
     """
 
     name = "bus"
@@ -57,6 +57,7 @@ class Bus:
             self.stands(device, number([self.registers[device, PR0 + k] for k in (1, 2)]))
         if (register, list(values)) == (TRIGGER, [HOME]):
             self._homes.add(device)
+            self.stands(device, 0)
 
     def write_one(self, device: int, register: int, value: int) -> None:
         self.write(device, register, [value])

@@ -140,11 +140,12 @@ def test_homing_is_given_three_minutes(bench: Make) -> None:
 
 @pytest.mark.parametrize(("bit", "name"), [(2, "RUNNING"), (4, "COMMAND_DONE")])
 def test_a_timeout_tells_what_the_drive_says_of_itself(bench: Make, clock: VirtualClock, bit: int, name: str) -> None:
-    """Bits by the manual; bit 1 is enabled, bit 6 homed."""
+    """Bits by the manual; bit 1 is enabled, bit 6 homed. It comes after half as much time again and 5 s."""
     bus, stage = bench()
     begun_s = clock.monotonic_s()
     bus.status = lambda device, t_s: 0x42 | 1 << bit if t_s > begun_s else HOMED
-    with raises(StageTimeout, "not_over", status=Status.ENABLED | Status[name] | Status.HOMED):
+    most_s = pytest.approx(1.5 * (400 / 2000 + 0.0999) + 5.0)
+    with raises(StageTimeout, "not_over", status=Status.ENABLED | Status[name] | Status.HOMED, timeout_s=most_s):
         stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
 
 
@@ -223,6 +224,27 @@ def test_a_jog_of_a_drive_that_somebody_else_runs_begins_where_it_is(bench: Make
     bus.stands(Z, -2000)
     stage.jog("z", 0.25, 1.0)
     assert bus.paths() == [(Z, -1900)]
+
+
+ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
+    "halt": lambda stage: stage.halt(),
+    "stop": lambda stage: stage.stop(),
+    "home": lambda stage: stage.home(),
+    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
+    "jog_while": lambda stage: stage.jog_while("x", 1, lambda: False, 1.0),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
+    """Somebody else runs the drive when the next jog comes."""
+    bus, stage = bench()
+    stage.jog("x", -2.0, 1.0)
+    ENDS_OF_A_JOG[end](stage)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -4000)
+    stage.jog("x", -0.5, 1.0)
+    assert bus.paths()[-1] == (X, -4200)
 
 
 # --- stopping ---
