@@ -1,7 +1,7 @@
 """How a Leadshine drive is moved, jogged and stopped: what it is asked and told, and when."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -10,12 +10,13 @@ import pytest
 
 from rig.devices.base import StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import LeadshineDrive, Status
+from rig.devices.leadshine_drive import LeadshineDrive, Status, words
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
     CONTROL,
+    FEEDBACK,
     HOME,
     HOMED,
     PR0,
@@ -118,6 +119,43 @@ def test_a_drive_is_homed_when_it_stands_and_says_so_and_is_at_0(
     bus.status = status
     stage.home()
     assert begun_s + 1.0 <= clock.monotonic_s() < begun_s + 1.2
+
+
+def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile(
+    bench: Make, clock: VirtualClock
+) -> None:
+    """It searches for less than the 50 ms in which it is not asked, and for one look longer it is not homed."""
+    bus, stage = bench()
+    said = {device: iter([HOMED, HOMED, 0x32]) for device in (X, Z)}  # two looks before it begins
+    bus.status = lambda device, t_s: next(said[device], HOMED)
+    write = bus.write
+
+    def homes_unseen(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus._homes.clear()
+
+    bus.write = homes_unseen  # type: ignore[method-assign]
+    stage.home()
+    assert stage.homed
+
+
+@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
+def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
+    """By its encoder; −1.0004 mm is pulse −1000."""
+    bus, stage = bench(per_mm=1000.0)
+    read = bus.read
+
+    def off_target(device: int, register: int, count: int = 1) -> list[int]:
+        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
+
+    bus.read = off_target  # type: ignore[method-assign]
+    if fine:
+        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    else:
+        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
+        with raises(StageError, "not_there", axis="x", drive=1, **at):
+            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    assert stage.homed is fine
 
 
 def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
@@ -260,9 +298,9 @@ def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clo
     assert [device for _, device in told] == [Z, Z, Z, Z, X]
 
 
-@pytest.mark.parametrize("arrived", [True, False])
+@pytest.mark.parametrize("arrived", [True, False, None], ids=["arrived", "under way", "homed since"])
 def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
-    bench: Make, clock: VirtualClock, arrived: bool
+    bench: Make, clock: VirtualClock, arrived: bool | None
 ) -> None:
     """Else a bit error of a stop, which is written with the register of the trigger, could start it again."""
     bus, stage = bench()
@@ -274,9 +312,12 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
         list(looks)
     else:
         bus.status = lambda device, t_s: HOMED
+    if arrived is None:
+        stage.home()
     bus.told.clear()
     stage.halt()
-    assert [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)] == [[0]] * (not arrived)
+    nulled = [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)]
+    assert nulled == [[0]] * (arrived is False)
     bus.told.clear()
     stage.halt()
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
