@@ -20,7 +20,6 @@ from rig.devices.base import (
     ForceError,
     ForceOverload,
     ForceReading,
-    ForceSensor,
     ForceTimeout,
     ForceUnderload,
 )
@@ -165,10 +164,10 @@ class NetFtForce:
         clock: Clock,
         settings: NetFtSettings,
         *,
-        sample_period_s: float = 0.05,
-        latency_s: float = 0.0,
-        resolution_gwt: float = 0.01,
-        scale: float = 1.0,
+        sample_period_s: float,
+        latency_s: float,
+        resolution_gwt: float,
+        scale: float,
     ) -> None:
         self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
         self._records, self._open_page, self._clock, self._settings = records, page, clock, settings
@@ -430,11 +429,16 @@ class NetFtForce:
         )
 
 
-def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> NetFtForce:
+    force = settings.force
+    return _sensor(opener(force.port), lambda: opener(page_port(force)), clock, settings)
+
+
+def _sensor(records: Transport, page: Callable[[], Transport], clock: Clock, settings: BenchSettings) -> NetFtForce:
     force = settings.force
     return NetFtForce(
-        opener(force.port),
-        lambda: opener(page_port(force)),
+        records,
+        page,
         clock,
         force.own(NetFtSettings),
         sample_period_s=force.sample_period_s,
@@ -457,7 +461,7 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         return None
     page = opener(page_port(force))
     try:
-        return NetFtForce(page, lambda: page, clock, force.own(NetFtSettings)).identify()
+        return _sensor(page, lambda: page, clock, settings).identify()
     except ForceTimeout:
         return None
     except ForceError as error:

@@ -39,7 +39,8 @@ class Wire:
         self.clock, self.sent, self.page = VirtualClock(0.0, 100.0), list[bytes](), page
         self.begin = begin
         self.coming: list[tuple[float, bytes]] = []
-        force = {key: table.pop(key) for key in ("sample_period_s", "latency_s") if key in table}
+        force = {"sample_period_s": 0.05, "latency_s": 0.0, "resolution_gwt": 0.01, "scale": 1.0}
+        force |= {key: table.pop(key) for key in force if key in table}
         self.driver = NetFtForce(self, lambda: self, self.clock, NetFtSettings(**table), **force)
         if connect:
             self.driver.connect()
@@ -308,6 +309,20 @@ def test_the_axis_of_a_press_and_all_six_beside_it(press: str) -> None:
     counts = dict.fromkeys(("packets_lost", "packets_repeated", "packets_late"), 0)
     assert dict(reading.also) == pytest.approx({**axes, **counts})
     assert set(reading.also) == set(find(ForceKind, "net_ft").also)
+
+
+def test_the_mean_of_three_readings_within_the_range_is_subtracted() -> None:
+    """A sample period apart."""
+    there = Wire(steady_gwt=1.0, sample_period_s=0.1)
+    there.coming, begun_s = [], there.clock.monotonic_s()
+    for n, gwt in enumerate((20.0, 5.0, 5.4, 5.9, 7.0)):
+        counts = round(-gwt * GWT_N * 1e6)
+        there.coming.append((begun_s + 0.101 * n + STEP_S, record(n + 1, axes=(0, 0, counts, 0, 0, 0))))
+    there.driver.zero()
+    assert there.clock.monotonic_s() - begun_s == pytest.approx(3 * 0.101 + STEP_S)
+    assert there.driver.subtracted_n == pytest.approx((5.0 + 5.4 + 5.9) / 3 * GWT_N, rel=1e-3)
+    there.clock.wait_s(0.1)
+    assert there.driver.read().force_n == pytest.approx((7.0 - 16.3 / 3) * GWT_N, rel=1e-3)
 
 
 def test_a_status_between_two_readings_is_reported_once() -> None:

@@ -19,6 +19,7 @@ from sim.devices.text_cell import text_twin
 from tests.error_codes import raises
 
 PERIOD_S = 0.1
+INSTRUMENT = {"sample_period_s": PERIOD_S, "resolution_gwt": 0.01, "scale": 1.0}
 
 
 class Board:
@@ -28,7 +29,7 @@ class Board:
 
     def __init__(self, *coming: tuple[float, bytes], **table: Any) -> None:
         self.clock, self.coming, self.sent = VirtualClock(), list(coming), b""
-        self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), sample_period_s=PERIOD_S)
+        self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), **INSTRUMENT)
 
     def write(self, data: bytes) -> None:
         self.sent += data
@@ -203,9 +204,10 @@ def test_a_board_whose_lines_are_no_readings_is_there_and_its_last_line_is_told(
 def test_a_silent_board_has_its_time_to_start_and_no_more() -> None:
     for start_s in (0.3, 3.0):  # less than the longest wait for a line, and more
         board = Board(start_s=start_s)
+        board.clock.wait_s(1000.0)
         with raises(ForceTimeout, "no_device", port="wire", timeout_s=start_s):
             board.driver.connect()
-        assert board.clock.monotonic_s() == pytest.approx(start_s)
+        assert board.clock.monotonic_s() == pytest.approx(1000.0 + start_s)
 
 
 class Polled(Board):
@@ -235,6 +237,7 @@ def test_a_polled_board_that_is_still_starting_is_asked_again() -> None:
 @pytest.mark.parametrize(("zero", "code"), [("", "no_stable_load"), ("t", "not_zeroed")])
 def test_while_it_is_zeroed_a_polled_board_is_asked_once_a_sample(zero: str, code: str) -> None:
     board = Polled(b"9.00\r\n", zero=zero)
+    board.clock.wait_s(1000.0)
     swing = iter(range(10000))
     write = board.write
 
@@ -249,7 +252,15 @@ def test_while_it_is_zeroed_a_polled_board_is_asked_once_a_sample(zero: str, cod
         board.driver.zero()
     waits_s = [after - before for before, after in pairwise(board.asked_s)]
     assert waits_s == pytest.approx([PERIOD_S + 0.01] * len(waits_s))
-    assert board.clock.monotonic_s() == pytest.approx(10.0, abs=PERIOD_S + 0.02)
+    assert board.clock.monotonic_s() == pytest.approx(1010.0, abs=PERIOD_S + 0.02)
+
+
+def test_the_mean_of_three_readings_within_the_range_is_subtracted() -> None:
+    shown = [b"7.00", b"5.00", b"5.06", b"5.18", b"5.18", b"7.00"]
+    board = Board((0.05, b"1\r\n"), *((0.15 * n, line + b"\r\n") for n, line in enumerate(shown, 1)), steady_gwt=0.2)
+    board.driver.zero()
+    assert board.driver.subtracted_n == pytest.approx(5.08 * GWT_N)
+    assert board.gwt() == pytest.approx(7.00 - 5.08)
 
 
 def test_a_board_is_not_zeroed_by_what_it_said_before() -> None:
@@ -263,10 +274,21 @@ def test_a_board_is_not_zeroed_by_what_it_said_before() -> None:
 
 
 def test_a_board_that_does_not_confirm_its_zero_has_ten_seconds() -> None:
-    board = Board(*((0.5 * n, b"7.00\r\n") for n in range(100)), zero="t", zero_done="Tare")
+    board = Board(*((1000.0 + 0.5 * n, b"7.00\r\n") for n in range(100)), zero="t", zero_done="Tare")
+    board.clock.wait_s(1000.0)
     with raises(ForceTimeout, "no_reply", port="wire", timeout_s=10.0):
         board.driver.zero()
-    assert board.clock.monotonic_s() == pytest.approx(10.0)
+    assert board.clock.monotonic_s() == pytest.approx(1010.0)
+
+
+@pytest.mark.parametrize(
+    ("shown", "code"), [("0.6", "overload"), ("-0.6", "underload"), ("0.5", "overload"), ("-0.5", "underload")]
+)
+def test_a_reading_of_full_scale_is_an_overload_by_its_sign(shown: str, code: str) -> None:
+    board = Board((0.05, b"1\r\n"), (0.1, shown.encode() + b"\r\n"), full_scale_gwt=0.5)
+    with raises(ForceError, code, port="wire", shown_gwt=float(shown)):
+        board.driver.read()
+    assert Board((0.05, b"1\r\n"), (0.1, b"0.49\r\n"), full_scale_gwt=0.5).gwt() == pytest.approx(0.49)
 
 
 def test_what_came_before_a_request_is_no_reply_to_it() -> None:
@@ -295,11 +317,12 @@ def test_a_reply_to_an_earlier_request_does_not_verify_a_zero() -> None:
 
 
 def test_a_board_that_sends_unasked_is_not_polled() -> None:
-    board = Board(*((0.1 * n, b"10.00\r\n") for n in range(300)), poll="r")
+    board = Board(*((1000.0 + 0.1 * n, b"10.00\r\n") for n in range(300)), poll="r")
+    board.clock.wait_s(1000.0)
     with raises(ForceError, "not_polled", port="wire"):
         board.driver.read()
     assert board.sent == b""
-    assert board.clock.monotonic_s() == pytest.approx(10.0, abs=0.11)
+    assert board.clock.monotonic_s() == pytest.approx(1010.0, abs=0.11)
 
 
 # --- its twin ---
@@ -342,6 +365,6 @@ def test_the_twin_answers_a_poll_in_its_unit(unit: str, shown: bytes) -> None:
 
 def test_a_broken_cell_is_nan() -> None:
     clock, line = _twin(lambda t_s: float("nan"))
-    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), sample_period_s=PERIOD_S)
+    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), **INSTRUMENT)
     with raises(ForceError, "no_number", value="nan"):
         driver.read()
