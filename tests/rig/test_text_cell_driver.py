@@ -138,6 +138,18 @@ def test_lines_that_waited_are_old() -> None:
     assert board.gwt() == 18.0
 
 
+@pytest.mark.parametrize(("pause_s", "gwt"), [(0.6, 7.5), (0.8, 18.0), (5.0, 18.0)])
+def test_after_a_pause_of_the_longest_wait_for_a_line_the_first_one_may_be_cut_off(
+    pause_s: float, gwt: float
+) -> None:
+    """0.5 s and two sample periods; 7.50 may be the end of 17.50."""
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"))
+    assert board.gwt() == 10.0
+    board.coming = [(0.1 + pause_s + 0.1 * n, line) for n, line in enumerate((b"7.50\r\n", b"18.00\r\n"), 1)]
+    board.clock.wait_s(pause_s)
+    assert board.gwt() == gwt
+
+
 def test_a_line_that_has_begun_is_completed() -> None:
     board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"11.00\r\n12"), (0.3, b".00\r\n"))
     assert board.gwt() == 10.0
