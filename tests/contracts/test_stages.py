@@ -1,6 +1,7 @@
 """Every registered stage keeps the contract, and has said all that it asks of its controller."""
 
 import importlib
+import math
 import os
 import pickle
 import pkgutil
@@ -9,7 +10,16 @@ from pathlib import Path
 import pytest
 
 from rig.bench.virtual import stage_opener, virtual_line, virtual_stage
-from rig.devices.base import MoveError, StageError, StageNotHomed, StageOverridden, StageReset, StageTimeout, arrive
+from rig.devices.base import (
+    MoveError,
+    StageError,
+    StageNotHomed,
+    StageOverridden,
+    StageReset,
+    StageTimeout,
+    arrive,
+    next_look_s,
+)
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import BUILT_IN, StageKind, find
 from rig.plan.config import Config
@@ -60,6 +70,21 @@ def test_what_a_user_reads_is_as_it_stands() -> None:
     if os.environ.get("GOLDEN") == "write":
         SENTENCES.write_text(found, encoding="utf-8")
     assert found == SENTENCES.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("last_s", "over_s", "look_s", "next_s"),
+    [
+        (1.0, 5.0, 0.5, 1.5), (1.0, 1.75, 0.5, 1.5), (1.0, 1.74, 0.5, 2.24), (1.0, 1.5, 0.5, 2.0),
+        (1.0, 1.25, 0.5, 1.75), (1.0, 1.0, 0.5, 1.5), (2.0, 1.0, 0.5, 2.5), (2.0, 1.875, 0.5, 2.5),
+        (1.0, 5.0, math.inf, math.inf),
+    ],
+)  # fmt: skip
+def test_a_look_is_never_just_before_or_just_after_the_end_of_a_motion(
+    last_s: float, over_s: float, look_s: float, next_s: float
+) -> None:
+    """Half of the time between two looks is near."""
+    assert next_look_s(last_s, over_s, look_s) == pytest.approx(next_s)
 
 
 # --- on its virtual twin ---
