@@ -304,6 +304,21 @@ def test_a_device_that_cannot_be_used_is_there_and_says_why(table: ReadOnly, cod
         ask(table, {**table.questions, **table.unusable[code]})
 
 
+@pytest.mark.parametrize(
+    ("table", "question", "reply", "identity"),
+    [
+        *((MTSICS, b"SI\r\n", reply, MTSICS.identity) for reply in (b"S I\r\n", b"S +\r\n", b"x\r\n", SILENCE)),
+        *((GRBL, b"$I\n", reply, "GRBL board") for reply in (b"error:9\r\n", SILENCE, b"ALARM:1\r\n")),
+    ],
+)
+def test_a_device_that_has_named_its_kind_is_found_though_it_refuses_the_rest(
+    table: ReadOnly, question: bytes, reply: bytes, identity: str, ask: Ask
+) -> None:
+    """An overloaded balance, a board that is locked."""
+    _, _, found = ask(table, {**table.questions, question: reply})
+    assert found == identity
+
+
 HALVES: list[tuple[str, str, bytes, object]] = [
     *(("leadshine_rtu", "one_drive", bytes([device, 3]), device) for device in (1, 2)),
     *(("zaber", "one_device", b"/%d " % device, device) for device in (1, 2)),
