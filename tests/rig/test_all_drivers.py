@@ -6,6 +6,8 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
@@ -13,7 +15,7 @@ import pytest
 
 import rig.devices
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
-from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, find
+from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, StageKind, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
@@ -135,6 +137,42 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
     assert RigError.default_code not in codes
     assert len(set(codes)) == len(codes) > 3
     assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
+
+
+USUAL_ENTRY = {
+    "table": "", "datagrams": False, "page_port": "", "further_ports": (), "serial_keys": (), "axes": "xz",
+    "outputs": ("off",), "inputs": (), "ramps": True, "vibrates": False, "probe": True, "also": 0,
+}  # fmt: skip
+ENTRIES: dict[str, tuple[dict[str, object], set[str]]] = {
+    "grbl": ({"axes": "xyz", "outputs": ("off", "coolant", "spindle"), "inputs": ("door", "hold")},
+             {"manual", "firmware"}),
+    "leadshine": ({"table": "drives", "outputs": ("off", "drive"), "inputs": tuple(f"di{n}" for n in range(1, 8))},
+                  {"manual", "client"}),
+    "zaber": ({"vibrates": True}, {"manual", "client"}),
+    "standa": ({"further_ports": ("x_port",), "serial_keys": ("z.serial", "x.serial")}, {"manual", "client"}),
+    "tmcl": ({}, {"manual", "client"}),
+    "mtsics": ({}, {"manual"}),
+    "laumas": ({}, {"manual", "client"}),
+    "text_cell": ({"probe": False}, {"manual"}),
+    "net_ft": ({"datagrams": True, "page_port": "http_port", "also": 9}, {"manual", "client"}),
+}  # fmt: skip
+"""What an entry of the registry says that is not usual, and what its evidence names. None drove a real device yet."""
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None:
+    of = StageKind if name in BUILT_IN["stage"] else ForceKind
+    entry, (unusual, evidence) = find(of, name), ENTRIES[name]
+    found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
+    found |= {key: bool(found[key]) for key in ("vibrates", "probe") if key in found}
+    found |= {key: len(found[key]) for key in ("also",) if key in found}
+    assert found == {**{key: usual for key, usual in USUAL_ENTRY.items() if key in found}, **unusual}
+    assert {one.name for one in fields(entry.evidence) if getattr(entry.evidence, one.name)} == evidence
+    module, _, function = entry.twin.partition(":")
+    assert callable(getattr(importlib.import_module(module), function))
+    assert entry.name == name
+    assert all((Path(__file__).parents[2] / test).is_file() for test in entry.tests)
+    assert entry.tests
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["force"])

@@ -260,12 +260,16 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     """The answer to the first question comes late, beside the one to the third, and looks the same."""
     old, new = rtu("01 03 04 00 00 00 01"), rtu("01 03 04 00 00 00 02")
     asked_s = 0.2 + 0.005 + 0.02 + 40 * 10 / baud + 0.1  # of the third question, about
-    wire = LateTransport(clock, [[(asked_s + after_s, old)], *[[(0.005, new)]] * 3])
+    wire = LateTransport(clock, [[(asked_s + after_s, old)], *[[(0.005, new)]] * 4])
     bus = ModbusMaster(wire, clock, baud=baud)
     assert bus.read(1, 7, 2) == [0, 2]
     clock.wait_s(asked_s - clock.monotonic_s())
     assert bus.read(1, 7, 2) == [0, 2]
     assert len(wire.sent_s) == 4
+    clock.wait_s(0.1)
+    begun_s = clock.monotonic_s()
+    assert bus.read(1, 7, 2) == [0, 2]
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
 
 
 @pytest.mark.parametrize("baud", [9600, 115200])
