@@ -289,6 +289,24 @@ def test_rtu_listens_longer_for_three_seconds_after_a_silence(clock: VirtualCloc
     assert lasts_s == pytest.approx([0.005, missing_s + 0.005 + listens_s, *[0.005 + listens_s] * 2, 0.005])
 
 
+def test_tcp_does_not_listen_longer(clock: VirtualClock) -> None:
+    """Its replies have numbers."""
+    wire = LateTransport(clock, [[], [(0.005, bytes.fromhex("8002 0000 0005 01 03 02 0002"))]])
+    bus = ModbusMaster(wire, clock, framing="tcp", read_tries=1)
+    with raises(ModbusTimeout, "no_reply"):
+        bus.read(1, 7)
+    assert bus.read(1, 7) == [2]
+    assert clock.monotonic_s() == pytest.approx(0.205)
+
+
+def test_after_a_reply_that_is_missing_the_bus_has_been_quiet_long_enough(master: Any, clock: VirtualClock) -> None:
+    bus = master([(GOLDEN_SAVE, b""), (GOLDEN_SAVE, GOLDEN_SAVE)])
+    with raises(ModbusTimeout, "no_reply"):
+        bus.write_one(1, 0x1801, 0x2244)
+    bus.write_one(1, 0x1801, 0x2244)
+    assert clock.monotonic_s() == pytest.approx(0.2)
+
+
 def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
     master: Any, rtu: Rtu, monkeypatch: pytest.MonkeyPatch
 ) -> None:
