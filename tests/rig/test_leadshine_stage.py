@@ -242,6 +242,26 @@ def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
 
 
+@pytest.mark.parametrize("x_port", [None, "tcp://a:1"])
+@pytest.mark.parametrize("z_port", [None, "tcp://b:1"])
+def test_a_drive_is_asked_at_its_own_port_or_at_that_of_the_stage(x_port: str | None, z_port: str | None) -> None:
+    drives = {"x": {"device_id": 1, "port": x_port}, "z": {"device_id": 2, "port": z_port}}
+    config = KnownBench.model_validate({"stage": {"kind": "leadshine", "port": "/dev/stage", "drives": drives}})
+    clock, heard = VirtualClock(), list[str]()
+
+    def opener(port: str) -> Any:
+        return SimpleNamespace(
+            name=port, write=lambda data: heard.append(port), read=lambda timeout_s: clock.wait_s(timeout_s) or b""
+        )
+
+    stage = find(StageKind, "leadshine").driver(opener, clock, config)
+    for port, ask in ((x_port, stage.status), (z_port, stage.halt)):  # one begins with x, the other with z
+        heard.clear()
+        with pytest.raises(StageTimeout):
+            ask()
+        assert set(heard) == {port or "/dev/stage"}
+
+
 def test_a_port_that_does_not_open_leaves_the_other_one_closed() -> None:
     config = KnownBench.model_validate(
         {"stage": {"kind": "leadshine", "drives": {"z": {"device_id": 2, "port": "tcp://b:1"}}}}

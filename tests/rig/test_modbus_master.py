@@ -300,10 +300,11 @@ def test_tcp_does_not_listen_longer(clock: VirtualClock) -> None:
 
 
 def test_after_a_reply_that_is_missing_the_bus_has_been_quiet_long_enough(master: Any, clock: VirtualClock) -> None:
-    bus = master([(GOLDEN_SAVE, b""), (GOLDEN_SAVE, GOLDEN_SAVE)])
+    bus = master([(GOLDEN_SAVE, b""), (READ_2, bytes.fromhex("01 83 02 C0 F1"))])
     with raises(ModbusTimeout, "no_reply"):
         bus.write_one(1, 0x1801, 0x2244)
-    bus.write_one(1, 0x1801, 0x2244)
+    with raises(ModbusRefused, "refused"):
+        bus.read(1, 7, 2)
     assert clock.monotonic_s() == pytest.approx(0.2)
 
 
