@@ -26,7 +26,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -206,7 +206,8 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             return status, not status.busy
 
         mm = abs(target - start) / self._counts_per_mm
-        expected_s = self._travel_s(mm, speed_mm_s)
+        acceleration_mm_s2 = min(self._ramp()) * self.microsteps / self._counts_per_mm or math.inf
+        expected_s = travel_s(mm, speed_mm_s, acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         for left in (1, 0):  # A late reply may be an old one.
@@ -393,13 +394,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             _, _, up, down, *_ = self._link.ask("gmov", SPEED)
             self._ramps = up, down
         return self._ramps
-
-    def _travel_s(self, mm: float, speed_mm_s: float) -> float:
-        slowest = min(self._ramp()) * self.microsteps / self._counts_per_mm
-        ramp_s = speed_mm_s / slowest if slowest else 0.0
-        if slowest and mm <= speed_mm_s * ramp_s:
-            return 2 * math.sqrt(mm / slowest)
-        return mm / speed_mm_s + ramp_s
 
     @property
     def _tolerance(self) -> float:

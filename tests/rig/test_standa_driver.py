@@ -5,6 +5,7 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -29,6 +30,7 @@ from rig.devices.standa_link import (
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
+from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
 from sim.devices.standa import StandaPair, VirtualStandaController
 from tests.contracts.bytes import standa as controller
@@ -232,9 +234,23 @@ def bench_of(*, homed: bool = True, connected: bool = True, **tables: Any) -> Be
     if connected:
         stage.connect()
     if homed:
+        for axis in (pair.x, pair.z):
+            start = -round(NEAR_MM * 2 * axis._beyond)
+            axis._axis, axis._zero = DriveAxis(start), start
+            axis._home = partial(_home, axis)
         stage.home()
+        del pair.x._home, pair.z._home
     sent.clear()
     return Bench(clock, pair, stage, (line, *line.further), sent)
+
+
+NEAR_MM = 0.05
+"""So far from home an axis of a homed bench begins, so that its test spends little time on the way."""
+
+
+def _home(axis: Any) -> None:
+    axis._homing, axis.flags = True, axis.flags & ~0x20
+    axis._go([(0.0, 2 * axis._beyond)], [60000, 60000])
 
 
 def test_a_move_has_its_speed_and_the_ramp_of_the_controller() -> None:

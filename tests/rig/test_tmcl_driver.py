@@ -3,6 +3,7 @@
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -40,6 +41,7 @@ from rig.devices.tmcl_link import (
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
+from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
 from sim.devices.tmcl import TmclModules, TmclRefusal
 from tests.error_codes import raises
@@ -273,9 +275,23 @@ def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
     stage_: Stage = stage_driver(lambda _: wire, clock, config)
     stage_.connect()
     if homed:
+        for axis in (board.x, board.z):
+            start = -round(NEAR_MM * axis._counts_per_mm)
+            axis._axis, axis._zero = DriveAxis(start), start
+            axis.search = partial(_search, axis)
         stage_.home()
+        del board.x.search, board.z.search
     sent.clear()
     return Bench(clock, board, stage_, sent)
+
+
+NEAR_MM = 0.05
+"""So far from home an axis of a homed bench begins, so that its test spends little time on the way."""
+
+
+def _search(axis: Any) -> None:
+    axis._go([(0.0, axis._counts_per_mm)])
+    axis._searching = True
 
 
 def test_a_move_is_aimed_at_speed_0_and_started_by_its_speed() -> None:
