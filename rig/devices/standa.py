@@ -150,9 +150,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
     def homing(self, keep_on: Callable[[], bool]) -> Iterator[AxisStatus]:
         """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
         self._jogs_to = None
+        before = self._at(self.look())
         if not keep_on():
             raise self._stopped()
-        before = self._at(self.look())
         self._link.command("home")
         way = WayHome()
 

@@ -3,6 +3,7 @@
 import struct
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from itertools import cycle
 from types import SimpleNamespace
 from typing import Any
@@ -14,10 +15,15 @@ from rig.devices import standa_link, tmcl_link, zaber_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import StageKind, find
+from rig.devices.standa import StandaAxis
+from rig.devices.tmcl import TmclAxis
+from rig.devices.zaber import ZaberAxis
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
+from tests.contracts.bytes import standa, tmcl, zaber
+from tests.contracts.stage import StageBench, StageBytes
 from tests.error_codes import raises
 from tests.rig import test_standa_driver, test_tmcl_driver, test_zaber_driver
 
@@ -26,6 +32,7 @@ BENCHES: dict[str, tuple[Callable[..., Any], str]] = {
     "standa": (test_standa_driver.bench_of, "pair"),
     "tmcl": (test_tmcl_driver.bench_of, "board"),
 }
+AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
 every_kind = pytest.mark.parametrize("kind", BENCHES)
 
 
@@ -275,36 +282,142 @@ def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() 
     assert bench.letters("z").count("sstp") == 1
 
 
-def _never_rests(bench: Any, z: Any) -> None:
-    """It swings by a microstep or two."""
-    z._axis.oscillate(-2, 1.0, 100_000, bench.clock.monotonic_s())
+# --- bounds in time, on bytes ---
+
+BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
+
+
+def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False) -> StageBench:
+    """A stage that stays in a state whatever it is told; coarse: factor of every wait, for less polls."""
+    device = BYTES[kind]
+    stay = {asked: said for asked, said in (device.usual | device.states[state]).items() if isinstance(said, tuple)}
+    bench = StageBench(device, homed=homed)
+    bench.wire.device = replace(
+        device,
+        states={**device.states, state: {**device.states[state], **{asked: said[0] for asked, said in stay.items()}}},
+    )
+    wait_s = bench.clock.wait_s
+    bench.clock.wait_s = lambda seconds: wait_s(coarse * seconds)  # type: ignore[method-assign]
+    return bench
 
 
 @every_kind
 def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
-    bench, devices = _bench(kind, homed=False)
-    _never_rests(bench, devices.z)
+    bench = _staying(kind, "moving", coarse=5.0)
+    bench.wire.state = "moving"
     begun_s = bench.clock.monotonic_s()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
         bench.stage.jog("z", -0.1, 1.0)
-    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.5
+    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.2
 
 
 @every_kind
 def test_homing_has_three_minutes(kind: str) -> None:
-    bench, devices = _bench(kind)
-    z = devices.z
-
-    def homes() -> None:
-        _never_rests(bench, z)
-        setattr(z, "_searching" if kind == "tmcl" else "_homing", True)
-
-    setattr(z, "search" if kind == "tmcl" else "_home", homes)
+    bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=180.0):
         bench.stage.home()
-    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 181.0
+    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 185.0
     assert not bench.stage.homed
+
+
+@every_kind
+@pytest.mark.parametrize(("verb", "least_s"), [("stop", 1.0), ("halt", 2.0)])
+def test_a_stage_that_cannot_be_stopped_says_so_in_time(kind: str, verb: str, least_s: float) -> None:
+    bench = _staying(kind, "moving", homed=True)
+    bench.under_way()
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z", timeout_s=least_s):
+        getattr(bench.stage, verb)()
+    assert least_s <= bench.clock.monotonic_s() - begun_s < least_s + 0.1
+
+
+@every_kind
+@pytest.mark.parametrize(("verb", "least_s"), [("stop", 1.0), ("halt", 2.0)])
+def test_a_stage_that_rests_in_time_is_stopped(kind: str, verb: str, least_s: float) -> None:
+    bench = _staying(kind, "moving", homed=True)
+    bench.under_way()
+    begun_s = bench.clock.monotonic_s()
+    bench.clock.call_at(begun_s + 0.9 * least_s, lambda: setattr(bench.wire, "state", "rested"))
+    getattr(bench.stage, verb)()
+    assert bench.clock.monotonic_s() - begun_s == pytest.approx(0.9 * least_s, abs=0.06)
+    assert bench.stage.homed is (verb == "halt")
+
+
+@every_kind
+@pytest.mark.parametrize(("verb", "lost_s"), [("stop", 0.5), ("halt", 1.5)])
+def test_a_stop_outlasts_a_port_that_is_silent_for_a_while(kind: str, verb: str, lost_s: float) -> None:
+    bench = StageBench(BYTES[kind], homed=True)
+    bench.under_way()
+    bench.wire.silent = True
+    bench.clock.call_at(bench.clock.monotonic_s() + lost_s, lambda: setattr(bench.wire, "silent", False))
+    getattr(bench.stage, verb)()
+    assert bench.wire.state == "rested"
+
+
+@every_kind
+@pytest.mark.parametrize("verb", ["stop", "halt"])
+def test_a_port_that_stays_silent_is_what_a_stop_reports(kind: str, verb: str) -> None:
+    bench = StageBench(BYTES[kind], homed=True)
+    bench.under_way()
+    bench.wire.silent = True
+    with raises(StageTimeout, "no_reply"):
+        getattr(bench.stage, verb)()
+
+
+STARTS = {b"2 1 home", b"1 1 home", b"z home", b"x home", b"z zero", b"x zero", b"z RFS 0", b"x RFS 0"}
+"""Commands that begin a search for home, or call the place where an axis stands home."""
+
+
+def _overtaken(bench: StageBench, kind: str, nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A stop arrives from another thread after look number nth, and what was asked until then is forgotten."""
+    look, left = AXES[kind].look, [nth]
+
+    def overtaken(axis: Any) -> Any:
+        found = look(axis)
+        left[0] -= 1
+        if left[0] == -1:
+            bench.stage.stop()
+            bench.wire.forget()
+        return found
+
+    monkeypatch.setattr(AXES[kind], "look", overtaken)
+
+
+@every_kind
+@pytest.mark.parametrize("nth", range(8))
+def test_a_stop_that_overtakes_homing_starts_nothing(kind: str, nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = StageBench(BYTES[kind])
+    _overtaken(bench, kind, nth, monkeypatch)
+    with suppress(StageError):
+        bench.stage.home()
+    assert not bench.stage.homed
+    assert not STARTS & {*bench.wire.asked}
+
+
+@every_kind
+@pytest.mark.parametrize("verb", ["move", "jog", "jog unhomed"])
+@pytest.mark.parametrize("nth", range(2))
+def test_a_stop_that_overtakes_a_move_moves_nothing(
+    kind: str, verb: str, nth: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench = StageBench(BYTES[kind], homed=verb != "jog unhomed")
+    _overtaken(bench, kind, nth, monkeypatch)
+    with suppress(StageError):
+        bench.move() if verb == "move" else bench.stage.jog("z", -0.1, 1.0)
+    assert not bench.stage.homed
+    assert not {*bench.wire.asked} & {*SETS_OFF[kind], bench.device.trigger}
+
+
+SETS_OFF = {
+    "zaber": [b"2 1 move abs 40 655", b"2 1 move rel 40 655"],
+    "standa": [b"z move 10 0", b"z movr 10 0"],
+    "tmcl": [b"z SAP 4 400"],
+}
+"""What begins a jog of 0.1 mm at 1 mm/s."""
+
+
+# --- one thread at a time ---
 
 
 class HangingLock:
@@ -376,28 +489,6 @@ def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
         bench.stage.unlock()
     with raises(StageAlarm, "alarm", axis="z"):
         bench.stage.home()
-
-
-def _no_stop(kind: str, z: Any) -> None:
-    """A device of z that takes every stop and goes on."""
-    if kind == "zaber":
-        obey = z.obey
-        z.obey = lambda words: "0" if list(words) in (["stop"], ["estop"]) else obey(words)
-    elif kind == "standa":
-        z._end = lambda letters: None
-    else:
-        z.stop = lambda: None
-
-
-@every_kind
-def test_a_stage_that_cannot_be_stopped_says_so_within_a_second_per_axis(kind: str) -> None:
-    bench, devices = _bench(kind)
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=1.0))
-    _no_stop(kind, devices.z)
-    asked_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "still_runs", axis="z"):
-        bench.stage.stop()
-    assert bench.clock.monotonic_s() - asked_s < 1.3
 
 
 @pytest.mark.parametrize(
