@@ -499,6 +499,139 @@ def test_two_digits_that_change_places_in_a_sine_are_noticed(
     assert not bench.stage.homed
 
 
+class Swinging:
+    """A bench on bytes whose z axis swings in a sine of 400 microsteps and three cycles as a test wants it.
+
+    shift_s: it begins so long after the command. factor: its period is longer. reply_s: duration of each exchange.
+    heard: it reports the position at the end of the exchange. share: of its cycles after which it rests. odd:
+    changes the nth report.
+    """
+
+    def __init__(
+        self,
+        *,
+        period_s: float = 4.0,
+        shift_s: float = 0.0,
+        factor: float = 1.0,
+        reply_s: float = 0.0,
+        heard: bool = False,
+        share: float = 1.0,
+        odd: Callable[[int, int], int] = lambda nth, at: at,
+    ) -> None:
+        self.command = f"2 1 move sin 400 {period_s * 1000:g} 3".encode("ascii")
+        ok, busy = b"@02 1 OK IDLE -- 0", b"@02 1 OK BUSY -- 0"
+        usual = {
+            b"2 1 set limit.max 800": (ok, "limited"),
+            b"2 1 set limit.max 16000": busy,
+            self.command: (busy, "swings"),
+            b"2 1 move sin stop": busy,
+        }
+        limited = {b"2 1 get limit.max": b"@02 1 OK IDLE -- 800"}
+        table = {"usual": {**chain.DEVICE.usual, **usual}, "states": {**chain.DEVICE.states, "swings": {}}}
+        table["states"]["limited"] = limited  # type: ignore[index]
+        self.bench = StageBench(replace(chain.DEVICE, **table), homed=True)  # type: ignore[arg-type]
+        self.period_s, self.shift_s, self.real_s, self.share = period_s, shift_s, factor * period_s, share
+        self.late_s, self.odd = reply_s if heard else 0.0, odd
+        self.begun_s, self.reports = math.inf, 0
+        wire = self.bench.wire
+        write, read = wire.write, wire.read
+
+        def writing(data: bytes, port: bytes = b"") -> None:
+            if chain.content(data) == self.command:
+                self.begun_s = self.bench.clock.monotonic_s()
+            if wire.state == "swings" and chain.content(data) == b"2 1 get pos":
+                wire.instead[b"2 1 get pos"] = self.report()
+            write(data, port)
+
+        def reading(timeout_s: float, port: bytes = b"") -> bytes:
+            self.bench.clock.wait_s(reply_s)
+            return read(timeout_s, port)
+
+        wire.write, wire.read = writing, reading  # type: ignore[method-assign]
+
+    def report(self) -> bytes:
+        """What the device reports now."""
+        cycles = (self.bench.clock.monotonic_s() + self.late_s - self.begun_s - self.shift_s) / self.real_s
+        if cycles >= 3 * self.share:
+            return b"@02 1 OK IDLE -- 0"
+        at = round(400 * (1 - math.cos(2 * math.pi * max(cycles, 0.0))))
+        self.reports += 1
+        return b"@02 1 OK BUSY -- %d" % self.odd(self.reports, at)
+
+    def run(self) -> None:
+        """The whole vibration."""
+        list(self.bench.stage.vibrating(amplitude_mm=1.0, period_s=self.period_s, cycles=3))
+
+
+IN_TIME: dict[str, dict[str, Any]] = {
+    "as commanded": {},
+    "begins late": {"shift_s": 0.019},
+    "begins early": {"shift_s": -0.019},
+    "slower": {"factor": 1.019},
+    "faster": {"factor": 0.981},
+    "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.068},
+    "replies late, begins early": {"reply_s": 0.05, "shift_s": -0.018, "heard": True},
+    "fast": {"period_s": 0.2},
+    "over a little early": {"share": 0.982},
+    "one wrong report": {"odd": lambda nth, at: 500 if nth == 9 else at},
+    "a microstep above": {"odd": lambda nth, at: at or -1},
+    "a microstep below": {"odd": lambda nth, at: at + at // 800},
+}
+OUT_OF_TIME: dict[str, dict[str, Any]] = {
+    "begins late": {"shift_s": 0.035},
+    "begins early": {"shift_s": -0.035},
+    "slower": {"factor": 1.04},
+    "faster": {"factor": 0.96},
+    "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.09},
+    "replies late, begins early": {"reply_s": 0.05, "shift_s": -0.04, "heard": True},
+    "two wrong reports": {"odd": lambda nth, at: 500 if nth in (9, 10) else at},
+}
+
+
+@pytest.mark.parametrize("how", IN_TIME)
+def test_a_sine_may_be_20_ms_and_2_percent_early_or_late(how: str) -> None:
+    """Besides the time of its command and of a report; and one report may be wrong."""
+    swings = Swinging(**IN_TIME[how])
+    swings.run()
+    assert swings.bench.stage.homed
+    assert b"2 1 move sin stop" not in swings.bench.wire.asked
+
+
+@pytest.mark.parametrize("how", OUT_OF_TIME)
+def test_a_sine_that_is_earlier_or_later_is_ended_with_its_cycle(how: str) -> None:
+    swings = Swinging(**OUT_OF_TIME[how])
+    with raises(StageError, "out_of_time", axis="z"):
+        swings.run()
+    assert swings.bench.wire.asked.count(b"2 1 move sin stop") == 1
+    assert not swings.bench.stage.homed
+
+
+@pytest.mark.parametrize(("period_s", "most_s"), [(4.0, 0.3), (0.16, 0.16)])
+def test_a_sine_of_another_period_may_end_for_a_cycle_and_0_3_s_at_most(period_s: float, most_s: float) -> None:
+    """It stands at its upper end, and is busy."""
+    swings = Swinging(period_s=period_s, odd=lambda nth, at: 0)
+    with raises(StageError, "out_of_time"):
+        swings.run()
+    wire = swings.bench.wire
+    ends_s = next(at_s for at_s, (frame, *_) in wire.writes if frame == b"2 1 move sin stop")
+    assert most_s <= swings.bench.clock.monotonic_s() - ends_s < most_s + 0.03
+
+
+def test_a_sine_that_is_over_early_or_never_is_an_error() -> None:
+    with raises(StageError, "over_early", axis="z", expected_s=12.0):
+        Swinging(share=0.975).run()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=12.0 / 0.98 + 1.0):
+        Swinging(share=2.0).run()
+
+
+@pytest.mark.parametrize("at", [-2, 802])
+def test_a_sine_that_leaves_its_way_by_more_than_a_microstep_is_stopped(at: int) -> None:
+    swings = Swinging(odd=lambda nth, found: at if nth > 5 else found)
+    with raises(StageError, "not_there", axis="z"):
+        swings.run()
+    assert b"0 0 stop" in swings.bench.wire.asked
+
+
 @pytest.mark.parametrize("cycle", [0, 1])
 @pytest.mark.parametrize("share", [0.1, 0.15, 0.25, 0.35, 0.4, 0.6, 0.65, 0.75, 0.85, 0.9])
 def test_an_end_of_a_sine_at_the_wrong_time_is_noticed(share: float, cycle: int) -> None:
