@@ -58,7 +58,9 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S, HALT_S = 1.0, 2.0
 TOLERANCE_MM = 2.5e-3
 
-ERROR_REPLIES, EEPROM, HOMED, ALARM = 0x07, 0x10, 0x20, 0x40
+HOMED = 0x20
+HARMLESS = HOMED | 0x17
+"""Also the bits of earlier error replies and of a memory in the stage."""
 ALARMS = {
     0x00000040: "ALARM",
     0x00000080: "CTP_ERROR",
@@ -78,7 +80,6 @@ ALARMS = {
     0x01000000: "EXTIO_ALARM",
 }
 """Names of the status flags without `STATE_`."""
-HARMLESS = ERROR_REPLIES | EEPROM | HOMED
 EDGE = {"right": 0x1, "left": 0x2}
 BUTTONS = 0xC
 STOPS_AT_EDGES, EDGES_ARE_POSITIONS = 0x6, 0x1

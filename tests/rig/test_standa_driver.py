@@ -301,6 +301,18 @@ def test_a_controller_that_is_set_otherwise_is_refused(
     assert fresh.stage.connect()
 
 
+@pytest.mark.parametrize("mode", range(11))
+def test_a_mode_of_the_motor_is_that_of_its_microsteps(mode: int) -> None:
+    """1 is full steps, 9 is 256 microsteps; 0 and 10 are none."""
+    microsteps = 2 ** (mode - 1) if 1 <= mode <= 9 else 0
+    bench = bench_of(homed=False, stage={"standa": {"z": {"microsteps": microsteps or 256}}})
+    assert bench.stage.connect()
+    if not microsteps:
+        _changed("eng", ENGINE, 6, mode)(bench.pair.z)
+        with raises(StageError, "not_as_configured", setting="MicrostepMode", found=0, expected=256):
+            bench.stage.connect()
+
+
 @pytest.mark.parametrize("serial", [10003, 10001])
 def test_another_controller_is_refused(serial: int) -> None:
     """Ports that have changed places, so that z's commands would move x: 10003 is z's."""
@@ -334,12 +346,13 @@ def test_a_port_whose_name_may_change_needs_a_serial_number(port: str, serial: i
         bench.stage.connect()
 
 
-@pytest.mark.parametrize("start_mm", [-10.0, -0.2])
-def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float) -> None:
-    """A millimeter, and as far as the stage needs to stop, whatever it was told."""
+@pytest.mark.parametrize(("start_mm", "inputs"), [(-10.0, 0), (-0.2, 0), (-10.0, 1)])
+def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float, inputs: int) -> None:
+    """A millimeter, and as far as the stage needs to stop, whatever it was told; also where the other switch is."""
     bench = bench_of()
     bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
     z: Any = bench.pair.z
+    z.inputs = inputs
     z._home = lambda: z._go([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
     before = z.carriage_at(bench.clock.monotonic_s())
     with raises(StageError, "homes_the_wrong_way", axis="z"):
@@ -363,6 +376,7 @@ NOT_HOMED: dict[str, tuple[str, bytes]] = {
     "failed": ("z is home", controller.status(controller.HOME | 0x40, 50, controller.HOMED)),
     "ended by another command": ("z is home", controller.status(controller.SSTP, 50, controller.HOMED)),
     "without its flag": ("z is home", controller.status(controller.HOME, 50, 0)),
+    "with all flags but its own": ("z is home", controller.status(controller.HOME, 50, 0x17)),
     "a step from the zero": ("z is zero", controller.status(controller.HOME, 1, controller.HOMED)),
     "a microstep from the zero": ("z is zero", controller.status(controller.HOME, 0, controller.HOMED, 1)),
     "without its flag after the zero": ("z is zero", controller.status(controller.HOME, 0, 0)),
@@ -545,6 +559,7 @@ def test_a_stop_goes_to_both_controllers_at_one_instant_and_is_confirmed() -> No
     asked_s = bench.clock.monotonic_s()
     bench.stage.stop()
     assert bench.sent[:2] == [(asked_s, "z", b"stop"), (asked_s, "x", b"stop")]
+    assert [bench.letters(axis).count("stop") for axis in "xz"] == [1, 1]
     assert not bench.stage.homed
     before = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
     bench.clock.wait_s(1.0)

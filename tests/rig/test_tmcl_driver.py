@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -379,6 +380,16 @@ def test_a_jog_that_was_stopped_elsewhere_is_disarmed_before_the_next_target() -
     assert bench.commands() == ["1.1 5 4 0", "1.1 4 0 1200", "1.1 5 4 400", "1.1 5 4 0"]
 
 
+def test_a_jog_at_another_speed_begins_anew() -> None:
+    """Otherwise the longer way would begin at the former speed."""
+    bench = bench_of()
+    bench.stage.jog("z", -2.0, 2.0)
+    bench.clock.wait_s(0.3)
+    bench.sent.clear()
+    bench.stage.jog("z", -1.0, 1.0)
+    assert bench.commands() == ["1.1 5 4 0", "1.1 4 0 1200", "1.1 5 4 400"]
+
+
 def test_after_a_halt_nothing_can_start_an_axis() -> None:
     bench = bench_of()
     next(bench.stage.moving(z_mm=-10.0, speed_mm_s=5.0))
@@ -424,6 +435,19 @@ def test_a_fault_under_way_is_an_alarm_with_its_parameter(number: int) -> None:
     bench.stage.unlock()
     bench.stage.home()
     assert bench.stage.homed
+
+
+@pytest.mark.parametrize(("lost", "driver", "number"), [
+    *((1 << bit, 0, 207) for bit in range(31)), (-1 << 31, 0, 207),
+    *((0, 1 << bit, 208) for bit in (1, 3, 4)), *((0, 1 << bit, 0) for bit in (0, 2, 5, 6, 7, 30)),
+])  # fmt: skip
+def test_every_flag_of_lost_steps_is_an_alarm_and_of_the_driver_those_of_the_mask(
+    lost: int, driver: int, number: int
+) -> None:
+    bench = bench_of()
+    bench.board.z.lost, bench.board.z.driver = lost, driver
+    with raises(StageAlarm, "alarm", number=number, axis="z") if number else nullcontext():
+        bench.stage.status()
 
 
 @pytest.mark.parametrize("number", ACCIDENTS)
@@ -578,12 +602,15 @@ RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
 OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
 
 
+@pytest.mark.parametrize("far", [False, True], ids=["", "at the other switch"])
 @pytest.mark.parametrize("own", [{}, RIGHT, OLD], ids=["left", "right", "old units"])
-def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any]) -> None:
+def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any], far: bool) -> None:
     """As by a search mode for the other switch: a millimeter, a look and the brakes."""
     bench = bench_of(stage=own)
     bench.stage.move_to(z_mm=-5.0, speed_mm_s=5.0)
     z: Any = bench.board.z
+    parameter = z.parameter
+    z.parameter = lambda number: 1 if far and number == z._far else parameter(number)
     per_mm = abs(bench.stage.steps_per_mm("z"))
 
     def search() -> None:

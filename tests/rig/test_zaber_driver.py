@@ -3,7 +3,7 @@
 import math
 import random
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -321,6 +321,29 @@ def test_homing_that_ends_otherwise_than_at_home_is_no_homing(shows: str, positi
     with raises(StageError, "did_not_home", axis="z", position=position):
         bench.stage.home()
     assert not bench.stage.homed
+
+
+@pytest.mark.parametrize("flag", ["WM", "FS"])
+def test_a_stage_that_was_moved_while_it_stood_may_say_so_while_it_homes(flag: str) -> None:
+    """The warning lasts until the axis has moved; any other ends homing."""
+    homes = chain.axis(2, f"BUSY {flag}", 4000) | {
+        b"2 1 get pos": (b"@02 1 OK BUSY %s 4000" % flag.encode(), "z is home")
+    }
+    bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z homes": homes}))
+    with nullcontext() if flag == "WM" else raises(StageAlarm, "alarm", number=flag, axis="z"):
+        bench.stage.home()
+    assert bench.stage.homed is (flag == "WM")
+
+
+@pytest.mark.parametrize("more", [0, -1])
+def test_a_travel_of_z_that_is_too_short_is_refused_when_it_homes(more: int) -> None:
+    """Its limit may be that of a sine before, as a program leaves it that is killed."""
+    bench = bench_of(homed=False)
+    bench.chain.z.settings["limit.max"] = 16000 + more
+    assert bench.stage.connect()
+    with raises(StageError, "not_as_configured", setting="limit.max") if more else nullcontext():
+        bench.stage.home()
+    assert bench.stage.homed is not more
 
 
 @pytest.mark.parametrize("listed", [b"02 NI", b"00 NI", b"01 NI NC", b"x NI"])
