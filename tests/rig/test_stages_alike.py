@@ -1,5 +1,6 @@
 """What the stages of Zaber, Standa and Trinamic do alike, on their own bytes: home, move, jog, stop, lose power."""
 
+import math
 import struct
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,6 +15,7 @@ from pydantic import ValidationError
 from rig.devices import standa_link, tmcl_link, zaber_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
+from rig.devices.one_axis import travel_s
 from rig.devices.registry import StageKind, find
 from rig.devices.standa import StandaAxis
 from rig.devices.tmcl import TmclAxis
@@ -136,6 +138,47 @@ def test_two_positions_at_rest_differ_by_no_more_than_an_arrival_may(kind: str, 
                 bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
         else:
             bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
+
+
+@every_kind
+@pytest.mark.parametrize(("to_mm", "low_mm", "high_mm"), [(-2.5, -2.5, -2.0), (-1.5, -2.0, -1.5)])
+def test_a_move_that_leaves_its_way_by_more_than_an_arrival_may_is_stopped(
+    kind: str, to_mm: float, low_mm: float, high_mm: float
+) -> None:
+    """At either end of it, upwards and downwards."""
+    per_mm, within = (25600, 64) if kind == "standa" else (400, 1)
+    for end_mm, away in ((low_mm, 1), (high_mm, -1)):
+        for off in (within, within + 1):
+            bench, devices = _bench(kind)
+            bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
+            looks, begun_s = bench.stage.moving(z_mm=to_mm, speed_mm_s=0.5), bench.clock.monotonic_s()
+            shown = round(-end_mm * per_mm) + away * off
+
+            def reported(at: int, shown: int = shown, bench: Any = bench, begun_s: float = begun_s) -> int:
+                return shown if 0.7 <= bench.clock.monotonic_s() - begun_s < 0.95 else at
+
+            _reports(kind, devices.z, reported)
+            if off > within:
+                with raises(StageError, "not_there", axis="z", at_mm=-shown / per_mm, target_mm=to_mm):
+                    list(looks)
+                bench.clock.wait_s(0.3)
+                assert not devices.z.busy
+            else:
+                list(looks)
+                assert bench.stage.homed
+
+
+@pytest.mark.parametrize(
+    ("mm", "speed_mm_s", "acceleration_mm_s2", "lasts_s"),
+    [
+        (0.0, 1.0, 50.0, 0.0), (0.0, 1.0, math.inf, 0.0), (10.0, 2.0, math.inf, 5.0), (10.0, 2.0, 4.0, 5.5),
+        (1.0, 2.0, 4.0, 1.0), (0.25, 2.0, 4.0, 0.5), (0.0001, 2.0, 4.0, 0.01), (1.1, 2.0, 4.0, 1.05),
+    ],
+)  # fmt: skip
+def test_a_move_lasts_as_long_as_speed_and_acceleration_let_it(
+    mm: float, speed_mm_s: float, acceleration_mm_s2: float, lasts_s: float
+) -> None:
+    assert travel_s(mm, speed_mm_s, acceleration_mm_s2) == pytest.approx(lasts_s)
 
 
 @every_kind
@@ -309,6 +352,19 @@ def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
     with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
         bench.stage.jog("z", -0.1, 1.0)
     assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.2
+
+
+@pytest.mark.parametrize(
+    ("kind", "lasts_s"), [("zaber", 5 + 0.5 / 61.03515625), ("standa", 5 + 0.5 / 60), ("tmcl", 0.8 + 0.5 / 50)]
+)
+def test_a_move_has_half_as_much_time_again_and_5_s(kind: str, lasts_s: float) -> None:
+    """Of what its way, its speed and the acceleration of the device need."""
+    bench = _staying(kind, "moving", coarse=5.0, homed=True)
+    begun_s = bench.clock.monotonic_s()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=1.5 * lasts_s + 5.0):
+        bench.move()
+    assert 0.0 <= bench.clock.monotonic_s() - begun_s - 1.5 * lasts_s - 5.0 < 0.2
+    assert not bench.stage.homed
 
 
 @every_kind

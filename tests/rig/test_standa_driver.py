@@ -275,21 +275,31 @@ def _changed(name: str, layout: str, place: int, value: int) -> Callable[[Virtua
 
 
 ENGINE, SPEEDS, HOMING = "<HHIBHhBH12x", "<IBHHIBB9x", "<IBIBihH9x"
+EDGES, POWER = "<BBihih6x", "<BHHHB6x"
 OTHERWISE = [
     (_changed("eng", ENGINE, 6, 8), "MicrostepMode"),
     (_changed("eng", ENGINE, 4, 0), "ENGINE_ACCEL_ON"),
     (_changed("eng", ENGINE, 4, 0x18), "ENGINE_ANTIPLAY"),
-    (_changed("eds", "<BBihih6x", 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
-    (_changed("eds", "<BBihih6x", 0, 7), "BORDER_IS_ENCODER"),
+    (_changed("eds", EDGES, 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
+    (_changed("eds", EDGES, 0, 7), "BORDER_IS_ENCODER"),
     (_changed("hom", HOMING, 6, 0x31), "HOME_DIR_FIRST"),
     (_changed("hom", HOMING, 6, 0x10), "HOME_STOP_FIRST_BITS"),
-    (_changed("pwr", "<BHHHB6x", 4, 2), "POWER_OFF_ENABLED"),
+    (_changed("pwr", POWER, 4, 2), "POWER_OFF_ENABLED"),
+    *((_changed("eng", ENGINE, 4, bits), "ENGINE_ACCEL_ON") for bits in (0xFFE7, 0xFFEF)),
+    (_changed("eng", ENGINE, 4, 0xFFFF), "ENGINE_ANTIPLAY"),
+    *((_changed("eds", EDGES, 0, bits), "BORDER_STOP_LEFT and _RIGHT") for bits in (4, 0, 0xF8, 0xFA, 0xFC)),
+    (_changed("eds", EDGES, 0, 0xFF), "BORDER_IS_ENCODER"),
+    (_changed("hom", HOMING, 6, 0xFFFF), "HOME_DIR_FIRST"),
+    *((_changed("hom", HOMING, 6, bits), "HOME_STOP_FIRST_BITS") for bits in (0x20, 0, 0xFFCE, 0xFFDE, 0xFFEE)),
+    (_changed("pwr", POWER, 4, 0xFF), "POWER_OFF_ENABLED"),
     (_changed("mov", SPEEDS, 2, 4000), "Accel"),
     (_changed("mov", SPEEDS, 3, 4000), "Decel"),
 ]
 
 
-@pytest.mark.parametrize(("change", "setting"), OTHERWISE, ids=[setting for _, setting in OTHERWISE])
+@pytest.mark.parametrize(
+    ("change", "setting"), OTHERWISE, ids=[f"{setting}-{n}" for n, (_, setting) in enumerate(OTHERWISE)]
+)
 def test_a_controller_that_is_set_otherwise_is_refused(
     change: Callable[[VirtualStandaController], None], setting: str
 ) -> None:
@@ -299,6 +309,19 @@ def test_a_controller_that_is_set_otherwise_is_refused(
     with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
         bench.stage.connect()
     assert fresh.stage.connect()
+
+
+def test_what_else_a_controller_is_set_to_is_its_owners() -> None:
+    """Every bit but those that the driver relies on."""
+    bench = bench_of(homed=False)
+    for name, layout, place, bits in (
+        ("eng", ENGINE, 4, 0xFFF7),
+        ("eds", EDGES, 0, 0xFE),
+        ("hom", HOMING, 6, 0xFFFE),
+        ("pwr", POWER, 4, 0xFD),
+    ):
+        _changed(name, layout, place, bits)(bench.pair.z)
+    assert bench.stage.connect()
 
 
 @pytest.mark.parametrize("mode", range(11))
