@@ -141,9 +141,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             if found != expected:
                 self._refuse_setting(name, found, expected)
         for name, steps_s2 in zip(("Accel", "Decel"), self._ramp(), strict=True):
-            least = math.ceil(self._least_acceleration_mm_s2 * self._counts_per_mm / microsteps)
+            least = self._least_acceleration_mm_s2 * self._counts_per_mm / microsteps
             if steps_s2 < least:
-                self._refuse_setting(name, steps_s2, f"at least {least} (stage.acceleration_mm_s2)")
+                self._refuse_setting(name, steps_s2, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
         return f"{self.name}: Standa controller {serial}, firmware {major}.{minor}.{release}"
 
     # --- motion ---

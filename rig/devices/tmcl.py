@@ -138,7 +138,6 @@ class TmclAxis(WatchedAxis[Look]):
             # By the speed: the position becomes 0 at the switch.
             up_mm = found.speed / (self.steps_per_mm * self._units.speed_unit) * took_s
             if way.is_wrong(up_mm, at_switch=found.switches[SWITCHES[self._axis.home_switch]]):
-                self._link.send_now([self.motor])
                 raise self._homes_the_wrong_way()
             begun = begun or found.searching
             if not begun and self._clock.monotonic_s() >= begins_by_s:

@@ -532,15 +532,29 @@ def test_a_status_says_whether_the_devices_count_from_home(kind: str) -> None:
     assert bench.stage.status().referenced
 
 
+FAULTS: dict[str, Callable[[Any], object]] = {
+    "zaber": lambda z: z.fail("FH"),
+    "standa": lambda z: z.fail(0x200, lasting=True),
+    "tmcl": lambda z: z.fail(2),
+}
+
+
+@every_kind
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_a_fault_ends_homing(kind: str, name: str) -> None:
+    bench, devices = _bench(kind, homed=False)
+    axis = getattr(devices, name)
+    with raises(StageAlarm, "alarm", axis=name):
+        for _ in bench.stage.homing():
+            if axis.busy:
+                FAULTS[kind](axis)
+    assert not bench.stage.homed
+
+
 @every_kind
 def test_a_fault_that_lasts_is_not_unlocked(kind: str) -> None:
     bench, devices = _bench(kind)
-    fail: dict[str, Callable[[Any], object]] = {
-        "zaber": lambda z: z.fail("FH"),
-        "standa": lambda z: z.fail(0x200, lasting=True),
-        "tmcl": lambda z: z.fail(2),
-    }
-    fail[kind](devices.z)
+    FAULTS[kind](devices.z)
     with raises(StageAlarm, "alarm", axis="z"):
         bench.stage.unlock()
     with raises(StageAlarm, "alarm", axis="z"):

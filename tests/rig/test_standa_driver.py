@@ -380,6 +380,7 @@ def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float, inputs: int)
     before = z.carriage_at(bench.clock.monotonic_s())
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
+    bench.clock.wait_s(1.0)
     gone_mm = (before - z.carriage_at(bench.clock.monotonic_s())) / abs(bench.stage.steps_per_mm("z"))
     assert 1.0 < gone_mm < 1.3
     assert not bench.stage.homed
@@ -392,16 +393,20 @@ def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
     _changed("hom", HOMING, 4, 5000)(bench.pair.z)
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
+    bench.clock.wait_s(1.0)
     assert -10.0 < bench.pair.z.carriage_at(bench.clock.monotonic_s()) / per_mm < -9.0
 
 
-NOT_HOMED: dict[str, tuple[str, bytes]] = {
+TURNS = b"gets\x01" + controller.status(controller.HOME, 50, controller.HOMED)[5:]
+NOT_HOMED: dict[str, tuple[str, bytes | tuple[bytes, str]]] = {
+    "turning again": ("z is home", (controller.status(controller.HOME, 50, controller.HOMED), "turns again")),
     "failed": ("z is home", controller.status(controller.HOME | 0x40, 50, controller.HOMED)),
     "ended by another command": ("z is home", controller.status(controller.SSTP, 50, controller.HOMED)),
     "without its flag": ("z is home", controller.status(controller.HOME, 50, 0)),
     "with all flags but its own": ("z is home", controller.status(controller.HOME, 50, 0x17)),
     "a step from the zero": ("z is zero", controller.status(controller.HOME, 1, controller.HOMED)),
     "a microstep from the zero": ("z is zero", controller.status(controller.HOME, 0, controller.HOMED, 1)),
+    "with all flags but its own after the zero": ("z is zero", controller.status(controller.HOME, 0, 0x17)),
     "without its flag after the zero": ("z is zero", controller.status(controller.HOME, 0, 0)),
 }
 
@@ -410,6 +415,7 @@ NOT_HOMED: dict[str, tuple[str, bytes]] = {
 def test_homing_that_ends_otherwise_than_at_home_is_no_homing(how: str) -> None:
     state, said = NOT_HOMED[how]
     states = {**controller.DEVICE.states, state: {**controller.DEVICE.states[state], b"z gets": said}}
+    states["turns again"] = {**states["z is home"], b"z gets": TURNS}
     bench = StageBench(replace(controller.DEVICE, states=states))
     with raises(StageError, "did_not_home", axis="z"):
         bench.stage.home()
