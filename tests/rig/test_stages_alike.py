@@ -94,6 +94,38 @@ def test_a_move_lasts_as_long_as_its_way_wherever_it_begins(kind: str) -> None:
         assert bench.clock.monotonic_s() - begun_s == pytest.approx(way_mm, abs=0.15)
 
 
+@every_kind
+@pytest.mark.parametrize("axis", ["x", "z"])
+@pytest.mark.parametrize(
+    ("backlash_mm", "to_mm", "targets"),
+    [
+        (0.025, -1.0, [-0.95, -1.0]),
+        (0.025, -0.02, [0.0, -0.02]),  # not beyond the top
+        (0.025, -3.0, [-3.0]),
+        (0.0, -1.0, [-1.0]),
+    ],
+    ids=["up", "up to the top", "down", "none"],
+)
+def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up_alone(
+    kind: str, axis: str, backlash_mm: float, to_mm: float, targets: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    measured = {"value": backlash_mm, "date": "2026-01-05", "expires": "2126-01-05"}
+    bench, _ = _bench(kind, calibration={f"{axis}_backlash_mm": measured} if backlash_mm else {})
+    stage = bench.stage
+    stage.move_to(**{f"{axis}_mm": -2.0}, speed_mm_s=10.0)
+    moving, told = AXES[kind].moving, list[float]()
+
+    def noted(one: Any, target_mm: float, *more: Any) -> Any:
+        told.append(target_mm)
+        return moving(one, target_mm, *more)
+
+    monkeypatch.setattr(AXES[kind], "moving", noted)
+    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=10.0)
+    assert told == pytest.approx(targets)
+    status = stage.status()
+    assert (status.x_mm if axis == "x" else status.z_mm) == pytest.approx(to_mm, abs=0.003)
+
+
 def _steps(axis: str, per_mm: float) -> dict[str, Any]:
     """A measured length of a microstep."""
     return {f"{axis}_steps_per_mm": {"value": per_mm, "date": "2026-01-01", "expires": "2027-01-01"}}
@@ -237,9 +269,23 @@ def test_an_acceleration_of_0_is_that_of_no_ramp(kind: str) -> None:
     bench, devices = _bench(kind)
     _accelerates(kind, devices.x, 0)
     bench.stage.connect()
+    _accelerates(kind, devices.x, 20000)
     bench.stage.home()
     bench.stage.move_to(x_mm=-0.01, speed_mm_s=1.0)
     assert devices.x.position() == 4
+
+
+def test_an_acceleration_of_0_of_a_standa_controller_is_that_of_no_ramp() -> None:
+    usual = {
+        **standa.DEVICE.usual,
+        b"x gmov": b"gmov" + bytes(24),
+        b"x smov 50 0 0 0 0 0 0": b"smov",
+        b"x move 250 0": (b"move", "x arrived"),
+    }
+    arrived = {"x arrived": standa.shows("x", standa.MOVE, 250)}
+    bench = StageBench(replace(standa.DEVICE, usual=usual, states={**standa.DEVICE.states, **arrived}), homed=True)
+    bench.stage.move_to(x_mm=-2.5, speed_mm_s=0.5)
+    assert bench.stage.status().x_mm == -2.5
 
 
 @every_kind
