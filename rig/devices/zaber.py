@@ -102,6 +102,9 @@ class _SineInTime:
 class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
+    warned: frozenset[str]
+    """Warnings when they were last asked for."""
+
     def __init__(
         self,
         link: ZaberLink,
@@ -123,7 +126,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to: int | None = None
         # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
         self._swings = name == "z"
-        self.warned = frozenset[str]()  # warnings when they were last asked for
         self._narrow = False  # whether limit.max may be that of a sine
 
     @property
@@ -133,7 +135,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def connect(self) -> str:
         """Compare the device with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = None
         link, address = self._link, self._address.address
         device_id = link.ask(address, 0, "get deviceid").data
         version = link.ask(address, 0, "get version").data
@@ -144,10 +145,11 @@ class ZaberAxis(WatchedAxis[Reply]):
         if resolution != self._address.resolution:
             self._refuse_setting("resolution", resolution, self._address.resolution)
         acceleration = self._number("get accel")
-        self._acceleration_mm_s2 = acceleration / self._units.acceleration_unit / self._counts_per_mm or math.inf
+        unit = self._counts_per_mm * self._units.acceleration_unit
+        self._acceleration_mm_s2 = acceleration / unit or math.inf
         if self._acceleration_mm_s2 < self._least_acceleration_mm_s2:
-            least = self._least_acceleration_mm_s2 * self._counts_per_mm * self._units.acceleration_unit
-            self._refuse_setting("accel", acceleration, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
+            least = f"at least {math.ceil(self._least_acceleration_mm_s2 * unit)} (stage.acceleration_mm_s2)"
+            self._refuse_setting("accel", acceleration, least)
         longest = self._number("get limit.max")
         if not self._swings:
             self._refuse_short_travel(longest)

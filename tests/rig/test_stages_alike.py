@@ -86,6 +86,15 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
 
 
 @every_kind
+def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None:
+    bench = StageBench(BYTES[kind], connected=False)
+    bench.stage.home()
+    bench.clock.call_at(bench.clock.monotonic_s() + 5.0, lambda: setattr(bench.wire, "state", "arrived"))
+    bench.move()
+    assert bench.stage.status() == bench.device.arrived
+
+
+@every_kind
 def test_a_move_lasts_as_long_as_its_way_wherever_it_begins(kind: str) -> None:
     bench, _ = _bench(kind)
     for to_mm, way_mm in ((-20.0, 20.0), (-1.0, 19.0), (-1.2, 0.2)):

@@ -295,6 +295,8 @@ def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> N
         (lambda chain: chain.x.settings.update({"limit.max": 100}), "limit.max"),
         (lambda chain: chain.devices[1].settings.update(version="7.20"), "firmware"),
         (lambda chain: chain.devices[1].settings.update(version="6.28"), "firmware"),
+        (lambda chain: chain.devices[1].settings.update(version="beta"), "firmware"),
+        (lambda chain: chain.devices[2].settings.update(version="7.24"), "firmware"),
     ],
 )
 def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain], Any], setting: str) -> None:
