@@ -3,7 +3,7 @@
 import random
 from collections.abc import Callable
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -45,6 +45,8 @@ from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
 from sim.devices.tmcl import TmclModules, TmclRefusal
+from tests.contracts.bytes import tmcl as module
+from tests.contracts.stage import StageBench
 from tests.error_codes import raises
 
 X, Z = Motor(1, 0), Motor(1, 1)
@@ -549,53 +551,66 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
 
 
-@pytest.mark.parametrize(("ahead", "fast"), [(16, False), (40, True)])
-def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(ahead: int, fast: bool) -> None:
-    """At 0.1 mm/s it is 4 microsteps on its way after the first 0.1 s, and may be 26."""
-    bench = bench_of()
-    parameter, end_s = bench.board.z.parameter, bench.clock.monotonic_s() + 0.4
-    bench.board.z.parameter = lambda number: (  # type: ignore[method-assign]
-        parameter(number) + ahead * (number == 1 and bench.board.z.busy and bench.clock.monotonic_s() < end_s)
-    )
-    if not fast:
-        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
-        return
-    with raises(StageError, "too_fast", speed_mm_s=0.1, axis="z"):
-        bench.stage.move_to(z_mm=-0.5, speed_mm_s=0.1)
+@pytest.mark.parametrize(("at", "fast"), [(109, False), (111, True), (-109, False), (-111, True)])
+def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(at: int, fast: bool) -> None:
+    """At 0.5 mm/s it is 60 microsteps on its way after 0.3 s, and may be 110; upwards as downwards."""
+    start = 0 if at > 0 else 160
+    usual = {**module.DEVICE.usual, b"z MVP 0 0": (b"100 0", "aimed up")}
+    under_way = module.axis("z", target=160 - start, at=start + at, speed=200 if at > 0 else -200, most=200)
+    states = {
+        **module.DEVICE.states,
+        "aimed up": {**module.axis("z", at=160), b"z SAP 4 200": (b"100 200", "goes up")},
+        "goes up": module.axis("z", at=159, speed=-200, most=200),
+        "fast": under_way,
+        "arrived up": {**module.axis("z", most=200), b"z SAP 4 0": (b"100 0", "home")},
+    }
+    bench = StageBench(replace(module.DEVICE, usual=usual, states=states), homed=True)
+    begun_s = bench.clock.monotonic_s()
+    if start:
+        bench.wire.state = "stands"
+    for at_s, state in ((0.25, "fast"), (0.75, "arrived" if at > 0 else "arrived up")):
+        bench.clock.call_at(begun_s + at_s, lambda state=state: setattr(bench.wire, "state", state))  # type: ignore[misc]
+    with raises(StageError, "too_fast", speed_mm_s=0.5, axis="z") if fast else nullcontext():
+        bench.stage.move_to(z_mm=-(160 - start) / 400, speed_mm_s=0.5)
+    assert bench.stage.homed is not fast
+    assert (b"z MST 0" in bench.wire.asked) is fast
 
 
 # --- reference search ---
 
 
-@pytest.mark.parametrize("late_s", [0.4, 0.7, 1e6])
+@pytest.mark.parametrize("late_s", [0.46, 0.54, 1e6])
 def test_a_search_that_does_not_begin_within_half_a_second_is_no_homing(late_s: float) -> None:
     """The position of a module that was just switched on is 0."""
-    bench = bench_of(homed=False)
-    z: Any = bench.board.z
-    search = z.search
-    z.search = lambda: bench.clock.call_at(bench.clock.monotonic_s() + late_s, search)
-    if late_s == 0.4:
-        bench.stage.home()
-        return
+    usual = {**module.DEVICE.usual, b"z RFS 0": (module.HOMING, "z waits")}
+    states = {**module.DEVICE.states, "z waits": module.axis("z", most=2000)}
+    bench = StageBench(replace(module.DEVICE, usual=usual, states=states))
     begun_s = bench.clock.monotonic_s()
-    with raises(StageError, "did_not_home", axis="z", position=0):
+    bench.clock.call_at(begun_s + late_s, lambda: setattr(bench.wire, "state", "z homes"))
+    with nullcontext() if late_s < 0.5 else raises(StageError, "did_not_home", axis="z", position=0):
         bench.stage.home()
-    assert bench.clock.monotonic_s() - begun_s < 0.7
-    assert not bench.stage.homed
+    assert bench.stage.homed is (late_s < 0.5)
+    assert bench.stage.homed or bench.clock.monotonic_s() - begun_s < 0.53
 
 
 @pytest.mark.parametrize("counts", [200, -200, 201, -201])
 def test_a_search_that_ends_farther_than_half_a_millimeter_from_0_is_no_homing(counts: int) -> None:
-    bench = bench_of(homed=False)
-    parameter = bench.board.z.parameter
-    bench.board.z.parameter = lambda number: parameter(number) + counts * (number == 1)  # type: ignore[method-assign]
-    if abs(counts) == 200:
+    ends = module.DEVICE.states["z is home"] | module.axis("z", most=2000, at=counts)  # type: ignore[operator]
+    bench = StageBench(replace(module.DEVICE, states={**module.DEVICE.states, "z is home": ends}))
+    near = abs(counts) == 200
+    with nullcontext() if near else raises(StageError, "did_not_home", axis="z", position=counts):
         bench.stage.home()
-        assert bench.stage.homed
-        return
-    with raises(StageError, "did_not_home", axis="z", position=counts):
-        bench.stage.home()
-    assert not bench.stage.homed
+    assert bench.stage.homed is near
+
+
+@pytest.mark.parametrize("at", [400, -400, 401, -401])
+@pytest.mark.parametrize(("number", "home"), [(11, True), (10, False)])
+def test_the_home_switch_may_be_active_within_a_millimeter_of_home(at: int, number: int, home: bool) -> None:
+    """The other one nowhere."""
+    bench = StageBench(module.DEVICE, homed=True)
+    bench.wire.instead.update(module.axis("z", at=at) | {f"z GAP {number}".encode(): b"100 1"})  # type: ignore[operator]
+    with nullcontext() if home and abs(at) == 400 else raises(StageAlarm, "alarm", number=number, axis="z"):
+        bench.stage.status()
 
 
 RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
