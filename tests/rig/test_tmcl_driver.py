@@ -1,5 +1,6 @@
 """The TMCL driver byte for byte: frames of the maker's client, odd bytes, faults; and the virtual modules."""
 
+import math
 import random
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -551,27 +552,33 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     assert -bench.board.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
 
 
-@pytest.mark.parametrize(("at", "fast"), [(109, False), (111, True), (-109, False), (-111, True)])
-def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(at: int, fast: bool) -> None:
-    """At 0.5 mm/s it is 60 microsteps on its way after 0.3 s, and may be 110; upwards as downwards."""
-    start = 0 if at > 0 else 160
+@pytest.mark.parametrize("fast", [False, True])
+@pytest.mark.parametrize("down", [False, True], ids=["up", "down"])
+def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(down: bool, fast: bool) -> None:
+    """At 0.5 mm/s it may be 20 microsteps and 300 each second on its way, but no microstep more."""
+    start, speed = (0, 200) if down else (160, -200)
+    target = 160 - start
     usual = {**module.DEVICE.usual, b"z MVP 0 0": (b"100 0", "aimed up")}
-    under_way = module.axis("z", target=160 - start, at=start + at, speed=200 if at > 0 else -200, most=200)
     states = {
         **module.DEVICE.states,
-        "aimed up": {**module.axis("z", at=160), b"z SAP 4 200": (b"100 200", "goes up")},
-        "goes up": module.axis("z", at=159, speed=-200, most=200),
-        "fast": under_way,
-        "arrived up": {**module.axis("z", most=200), b"z SAP 4 0": (b"100 0", "home")},
+        "aimed up": {**module.axis("z", at=160), b"z SAP 4 200": (b"100 200", "moving")},
+        "there": {**module.axis("z", target=target, at=target, most=200), b"z SAP 4 0": (b"100 0", "home")},
     }
     bench = StageBench(replace(module.DEVICE, usual=usual, states=states), homed=True)
-    begun_s = bench.clock.monotonic_s()
-    if start:
-        bench.wire.state = "stands"
-    for at_s, state in ((0.25, "fast"), (0.75, "arrived" if at > 0 else "arrived up")):
-        bench.clock.call_at(begun_s + at_s, lambda state=state: setattr(bench.wire, "state", state))  # type: ignore[misc]
+    bench.wire.state = "home" if down else "stands"
+    write, begun_s = bench.wire.write, bench.clock.monotonic_s()
+
+    def writing(data: bytes, port: bytes = b"") -> None:
+        bound = 20 + 300 * (bench.clock.monotonic_s() - begun_s)
+        ahead = min(math.ceil(bound + 0.01) if fast else math.floor(bound - 0.01), 160)
+        at = module.axis("z", target=target, at=start + ahead * speed // 200, speed=speed, most=200)
+        bench.wire.instead = dict(at) if bench.wire.state == "moving" else {}  # type: ignore[arg-type]
+        write(data, port)
+
+    bench.wire.write = writing  # type: ignore[method-assign]
+    bench.clock.call_at(begun_s + 0.75, lambda: setattr(bench.wire, "state", "there"))
     with raises(StageError, "too_fast", speed_mm_s=0.5, axis="z") if fast else nullcontext():
-        bench.stage.move_to(z_mm=-(160 - start) / 400, speed_mm_s=0.5)
+        bench.stage.move_to(z_mm=-target / 400, speed_mm_s=0.5)
     assert bench.stage.homed is not fast
     assert (b"z MST 0" in bench.wire.asked) is fast
 
