@@ -25,7 +25,7 @@ from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from tests.contracts.bytes import standa, tmcl, zaber
-from tests.contracts.stage import StageBench, StageBytes
+from tests.contracts.stage import Replies, StageBench, StageBytes
 from tests.error_codes import raises
 from tests.rig import test_standa_driver, test_tmcl_driver, test_zaber_driver
 
@@ -341,11 +341,13 @@ ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
     "home": lambda stage: stage.home(),
     "move": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0),
     "connect": lambda stage: stage.connect(),
+    "sine": lambda stage: list(stage.vibrating(amplitude_mm=0.1, period_s=0.5, cycles=1)),
 }
 
 
-@every_kind
-@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+@pytest.mark.parametrize(
+    ("kind", "end"), [*((kind, end) for kind in BENCHES for end in ENDS_OF_A_JOG if end != "sine"), ("zaber", "sine")]
+)
 def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
     bench, devices = _bench(kind)
@@ -420,6 +422,49 @@ def test_a_move_has_half_as_much_time_again_and_5_s(kind: str, lasts_s: float) -
         bench.move()
     assert 0.0 <= bench.clock.monotonic_s() - begun_s - 1.5 * lasts_s - 5.0 < 0.2
     assert not bench.stage.homed
+
+
+HALF_WAY: dict[str, tuple[Replies, dict[str, Replies]]] = {
+    "zaber": ({b"2 1 move abs 500 327": (zaber.BUSY, "goes back")}, {"goes back": zaber.axis(2, "BUSY --", 800)}),
+    "standa": (
+        {b"z move 125 0": (b"move", "goes back")},
+        {"goes back": standa.shows("z", standa.RUNS | standa.MOVE, 200)},
+    ),
+    "tmcl": (
+        {b"z MVP 0 80": (b"100 80", "aimed back")},
+        {
+            "aimed back": {**tmcl.axis("z", target=80, at=160), b"z SAP 4 200": (b"100 200", "goes back")},
+            "goes back": tmcl.axis("z", target=80, at=150, speed=-200, most=200),
+        },
+    ),
+}
+"""From the end of the move of the table half of the way back, which does not end."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "lasts_s"), [("zaber", 2.5 + 0.5 / 61.03515625), ("standa", 2.5 + 0.5 / 60), ("tmcl", 0.4 + 0.5 / 50)]
+)
+def test_the_time_of_a_move_is_that_of_its_way_wherever_it_begins(kind: str, lasts_s: float) -> None:
+    bench, (usual, states) = _staying(kind, "moving", coarse=5.0, homed=True), HALF_WAY[kind]
+    device = bench.wire.device
+    bench.wire.device = replace(
+        device,
+        usual={**device.usual, **usual},
+        states={**device.states, **states, "arrived": BYTES[kind].states["stands" if kind == "tmcl" else "arrived"]},
+    )
+    bench.wire.state = "arrived"
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=1.5 * lasts_s + 5.0):
+        bench.stage.move_to(z_mm=device.move["z_mm"] / 2, speed_mm_s=0.5)
+
+
+@every_kind
+def test_homing_is_looked_at_all_the_time(kind: str) -> None:
+    bench = _staying(kind, "z homes")
+    begun_s = bench.clock.monotonic_s()
+    for _ in bench.stage.homing():
+        if bench.clock.monotonic_s() >= begun_s + 0.9:
+            break
+    assert bench.wire.asked.count(bench.device.where) >= 40
 
 
 @every_kind

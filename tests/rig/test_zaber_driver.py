@@ -19,11 +19,12 @@ from rig.devices.base import (
     StageHeld,
     StageNotHomed,
     StageOverridden,
+    StageReset,
     StageTimeout,
 )
 from rig.devices.make_drivers import stage_driver
-from rig.devices.zaber import highest_hz
-from rig.devices.zaber_link import READ_TRIES, REPLY_S, ZaberLink, checksum, frame, parse_reply, unsealed
+from rig.devices.zaber import ZaberAxis, highest_hz
+from rig.devices.zaber_link import READ_TRIES, REPLY_S, Reply, ZaberLink, checksum, frame, parse_reply, unsealed
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
@@ -314,15 +315,19 @@ def test_firmware_from_7_25_on_is_accepted(version: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shows", "position"), [("IDLE NI", 0), ("IDLE WR", 0), ("IDLE WH", 0), ("IDLE --", 2), ("IDLE --", -2)]
-)
-def test_homing_that_ends_otherwise_than_at_home_is_no_homing(shows: str, position: int) -> None:
+    ("flag", "position", "homed"),
+    [
+        ("NI", 0, False), ("WR", 0, False), ("WH", 0, False), ("--", 2, False), ("--", -2, False),
+        ("WV", 0, True), ("NC", 0, True), ("--", 1, True), ("--", -1, True),
+    ],
+)  # fmt: skip
+def test_homing_that_ends_otherwise_than_at_home_is_no_homing(flag: str, position: int, homed: bool) -> None:
     """Interrupted, without a home position, or more than a microstep from it."""
-    ends = chain.DEVICE.states["z is home"] | chain.axis(2, shows, position)
+    ends = {**chain.DEVICE.states["z is home"], **chain.axis(2, f"IDLE {flag}", position)}
     bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z is home": ends}))
-    with raises(StageError, "did_not_home", axis="z", position=position):
+    with nullcontext() if homed else raises(StageError, "did_not_home", axis="z", position=position):
         bench.stage.home()
-    assert not bench.stage.homed
+    assert bench.stage.homed is homed
 
 
 @pytest.mark.parametrize("flag", ["WM", "FS"])
@@ -423,11 +428,39 @@ def test_a_limit_that_a_device_does_not_set_under_way_is_set_once_at_rest() -> N
 
     z._set = at_rest
     list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    sine = [words.split()[2:4] for words in bench.commands()]
+    assert sine[sine.index(["move", "sin"]) + 1 :][:2] == [["set", "limit.max"], ["get", "pos"]], "it is tried once"
     for z_mm, sets in ((-2.6, ["2 1 set limit.max 16000"]), (-2.7, [])):
         bench.sent.clear()
         bench.stage.move_to(z_mm=z_mm, speed_mm_s=5.0)
         assert [words for words in bench.commands() if " set " in words] == sets
         assert bool([words for words in bench.commands() if "limit" in words]) is bool(sets)
+
+
+def test_a_limit_that_a_device_never_sets_again_lets_it_move_up_alone() -> None:
+    bench = at_2_5_mm()
+    z: Any = bench.chain.z
+    set_ = z._set
+
+    def once(setting: str, value: str) -> str:
+        if value == "16000":
+            raise CommandRejected("BADDATA")
+        said: str = set_(setting, value)
+        return said
+
+    z._set = once
+    list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    bench.sent.clear()
+    with raises(StageError, "line_refused"):
+        bench.stage.move_to(z_mm=-2.55, speed_mm_s=5.0)
+    assert not [words for words in bench.commands() if "move" in words]
+    z._set = set_
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-2.5, speed_mm_s=5.0)
+    z._set = once
+    list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    bench.stage.move_to(z_mm=-2.4, speed_mm_s=5.0)
+    assert bench.stage.status().z_mm == -2.4
 
 
 def test_the_device_follows_the_sine_and_ends_it_without_the_program() -> None:
@@ -647,6 +680,42 @@ def test_a_sine_that_is_over_early_or_never_is_an_error() -> None:
         Swinging(share=0.975).run()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=12.0 / 0.98 + 1.0):
         Swinging(share=2.0).run()
+
+
+@pytest.mark.parametrize(
+    ("flag", "kind", "code"),
+    [
+        ("FS", StageAlarm, "alarm"), ("WR", StageReset, "was_reset"), ("NC", StageHeld, "held"),
+        ("NI", StageOverridden, "overridden"), ("WV", None, ""),
+    ],
+)  # fmt: skip
+def test_what_ends_a_move_ends_a_sine(flag: str, kind: type[StageError] | None, code: str) -> None:
+    swings, told = Swinging(), flag.encode("ascii")
+    report = swings.report
+    swings.report = lambda: report().replace(b"--", told if swings.reports > 5 else b"--")  # type: ignore[method-assign]
+    swings.bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK BUSY %s 01 %s" % (told, told)
+    with raises(kind, code) if kind else nullcontext():
+        swings.run()
+    assert kind is None or swings.reports == 6
+
+
+@pytest.mark.parametrize("nth", [0, 1])
+def test_a_stop_that_overtakes_a_sine_starts_nothing(nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    swings, look, left = Swinging(), ZaberAxis.look, [nth]
+
+    def overtaken(axis: ZaberAxis) -> Reply:
+        found = look(axis)
+        left[0] -= 1
+        if left[0] == -1:
+            swings.bench.stage.stop()
+            swings.bench.wire.state = "home"
+        return found
+
+    monkeypatch.setattr(ZaberAxis, "look", overtaken)
+    with raises(StageError, "stopped", axis="z"):
+        swings.run()
+    assert swings.command not in swings.bench.wire.asked
+    assert swings.bench.wire.asked[-2:] == [b"2 1 set limit.max 16000", b"2 1 get limit.max"]
 
 
 @pytest.mark.parametrize("at", [-2, 802])
