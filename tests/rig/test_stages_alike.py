@@ -3,7 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from itertools import cycle
 from types import SimpleNamespace
@@ -355,6 +355,17 @@ def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     bench.clock.wait_s(1.0 if end in ("halt", "stop") else 3.0)
     ENDS_OF_A_JOG[end](bench.stage)
     z = devices.z
+    _moved_to_10_mm(kind, z)
+    bench.clock.wait_s(0.2)
+    with suppress(StageError):
+        bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(10.0)
+    height_mm = z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
+    assert abs(height_mm + 2.5) > 1.0
+
+
+def _moved_to_10_mm(kind: str, z: Any) -> None:
+    """By another program."""
     if kind == "zaber":
         z.obey(["move", "abs", "4000", "1310"])
     elif kind == "standa":
@@ -363,12 +374,21 @@ def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     else:
         z.set_parameter(4, 1600)
         z.move_to(4000)
-    bench.clock.wait_s(0.2)
-    with suppress(StageError):
-        bench.stage.jog("z", -0.5, 2.0)
+
+
+@every_kind
+def test_a_jog_from_rest_begins_where_the_axis_stands(kind: str) -> None:
+    """Or is refused, where the module shows that another program has moved it."""
+    bench, devices = _bench(kind)
+    bench.stage.jog("z", -2.0, 2.0)
+    bench.clock.wait_s(3.0)
+    _moved_to_10_mm(kind, devices.z)
     bench.clock.wait_s(10.0)
-    height_mm = z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
-    assert abs(height_mm + 2.5) > 1.0
+    with raises(StageReset, "was_reset") if kind == "tmcl" else nullcontext():
+        bench.stage.jog("z", -0.5, 2.0)
+    bench.clock.wait_s(3.0)
+    height_mm = devices.z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
+    assert height_mm == pytest.approx(-10.0 if kind == "tmcl" else -10.5, abs=0.01)
 
 
 def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() -> None:
@@ -637,6 +657,17 @@ FAULTS: dict[str, Callable[[Any], object]] = {
     "standa": lambda z: z.fail(0x200, lasting=True),
     "tmcl": lambda z: z.fail(2),
 }
+
+
+@every_kind
+@pytest.mark.parametrize("homed", [True, False])
+@pytest.mark.parametrize("name", ["z", "x"])
+def test_a_fault_is_refused_before_a_jog(kind: str, homed: bool, name: Any) -> None:
+    bench, devices = _bench(kind, homed=homed)
+    FAULTS[kind](getattr(devices, name))
+    with raises(StageAlarm, "alarm", axis=name):
+        bench.stage.jog(name, -0.5, 2.0)
+    assert not getattr(devices, name).busy
 
 
 @every_kind

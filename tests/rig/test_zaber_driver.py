@@ -561,8 +561,8 @@ class Swinging:
     """A bench on bytes whose z axis swings in a sine of 400 microsteps and three cycles as a test wants it.
 
     shift_s: it begins so long after the command. factor: its period is longer. reply_s: duration of each exchange.
-    heard: it reports the position at the end of the exchange. share: of its cycles after which it rests. odd:
-    changes the nth report.
+    heard: it reports the position at the end of the exchange. share: of its cycles after which it rests, at `ends`.
+    odd: changes the nth report.
     """
 
     def __init__(
@@ -574,6 +574,7 @@ class Swinging:
         reply_s: float = 0.0,
         heard: bool = False,
         share: float = 1.0,
+        ends: int = 0,
         odd: Callable[[int, int], int] = lambda nth, at: at,
     ) -> None:
         self.command = f"2 1 move sin 400 {period_s * 1000:g} 3".encode("ascii")
@@ -589,7 +590,7 @@ class Swinging:
         table["states"]["limited"] = limited  # type: ignore[index]
         self.bench = StageBench(replace(chain.DEVICE, **table), homed=True)  # type: ignore[arg-type]
         self.period_s, self.shift_s, self.real_s, self.share = period_s, shift_s, factor * period_s, share
-        self.late_s, self.odd = reply_s if heard else 0.0, odd
+        self.late_s, self.ends, self.odd = reply_s if heard else 0.0, ends, odd
         self.begun_s, self.reports = math.inf, 0
         wire = self.bench.wire
         write, read = wire.write, wire.read
@@ -611,7 +612,7 @@ class Swinging:
         """What the device reports now."""
         cycles = (self.bench.clock.monotonic_s() + self.late_s - self.begun_s - self.shift_s) / self.real_s
         if cycles >= 3 * self.share:
-            return b"@02 1 OK IDLE -- 0"
+            return b"@02 1 OK IDLE -- %d" % self.ends
         at = round(400 * (1 - math.cos(2 * math.pi * max(cycles, 0.0))))
         self.reports += 1
         return b"@02 1 OK BUSY -- %d" % self.odd(self.reports, at)
@@ -630,6 +631,9 @@ IN_TIME: dict[str, dict[str, Any]] = {
     "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.068},
     "replies late, begins early": {"reply_s": 0.05, "shift_s": -0.018, "heard": True},
     "fast": {"period_s": 0.2},
+    "fast, begins late": {"period_s": 0.3, "shift_s": 0.019},
+    "fast, begins early": {"period_s": 0.3, "shift_s": -0.019},
+    "ends a microstep below": {"ends": 1},
     "over a little early": {"share": 0.982},
     "one wrong report": {"odd": lambda nth, at: 500 if nth == 9 else at},
     "a microstep above": {"odd": lambda nth, at: at or -1},
@@ -638,6 +642,8 @@ IN_TIME: dict[str, dict[str, Any]] = {
 OUT_OF_TIME: dict[str, dict[str, Any]] = {
     "begins late": {"shift_s": 0.035},
     "begins early": {"shift_s": -0.035},
+    "fast, begins late": {"period_s": 0.3, "shift_s": 0.026},
+    "fast, begins early": {"period_s": 0.3, "shift_s": -0.026},
     "slower": {"factor": 1.04},
     "faster": {"factor": 0.96},
     "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.09},
@@ -680,6 +686,8 @@ def test_a_sine_that_is_over_early_or_never_is_an_error() -> None:
         Swinging(share=0.975).run()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=12.0 / 0.98 + 1.0):
         Swinging(share=2.0).run()
+    with raises(StageError, "not_there", axis="z", at_mm=-2 / 400):
+        Swinging(ends=2).run()
 
 
 @pytest.mark.parametrize(
