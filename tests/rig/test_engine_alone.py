@@ -5,11 +5,12 @@ Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 
 
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceTimeout
+from rig.devices.base import ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
 from rig.engine.engine import State
 from rig.units import GWT_N
@@ -130,6 +131,54 @@ def test_after_the_lift_of_a_trip_the_finger_is_clear_if_position_and_force_say_
 def test_before_homing_no_place_is_known() -> None:
     known = StubBench().engine.measure_contact()
     assert (known.kind, known.force_gwt, known.x_mm, known.height_mm) == ("unknown", None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "homed", "shows_gwt", "kind"),
+    [
+        (10.0, True, 0.04, "lifted"),
+        (1.985, True, 0.04, "lifted"),
+        (1.97, True, 0.04, "unknown"),
+        (1.985, True, -0.06, "disagreement"),
+        (1.97, True, -0.06, "touching"),
+        (10.0, False, 0.04, "unknown"),
+        (10.0, False, 0.06, "touching"),
+    ],
+)
+def test_contact_at_rest_is_what_position_and_force_say(
+    height_mm: float, homed: bool, shows_gwt: float, kind: str
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    bench.stage.homed, bench.force.shows_gwt = homed, shows_gwt
+    assert engine.measure_contact().kind == kind
+
+
+def test_the_stage_is_told_a_new_lowest_height_and_no_other() -> None:
+    """Rounded to a millionth, at most the travel; again if the stage may have lost it."""
+    bench = StubBench()
+    engine = bench.ready()
+    apex_mm, travel_mm, told = (
+        bench.settings.frame.apex_z_mm,
+        bench.settings.stage.travel_mm[2],
+        bench.stage.floors_mm,
+    )
+    told.clear()
+    for height_mm in (-0.1 - 0.2, -0.3, -0.3 + 1e-9, -0.4, -0.3, -1000.0):
+        engine.limit_depth(height_mm)
+    assert told == [*(round(apex_mm + mm, 6) for mm in (-0.3, -0.4, -0.3)), -travel_mm]
+    told.clear()
+    for lose in (engine.forget_depth, engine.stop):
+        lose()
+        engine.limit_depth(-1000.0)
+    assert told == [-travel_mm] * 2
+    told.clear()
+    for fails in (True, False):
+        with raises(StageError, "stage_failed") if fails else nullcontext():
+            bench.stage.limit_depth = raising(StageError("busy")) if fails else told.append  # type: ignore[method-assign]
+            engine.limit_depth(-0.5)
+    assert told == [round(apex_mm - 0.5, 6)]
 
 
 # --- readings ---
@@ -305,6 +354,37 @@ def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
     assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
 
 
+@pytest.mark.parametrize(
+    ("shows_gwt", "touch_ends_it", "goes"),
+    [(3.0, False, True), (3.0, True, False), (-3.0, True, False), (0.04, True, True)],
+)
+def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
+    shows_gwt: float, touch_ends_it: bool, goes: bool
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    engine.go_to_height(1.90, 0.05, touch_ends_it=touch_ends_it)
+    assert (bench.height_mm == pytest.approx(1.90), "halt" in bench.stage.told) == (goes, not goes)
+    assert engine.height_mm == pytest.approx(bench.height_mm)
+
+
+@pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
+def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
+    """What it slept before, and in the air, does not count; nor do naps within half a second each."""
+    bench, slept = StubBench(), [3600.0]
+    bench.clock.suspended_s = lambda: slept[0]  # type: ignore[method-assign]
+    engine = bench.ready()
+    slept[0] += 60.0
+    engine.go_to_height(1.95, 0.5)
+    for _ in range(3):
+        slept[0] += more_s
+        with raises(TripError, "suspended", for_s=pytest.approx(more_s)) if trips else nullcontext():
+            engine.reading()
+        if trips:
+            return
+
+
 # --- the heartbeat ---
 
 
@@ -408,3 +488,22 @@ def test_homing_leaves_a_finger_that_has_come_up_since_the_last_reading() -> Non
     bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", max(bench.force.shows_gwt - 150.0, 0.0))
     verbs.home(engine)
     assert (engine.state, engine.known_contact.kind) == (State.READY, "lifted")
+
+
+# --- zero ---
+
+
+@pytest.mark.parametrize(
+    ("drift_gwt", "heights_mm"), [(0.06, [10.0, 2.0]), (-0.06, [10.0, 2.0]), (0.04, []), (-0.04, [])]
+)
+def test_a_drift_as_large_as_a_touch_either_way_is_zeroed_in_the_air(
+    drift_gwt: float, heights_mm: list[float]
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.shows_gwt = drift_gwt
+    moves = len(bench.stage.told)
+    verbs.zero(engine)
+    apex_mm = bench.settings.frame.apex_z_mm
+    assert [told[2] - apex_mm for told in bench.stage.told[moves:]] == pytest.approx(heights_mm)
+    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(drift_gwt)

@@ -1,0 +1,299 @@
+"""Ramps and vibrations over a stage without a wire: what each reading on the way decides, by hand.
+
+The finger is F = 6 gwt/mm^1.5 below its skin at -0.3 mm; a touch is 0.05 gwt, shown 0.041 mm below the skin. The
+sensor is read at each look, and settles within 0.05 s.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import pytest
+
+from rig.engine import LimitError, RunAborted, Target, TripError
+from rig.engine.corridor import PRINTED_MM
+from rig.engine.indentation import ramp, vibrate
+from rig.engine.limits import UNREAD_S
+from rig.records import Indentation, SineMotion
+from tests.error_codes import raises
+from tests.rig.plain_bench import GlidingBench, PlainBench
+
+SKIN_MM, K_GWT = -0.3, 6.0
+DEPTH_MM, SPEED_MM_S = 0.8, 0.3
+PRELOAD_MM = 0.6
+SINE = SineMotion.of(2.0, 50.0, 1.0)
+ZABER: Mapping[str, Any] = {"stage": {"kind": "zaber"}}
+LAW_GWT = K_GWT * DEPTH_MM**1.5
+INCREMENT_MM, STEP_MM = 0.05, 0.0025
+READ_S, WAIT_S = 0.05, 0.05
+
+Felt = Callable[["Finger"], float]
+
+
+class Finger(GlidingBench):
+    """A bench over the finger; from the start of the motion on, `then` says what the sensor shows."""
+
+    def __init__(self, then: Felt | None = None, tables: Mapping[str, Any] | None = None, **options: Any) -> None:
+        self.then: Felt = then or _law
+        super().__init__(self._shown, tables or {}, **{"soft_trip_n": 0.1, **options})
+
+    def _shown(self, bench: PlainBench) -> float:
+        return self.then(self) if self.moving and self.height_mm < 1.0 else _law(self)
+
+    @property
+    def moving(self) -> bool:
+        """Whether the ramp or the vibration has begun."""
+        return bool(self.of("ramp") or self.of("vibrate"))
+
+    def within(self, phase: str) -> list[dict[str, Any]]:
+        """The readings of a phase on record."""
+        return [sample for sample in self.of("sample") if sample["phase"] == phase]
+
+    def ramp(self, doi_mm: float = DEPTH_MM, speed_mm_s: float = SPEED_MM_S, hold_s: float = 0.2) -> Indentation:
+        engine = self.engine if self.engine.placed else self.ready()
+        return ramp(engine, doi_mm, speed_mm_s, hold_s=hold_s, expected_contact_mm=SKIN_MM)
+
+    def vibrate(self, sine: SineMotion = SINE, doi_mm: float = PRELOAD_MM) -> Indentation:
+        engine = self.engine if self.engine.placed else self.ready()
+        return vibrate(engine, Target("doi_mm", doi_mm), sine, expected_contact_mm=SKIN_MM)
+
+
+def _law(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
+    return round(bench.hertz(K_GWT, skin_mm), 2)
+
+
+def _below(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
+    return skin_mm - bench.height_mm
+
+
+# --- a ramp ---
+
+
+def test_a_ramp_and_its_hold_are_journalled_by_what_was_read() -> None:
+    bench = Finger()
+    (hold,) = bench.ramp().holds
+    assert (hold.doi_mm, hold.force_gwt) == (pytest.approx(DEPTH_MM, abs=0.002), pytest.approx(LAW_GWT, abs=0.03))
+    (end,), readings = bench.of("hold_end"), bench.within("ramp")
+    assert end["ramp_gwt"] == pytest.approx(hold.force_gwt, abs=0.02)
+    assert end["peak_gwt"] == max(one["force_gwt"] for one in [*readings, *bench.within("hold")])
+    assert readings[0]["doi_mm"] < 0.0
+    contact_mm = bench.of("touch")[0]["contact_height_mm"]
+    assert all(one["doi_mm"] == pytest.approx(contact_mm - one["height_mm"], abs=2e-6) for one in readings)
+    assert end["ramp_s"] == pytest.approx((DEPTH_MM - readings[0]["doi_mm"]) / SPEED_MM_S, abs=0.15)
+
+
+@pytest.mark.parametrize("more_gwt", [0.5, -0.5])
+def test_the_peak_of_a_hold_is_the_highest_reading_of_its_ramp_and_of_nothing_before(more_gwt: float) -> None:
+    """A pulse of the finger in the middle of the ramp, or a slack one: the press before showed the law."""
+    at_gwt: list[float] = []
+
+    def pulse(bench: Finger) -> float:
+        if _below(bench) > 0.7 and not at_gwt:
+            at_gwt.append(_law(bench) + 3.0)
+            return at_gwt[0]
+        return _law(bench) + min(more_gwt, 0.0)
+
+    bench = Finger(pulse if more_gwt > 0 else lambda bench: 0.9 * _law(bench))
+    bench.ramp()
+    peak_gwt = bench.of("hold_end")[0]["peak_gwt"]
+    assert peak_gwt == pytest.approx(at_gwt[0] if more_gwt > 0 else 0.9 * LAW_GWT, abs=0.03)
+
+
+def _floors_mm(bench: GlidingBench) -> list[float]:
+    return [round(mm - bench.settings.frame.apex_z_mm, 6) for mm in bench.stage.floors_mm]
+
+
+def test_the_limit_of_depth_follows_the_approach_the_touch_and_the_motion() -> None:
+    """Where nothing is found it is search_mm and max_doi_mm below; then an increment below the deepest there is."""
+    found: dict[str, list[float]] = {}
+    for name, press in (("ramp", Finger.ramp), ("vibrate", Finger.vibrate)):
+        bench = Finger(tables=ZABER)
+        press(bench)
+        found[name] = _floors_mm(bench)[1:]
+        limits, touch = bench.settings.limits, bench.of("touch")[0]["contact_height_mm"]
+        assert found[name][:2] == pytest.approx(
+            [SKIN_MM - limits.search_mm - limits.max_doi_mm, touch - limits.max_doi_mm - INCREMENT_MM]
+        )
+    assert found["ramp"][2:] == pytest.approx([SKIN_MM - DEPTH_MM - INCREMENT_MM], abs=0.004)
+    assert found["vibrate"][2:] == pytest.approx([SKIN_MM - PRELOAD_MM - 0.05 - INCREMENT_MM], abs=0.004)
+
+
+ENDS: dict[str, tuple[Felt, str | None]] = {
+    # the touch was 0.041 mm below the skin; half a touch must show one increment and an age of a reading below it
+    "it sank by an increment": (lambda bench: _law(bench, SKIN_MM - 0.05), None),
+    "it sank by two": (lambda bench: _law(bench, SKIN_MM - 0.12), "lost_finger"),
+    "it is gone": (lambda bench: 0.0, "lost_finger"),
+    "it pulls": (lambda bench: -0.03, "lost_finger"),
+    "less than half a touch": (lambda bench: min(_law(bench), 0.02), "lost_finger"),
+    "half a touch": (lambda bench: min(_law(bench), 0.03), "frozen"),
+    "it stays": (lambda bench: min(_law(bench), 2.0), "frozen"),
+    "it stays and wavers by less than half a step": (
+        lambda bench: min(_law(bench), 2.0 + 0.004 * math.sin(900 * bench.clock.monotonic_s())), "frozen"),
+    "it wavers by a step": (
+        lambda bench: _law(bench) if _law(bench) < 2.0 else 2.0 + 0.02 * math.sin(900 * bench.clock.monotonic_s()),
+        None),
+    "it came up": (lambda bench: _law(bench, SKIN_MM + 0.6), "ramp_trip"),
+    "it pulls too much": (lambda bench: -_law(bench) * 3, "lost_finger"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ENDS)
+def test_what_ends_a_ramp(name: str) -> None:
+    felt, code = ENDS[name]
+    bench = Finger(felt)
+    if code is None:
+        assert bench.ramp().holds[0].doi_mm == pytest.approx(DEPTH_MM, abs=0.003)
+        return
+    with raises(TripError, code) as caught:
+        bench.ramp()
+    last = bench.within("ramp")[-1]
+    if code == "lost_finger":
+        touch_mm = bench.of("touch")[0]["height_at_threshold_mm"]
+        below_mm = touch_mm - last["height_mm"]
+        assert 0.0 <= below_mm - INCREMENT_MM - SPEED_MM_S * WAIT_S <= SPEED_MM_S * READ_S + 1e-6
+        assert caught.value.fields["below_mm"] == pytest.approx(below_mm, abs=2e-6)
+    if code == "ramp_trip":
+        assert caught.value.fields["limit_gwt"] == pytest.approx(bench.of("ramp")[0]["trip_gwt"], abs=1e-5)
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("more_s", "ends"), [(-0.02, False), (0.02, True)])
+def test_a_ramp_may_go_unread_for_so_far_and_no_farther(more_s: float, ends: bool) -> None:
+    """The journal takes its time once; the stage goes on meanwhile, and is a look from its next reading."""
+    may_mm = SPEED_MM_S * UNREAD_S + STEP_MM + PRINTED_MM
+    bench = Finger()
+
+    def slow(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "ramp" and data["doi_mm"] > 0.3:
+            bench.at_event = lambda stream, data: None
+            bench.clock.wait_s(may_mm / SPEED_MM_S - READ_S + more_s)
+
+    bench.at_event = slow
+    if ends:
+        with raises(TripError, "ramp_unread", limit_mm=pytest.approx(may_mm)) as caught:
+            bench.ramp()
+        assert caught.value.fields["gone_mm"] == pytest.approx(may_mm + SPEED_MM_S * more_s, abs=1e-6)
+        assert len(bench.within("ramp")) == sum(one["doi_mm"] <= 0.5 for one in bench.within("ramp"))
+    else:
+        assert bench.ramp().holds
+
+
+# --- a vibration ---
+
+
+def test_a_vibration_is_journalled_by_what_was_read() -> None:
+    bench = Finger(tables=ZABER)
+    (hold,) = bench.vibrate().holds
+    (begun,), (end,), readings = bench.of("vibrate"), bench.of("hold_end"), bench.within("vibrate")
+    assert begun["preload_mm"] == pytest.approx(PRELOAD_MM, abs=0.002)
+    depths = [one["doi_mm"] for one in readings]
+    assert (min(depths), max(depths)) == pytest.approx((PRELOAD_MM - 0.05, PRELOAD_MM + 0.05), abs=0.003)
+    assert all(one["force_gwt"] == pytest.approx(K_GWT * one["doi_mm"] ** 1.5, abs=0.03) for one in readings)
+    assert end["readings"] == len(readings) > 20
+    assert end["peak_gwt"] == max(one["force_gwt"] for one in readings)
+    assert end["force_gwt"] == pytest.approx(sum(one["force_gwt"] for one in readings) / len(readings))
+    assert end["interval_sd_s"] < 0.01
+    assert (hold.doi_mm, end["asked_s"]) == (pytest.approx(PRELOAD_MM, abs=0.003), 1.0)
+    assert ("sine", 0.05, 0.5, 2) in bench.stage.told
+
+
+SINES: dict[str, tuple[Felt, str | None]] = {
+    "it sank": (lambda bench: _law(bench, SKIN_MM - 0.3), None),
+    "it is gone": (lambda bench: 0.0, "lost_finger"),
+    "less than half a touch": (lambda bench: 0.02, "lost_finger"),
+    "it stays": (lambda bench: 2.0, "frozen"),
+    "it wavers by a step": (lambda bench: 2.0 + 0.02 * math.sin(900 * bench.clock.monotonic_s()), None),
+    "it came up": (lambda bench: _law(bench, SKIN_MM + 0.9), "vibration_trip"),
+}
+
+
+@pytest.mark.parametrize("name", SINES)
+def test_what_ends_a_vibration(name: str) -> None:
+    felt, code = SINES[name]
+    bench = Finger(felt, ZABER)
+    if code is None:
+        assert bench.vibrate().holds
+        return
+    with raises(TripError, code):
+        bench.vibrate()
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(
+    ("latency_s", "frequency_hz", "code"),
+    [(0.0, 4.9, "frozen"), (0.0, 5.1, None), (0.1, 1.6, "frozen"), (0.1, 1.7, None)],
+)
+def test_a_reading_that_stays_is_noticed_in_sines_of_four_ages_of_a_reading(
+    latency_s: float, frequency_hz: float, code: str | None
+) -> None:
+    """The sensor settles in 0.05 s, later by its latency: up to 5 Hz, or 1.67 Hz. After a cycle and an age."""
+    bench = Finger(lambda bench: 2.79, {**ZABER, "force": {"latency_s": latency_s}})
+    sine = SineMotion.of(frequency_hz, 20.0, 3.0)
+    if code is None:
+        assert bench.vibrate(sine).holds
+        return
+    with raises(TripError, code, force_gwt=2.79):
+        bench.vibrate(sine)
+    stays_s = (len(bench.within("vibrate")) - 1) * READ_S
+    assert 0.0 < stays_s - (sine.period_s + WAIT_S + latency_s) <= READ_S
+
+
+@pytest.mark.parametrize(("more_s", "ends"), [(-0.01, False), (0.01, True)])
+def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends: bool) -> None:
+    bench = Finger(tables=ZABER)
+
+    def slow(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "vibrate" and len(bench.within("vibrate")) == 10:
+            bench.clock.wait_s(UNREAD_S - READ_S + more_s)
+
+    bench.at_event = slow
+    if ends:
+        with raises(TripError, "vibration_unread", unread_s=pytest.approx(UNREAD_S + more_s), limit_s=UNREAD_S):
+            bench.vibrate()
+        assert len(bench.within("vibrate")) == 11
+    else:
+        assert bench.vibrate().holds
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+@pytest.mark.parametrize("press", [Finger.ramp, Finger.vibrate], ids=["ramp", "vibrate"])
+def test_a_pause_or_too_long_a_contact_ends_a_motion_at_its_next_reading(
+    press: Callable[[Finger], Indentation], goes_on: bool
+) -> None:
+    """A pause that goes on begins it anew."""
+    phase = "ramp" if press is Finger.ramp else "vibrate"
+    bench = Finger(tables=ZABER)
+    bench.goes_on, paused = goes_on, list[int]()
+
+    def asked() -> bool:
+        if len(bench.within(phase)) >= 5 and not paused:
+            paused.append(len(bench.within(phase)))
+            return True
+        return bool(paused) and not bench.of("paused")
+
+    bench.wants_pause = asked
+    if goes_on:
+        assert press(bench).holds
+        assert len(bench.of(phase)) == 2
+    else:
+        with raises(RunAborted, "stopped_at_a_safe_point"):
+            press(bench)
+        assert len(bench.within(phase)) == paused[0] == 5
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("press", [Finger.ramp, Finger.vibrate], ids=["ramp", "vibrate"])
+def test_a_contact_that_lasts_too_long_ends_a_motion(press: Callable[[Finger], Indentation]) -> None:
+    bench = Finger(tables={**ZABER, "limits": {"max_contact_s": 300.0}})
+    engine = bench.ready()
+    phase = "ramp" if press is Finger.ramp else "vibrate"
+
+    def long(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == phase:
+            engine.contact._before_s = 1000.0
+
+    bench.at_event = long
+    with raises(LimitError, "contact_time"):
+        press(bench)
+    assert len(bench.within(phase)) == 1 + (phase == "ramp")
+    assert bench.height_mm == pytest.approx(2.0)
