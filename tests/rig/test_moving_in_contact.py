@@ -4,7 +4,6 @@ The finger is F = 6 gwt/mm^1.5 below its skin at -0.3 mm; a touch is 0.05 gwt, s
 sensor is read at each look, and settles within 0.05 s.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -64,6 +63,11 @@ def _law(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
 
 def _below(bench: PlainBench, skin_mm: float = SKIN_MM) -> float:
     return skin_mm - bench.height_mm
+
+
+def _odd(bench: PlainBench) -> int:
+    """0 and 1 in turn, from one reading to the next."""
+    return round(bench.clock.monotonic_s() / READ_S) % 2
 
 
 # --- a ramp ---
@@ -128,9 +132,9 @@ ENDS: dict[str, tuple[Felt, str | None]] = {
     "half a touch": (lambda bench: min(_law(bench), 0.03), "frozen"),
     "it stays": (lambda bench: min(_law(bench), 2.0), "frozen"),
     "it stays and wavers by less than half a step": (
-        lambda bench: min(_law(bench), 2.0 + 0.004 * math.sin(900 * bench.clock.monotonic_s())), "frozen"),
-    "it wavers by a step": (
-        lambda bench: _law(bench) if _law(bench) < 2.0 else 2.0 + 0.02 * math.sin(900 * bench.clock.monotonic_s()),
+        lambda bench: min(_law(bench), 2.0 + 0.0044 * _odd(bench)), "frozen"),
+    "it wavers by more": (
+        lambda bench: _law(bench) if _law(bench) < 2.0 else 2.0 + 0.0056 * _odd(bench),
         None),
     "it came up": (lambda bench: _law(bench, SKIN_MM + 0.6), "ramp_trip"),
     "it pulls too much": (lambda bench: -_law(bench) * 3, "lost_finger"),
@@ -155,6 +159,26 @@ def test_what_ends_a_ramp(name: str) -> None:
     if code == "ramp_trip":
         assert caught.value.fields["limit_gwt"] == pytest.approx(bench.of("ramp")[0]["trip_gwt"], abs=1e-5)
     assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("stays_gwt", [0.03, 2.0])
+@pytest.mark.parametrize("latency_s", [0.0, 0.2])
+def test_a_reading_that_stays_ends_a_ramp_past_its_age_and_five_steps_or_a_tenth(
+    stays_gwt: float, latency_s: float
+) -> None:
+    """By the stiffness that the press before it measured."""
+    bench = Finger(lambda bench: min(_law(bench), stays_gwt), {"force": {"latency_s": latency_s}})
+    with raises(TripError, "frozen", force_gwt=stays_gwt):
+        bench.ramp()
+    measured_gwt = bench.of("ramp")[0]["measured_gwt"]
+    since = [one for one in bench.within("ramp") if one["force_gwt"] == stays_gwt]
+    late_mm, enough_gwt = SPEED_MM_S * (WAIT_S + latency_s), max(0.05, 0.1 * stays_gwt)
+
+    def ends(one: dict[str, Any]) -> bool:
+        first, now = (measured_gwt * (each["doi_mm"] / DEPTH_MM) ** 1.5 for each in (since[0], one))
+        return bool(since[0]["height_mm"] - one["height_mm"] > late_mm + 1e-6 and now - first > enough_gwt)
+
+    assert [ends(one) for one in since] == [False] * (len(since) - 1) + [True]
 
 
 @pytest.mark.parametrize(("more_s", "ends"), [(-0.02, False), (0.02, True)])
@@ -202,7 +226,8 @@ SINES: dict[str, tuple[Felt, str | None]] = {
     "it is gone": (lambda bench: 0.0, "lost_finger"),
     "less than half a touch": (lambda bench: 0.02, "lost_finger"),
     "it stays": (lambda bench: 2.0, "frozen"),
-    "it wavers by a step": (lambda bench: 2.0 + 0.02 * math.sin(900 * bench.clock.monotonic_s()), None),
+    "it stays and wavers by less than half a step": (lambda bench: 2.0 + 0.0044 * _odd(bench), "frozen"),
+    "it wavers by more": (lambda bench: 2.0 + 0.0056 * _odd(bench), None),
     "it came up": (lambda bench: _law(bench, SKIN_MM + 0.9), "vibration_trip"),
 }
 
