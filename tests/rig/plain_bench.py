@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
 from rig.devices.base import LOOK_S, ForceReading, StageStatus
@@ -62,7 +63,7 @@ class GlidingStage(PlainStage):
     def vibrating(
         self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float
     ) -> Iterator[StageStatus | None]:
-        top_mm, begun_s = self.at_mm[2], self.clock.monotonic_s()
+        self.look_s, top_mm, begun_s = look_s, self.at_mm[2], self.clock.monotonic_s()
         self.told.append(("sine", amplitude_mm, period_s, cycles))
         while (gone_s := self.clock.monotonic_s() - begun_s) < cycles * period_s:
             self.at_mm[2] = top_mm - amplitude_mm * (1 - math.cos(2 * math.pi * gone_s / period_s))
@@ -85,6 +86,7 @@ class PlainBench:
 
     sample_period_s = 0.05
     make_stage = PlainStage
+    also: Mapping[str, float] = MappingProxyType({})
 
     def __init__(
         self, felt_gwt: Callable[["PlainBench"], float], settings: Mapping[str, Any], **options: Any
@@ -135,7 +137,7 @@ class PlainBench:
     identify = connect
 
     def read(self) -> ForceReading:
-        return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s())
+        return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s(), self.also)
 
     def zero(self) -> None:
         """It shows what it shows."""

@@ -12,6 +12,7 @@ import pytest
 
 from rig.devices.base import ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
+from rig.engine.contact import KnownContact
 from rig.engine.engine import State
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -99,7 +100,12 @@ def _read(bench: StubBench) -> None:
 @pytest.mark.parametrize("last", [_moved, _read], ids=["in motion", "at rest"])
 @pytest.mark.parametrize(
     ("shows_gwt", "zeroed", "kind", "force_gwt"),
-    [(3.0, True, "touching", 3.0), (0.04, True, "unknown", 0.04), (3.0, False, "unknown", None)],
+    [
+        (3.0, True, "touching", 3.0),
+        (-3.0, True, "touching", -3.0),
+        (0.04, True, "unknown", 0.04),
+        (3.0, False, "unknown", None),
+    ],
 )
 def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_zero(
     last: Callable[[StubBench], None], shows_gwt: float, zeroed: bool, kind: str, force_gwt: float | None
@@ -153,6 +159,50 @@ def test_contact_at_rest_is_what_position_and_force_say(
     engine.go_to_height(height_mm, 0.5)
     bench.stage.homed, bench.force.shows_gwt = homed, shows_gwt
     assert engine.measure_contact().kind == kind
+
+
+def test_what_is_known_of_contact_is_left_to_the_next_command() -> None:
+    """Before the first motion below clearance, with the last force, and whenever it is measured; to a millionth."""
+    bench, kept = StubBench(), list[KnownContact]()
+    engine = bench.ready()
+    engine.keep_contact = kept.append
+    bench.force.shows_gwt = 0.03
+    engine.read_force_gwt(PressId(0), "clearance")
+    engine.go_to_height(1.95, 0.5)
+    engine.go_to_height(1.9, 0.5)
+    bench.force.shows_gwt = 3.0
+    begun_s = bench.clock.unix_s()
+    engine.measure_contact()
+    assert [(one.kind, one.force_gwt, one.x_mm, one.height_mm) for one in kept] == [
+        ("unknown", 0.03, 0.0, 2.0),
+        ("touching", 3.0, 0.0, 1.9),
+    ]
+    assert kept[0].unix_s < begun_s < kept[1].unix_s
+    engine.go_to_height(1.8512345678, 0.5)
+    assert (engine.measure_contact().height_mm, engine.may_touch) == (1.851235, True)
+    bench.clock.wait_s(2.0)
+    assert engine.measured_ago_s == pytest.approx(2.0)
+    assert engine.trusted
+    bench.stage.homed = False
+    assert not engine.trusted
+
+
+def test_a_new_bench_is_not_trusted_before_it_is_homed() -> None:
+    bench = StubBench()
+    bench.stage.homed = True
+    assert not bench.engine.trusted
+
+
+def test_why_the_sensor_said_nothing_is_of_the_last_measurement() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    engine.measure_contact()
+    assert engine.not_lifted.fields["unread"]
+    engine.sensing.zero = None
+    assert engine.measure_contact().kind == "raised"
+    assert "unread" not in engine.not_lifted.fields
+    assert (engine.not_lifted.fields["contact"], engine.not_lifted.fields["height_mm"]) == ("raised", 2.0)
 
 
 def test_the_stage_is_told_a_new_lowest_height_and_no_other() -> None:

@@ -5,6 +5,7 @@ sensor is read at each look, and settles within 0.05 s.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
@@ -263,6 +264,16 @@ def test_a_reading_that_stays_is_noticed_in_sines_of_four_ages_of_a_reading(
     assert 0.0 < stays_s - (sine.period_s + WAIT_S + latency_s) <= READ_S
 
 
+@pytest.mark.parametrize(("amplitude_um", "ends"), [(4.0, False), (6.0, True)])
+def test_a_reading_may_stay_where_the_force_swings_by_less_than_five_steps_of_the_sensor(
+    amplitude_um: float, ends: bool
+) -> None:
+    """By 0.038 and 0.057 gwt, 0.1 mm below the skin, where a step is 0.01 gwt."""
+    bench = Finger(lambda bench: 0.19, ZABER)
+    with raises(TripError, "frozen") if ends else nullcontext():
+        bench.vibrate(SineMotion.of(2.0, amplitude_um, 1.5), 0.1)
+
+
 @pytest.mark.parametrize(("more_s", "ends"), [(-0.01, False), (0.01, True)])
 def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends: bool) -> None:
     bench = Finger(tables=ZABER)
@@ -280,13 +291,44 @@ def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends
         assert bench.vibrate().holds
 
 
-@pytest.mark.parametrize("goes_on", [True, False])
-@pytest.mark.parametrize("press", [Finger.ramp, Finger.vibrate], ids=["ramp", "vibrate"])
-def test_a_pause_or_too_long_a_contact_ends_a_motion_at_its_next_reading(
-    press: Callable[[Finger], Indentation], goes_on: bool
+PRESSES = {"ramp": Finger.ramp, "vibrate": Finger.vibrate}
+
+
+@pytest.mark.parametrize("phase", PRESSES)
+@pytest.mark.parametrize(("sample_period_s", "look_s"), [(0.02, 0.02), (0.05, 0.05), (0.2, 0.1)])
+def test_a_motion_is_looked_at_with_each_sample_and_promised_from_its_start(
+    phase: str, sample_period_s: float, look_s: float
 ) -> None:
+    bench = Finger(tables=ZABER)
+    engine = bench.ready()
+    bench.sample_period_s, bench.also = sample_period_s, {"fx_n": 0.5}
+    promised, seen = list[tuple[float, float]](), list[float]()
+    beat = engine.heartbeat.beat
+
+    def beats(within_s: float) -> None:
+        promised.append((bench.clock.monotonic_s(), within_s))
+        beat(within_s)
+
+    def begins(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == phase:
+            promised.clear()
+            seen.append(bench.clock.monotonic_s())
+        elif stream == "sample" and data["phase"] == phase:
+            seen.append(bench.stage.look_s)
+
+    engine.heartbeat.beat = beats  # type: ignore[method-assign]
+    bench.at_event = begins
+    PRESSES[phase](bench)
+    assert promised[0] == (seen[0], bench.settings.limits.heartbeat_s)
+    assert set(seen[1:-1]) == {look_s}
+    assert all(one["fx_n"] == 0.5 for one in bench.within(phase))
+
+
+@pytest.mark.parametrize("goes_on", [True, False])
+@pytest.mark.parametrize("phase", PRESSES)
+def test_a_pause_ends_a_motion_at_its_next_reading(phase: str, goes_on: bool) -> None:
     """A pause that goes on begins it anew."""
-    phase = "ramp" if press is Finger.ramp else "vibrate"
+    press = PRESSES[phase]
     bench = Finger(tables=ZABER)
     bench.goes_on, paused = goes_on, list[int]()
 
@@ -307,18 +349,15 @@ def test_a_pause_or_too_long_a_contact_ends_a_motion_at_its_next_reading(
     assert bench.height_mm == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("press", [Finger.ramp, Finger.vibrate], ids=["ramp", "vibrate"])
-def test_a_contact_that_lasts_too_long_ends_a_motion(press: Callable[[Finger], Indentation]) -> None:
-    bench = Finger(tables={**ZABER, "limits": {"max_contact_s": 300.0}})
-    engine = bench.ready()
-    phase = "ramp" if press is Finger.ramp else "vibrate"
-
-    def long(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == phase:
-            engine.contact._before_s = 1000.0
-
-    bench.at_event = long
-    with raises(LimitError, "contact_time"):
-        press(bench)
-    assert len(bench.within(phase)) == 1 + (phase == "ramp")
+@pytest.mark.parametrize("phase", PRESSES)
+def test_a_contact_that_lasts_too_long_ends_a_motion_at_its_next_reading(phase: str) -> None:
+    """By the clock of a motion that was not ended: at its sixth reading."""
+    whole = Finger(tables=ZABER)
+    PRESSES[phase](whole)
+    longest_s = whole.within(phase)[4]["contact_s"] + 0.01
+    bench = Finger(tables={**ZABER, "limits": {"max_contact_s": longest_s}})
+    with raises(LimitError, "contact_time", limit_s=longest_s):
+        PRESSES[phase](bench)
+    assert bench.within(phase)[5]["contact_s"] > longest_s
+    assert len(bench.within(phase)) == 6 + (phase == "ramp")  # and the one at rest
     assert bench.height_mm == pytest.approx(2.0)
