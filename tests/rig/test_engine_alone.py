@@ -3,6 +3,7 @@
 Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 3 s, the soft trip 203.94 gwt.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from contextlib import nullcontext
@@ -12,8 +13,12 @@ import pytest
 
 from rig.devices.base import ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
+from rig.engine.bench import Pause
+from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.engine import State
+from rig.engine.sensing import ForceZero
+from rig.errors import PressPaused
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import StubBench, raising
@@ -540,7 +545,156 @@ def test_homing_leaves_a_finger_that_has_come_up_since_the_last_reading() -> Non
     assert (engine.state, engine.known_contact.kind) == (State.READY, "lifted")
 
 
+def test_homing_begins_anew() -> None:
+    """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    bench.clock.wait_s(10.0)
+    bench.stage.floors_mm.clear()
+    verbs.home(engine)
+    assert (engine.state, engine.placed, engine.touched.reached_at(0.0, 0.0)) == (State.READY, False, None)
+    limits, apex_mm = bench.settings.limits, bench.settings.frame.apex_z_mm
+    assert bench.stage.floors_mm == [round(apex_mm - limits.search_mm - limits.max_doi_mm, 6)]
+    assert bench.of("home")[-1]["contact"] == "lifted"
+    assert not engine.heartbeat.lost
+
+
+@pytest.mark.parametrize(
+    ("below", "shows_gwt", "code"),
+    [
+        (True, 0.06, "not_lifted"),
+        (True, -0.06, "not_lifted"),
+        (False, 0.06, None),
+        (True, 0.04, None),
+        (False, 250.0, "soft_trip"),
+        (True, 600.0, "hard_trip"),
+    ],
+)
+def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
+    below: bool, shows_gwt: float, code: str | None
+) -> None:
+    """Else the zero has drifted."""
+    bench = StubBench()
+    engine = bench.in_contact() if below else bench.ready()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.home(engine)
+    assert engine.state is (State.TRIPPED if code else State.READY)
+    assert engine.may_touch is (below and code is not None)
+    if code:
+        assert bench.of("trip")[0]["force_gwt"] == pytest.approx(shows_gwt)
+
+
+@pytest.mark.parametrize(("zeroed", "code"), [(True, "not_lifted"), (False, None)])
+def test_a_sensor_that_homing_silences_trips_where_it_was_zeroed(zeroed: bool, code: str | None) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    if not zeroed:
+        engine.sensing.zero = None
+    bench.stage.at_look = lambda: setattr(bench.force, "at_read", raising(ForceTimeout("no answer")))
+    if not zeroed:
+        bench.stage.at_look = lambda: None
+    with raises(TripError, code, contact="raised") if code else nullcontext():
+        verbs.home(engine)
+    assert engine.known_contact.kind == "raised"
+
+
+ZEROED = ForceZero(1.0 * GWT_N, 0.02)
+LEFT: dict[str, tuple[LastKnown, bool, float, bool, bool, str | None]] = {
+    # what is on record, whether the run is resumed, what the sensor shows; whether it homes, alarms or trips
+    "nothing": (LastKnown(), False, 9.0, False, False, None),
+    "a lift": (LastKnown(contact=KnownContact("lifted")), False, 9.0, False, False, None),
+    "a lift, resumed": (LastKnown(contact=KnownContact("lifted")), True, 9.0, True, False, None),
+    "a lift and a zero": (LastKnown(contact=KnownContact("lifted")), False, 1.1, False, False, None),
+    "a lift, and a push since": (LastKnown(contact=KnownContact("lifted")), False, 1.2, True, True, None),
+    "a lift, and a pull since": (LastKnown(contact=KnownContact("lifted")), False, 0.8, True, True, None),
+    "a touch": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.1, True, True, None),
+    "a touch, resumed": (LastKnown(contact=KnownContact("unknown")), True, 1.1, True, True, None),
+    "a touch that stays": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.2, True, True, "not_lifted"),
+    "a touch and no zero": (LastKnown(contact=KnownContact("touching", 3.0)), False, 9.0, True, True, None),
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_what_the_last_command_left_is_left_first(name: str) -> None:
+    """A touch is 0.12 gwt from the zero on record, by its noise; without a touch on record that may be any drift."""
+    before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
+    if shows_gwt < 9.0:
+        before = before.model_copy(update={"zero_offset_n": ZEROED.offset_n, "zero_noise_gwt": ZEROED.noise_gwt})
+    bench = StubBench()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.leave_finger(bench.engine, before, resumed=resumed)
+    assert ("home" in bench.stage.told) is homes
+    assert bool(bench.of("alarm")) is (alarms and code is None)
+    assert bench.engine.sensing.zero is None
+
+
+@pytest.mark.parametrize("forget", ["mount", "pause", "pause in contact"])
+def test_contacts_are_forgotten_where_a_person_was_at_the_finger(forget: str) -> None:
+    bench, asked = StubBench(), [True]
+    engine = bench.in_contact() if "contact" in forget else bench.ready()
+    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    assert engine.touched.reached_at(0.0, 0.0) == (0.8, 4.0)
+    if forget == "mount":
+        verbs.mount(engine, "bar:3.0")
+    else:
+        bench.pause = Pause(lambda: bool(asked), lambda meanwhile: not asked.clear())
+        with pytest.raises(PressPaused) if "contact" in forget else nullcontext():
+            verbs.safe_point(engine)
+        assert [name for name, _ in bench.events[-2:]] == ["paused", "resumed"]
+        assert bench.height_mm == pytest.approx(2.0)
+    assert engine.touched.reached_at(0.0, 0.0) is None
+    assert engine.touched.free_mm(0.0, 0.0, 0.5) == 2.0
+
+
+# --- a rest ---
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_rest_asks_the_stop_inputs_ten_times_a_second_and_the_devices_each_second(virtual: bool) -> None:
+    """Not in its last quarter of a second; and not the devices of a virtual bench."""
+    bench = StubBench()
+    engine = bench.ready()
+    bench.virtual = virtual  # type: ignore[attr-defined]
+    asked_s: list[float] = []
+    engine.stop_problem = lambda *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
+    begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
+    verbs.rest(engine, 3.8)
+    ended_s = bench.clock.monotonic_s()
+    assert ended_s - begun_s == pytest.approx(3.8, abs=0.11)
+    assert bench.of("rest") == [{"rest_s": 3.8}]
+    waits_s = [b - a for a, b in itertools.pairwise([begun_s, *dict.fromkeys(asked_s)])]
+    assert max(waits_s) < 0.2
+    assert len(waits_s) > 25
+    assert max(asked_s) < begun_s + 3.8 - 0.2
+    read_s = bench.force.read_s[read:]
+    assert len(read_s) == (0 if virtual else 3)
+    assert all(b - a == pytest.approx(1.1, abs=0.11) for a, b in itertools.pairwise([begun_s, *read_s]))
+
+
 # --- zero ---
+
+
+@pytest.mark.parametrize("fails_at", [3, 15])
+def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
+    """The third reading is one of the drift; the fifteenth is one of the new zero, and the sensor was zeroed."""
+    bench = StubBench()
+    engine = bench.ready()
+    kept, begun = list[ForceZero | None](), len(bench.force.read_s)
+    before = engine.sensing.zero
+    engine.keep_zero = kept.append
+
+    def fail() -> None:
+        if len(bench.force.read_s) - begun >= fails_at:
+            raise ForceTimeout("no answer")
+
+    bench.force.at_read = fail
+    with raises(TripError, "no_reading"):
+        verbs.zero(engine)
+    assert (engine.sensing.zero, kept) == ((before, []) if fails_at == 3 else (None, [None]))
+    assert len(bench.of("zero")) == 1
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ The finger is F = 6 gwt/mm^1.5 below its skin at -0.3 mm; a touch is 0.05 gwt, s
 sensor is read at each look, and settles within 0.05 s.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import Any
@@ -15,6 +16,7 @@ from rig.engine.corridor import PRINTED_MM
 from rig.engine.indentation import ramp, vibrate
 from rig.engine.limits import UNREAD_S
 from rig.records import Indentation, SineMotion
+from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.rig.plain_bench import GlidingBench, PlainBench
 
@@ -85,6 +87,21 @@ def test_a_ramp_and_its_hold_are_journalled_by_what_was_read() -> None:
     contact_mm = bench.of("touch")[0]["contact_height_mm"]
     assert all(one["doi_mm"] == pytest.approx(contact_mm - one["height_mm"], abs=2e-6) for one in readings)
     assert end["ramp_s"] == pytest.approx((DEPTH_MM - readings[0]["doi_mm"]) / SPEED_MM_S, abs=0.15)
+
+
+def test_a_ramp_goes_deeper_by_what_the_rig_gives() -> None:
+    """1 mm/N: 0.042 mm at its depth, by the force of the press before it; and of a hold the sd is that of both."""
+    gives = {"value": 1.0, "sd": 0.2, "date": "2026-01-01", "expires": "2036-01-01"}
+    bench = Finger(tables={"calibration": {"compliance_mm_per_n": gives}})
+    (hold,) = bench.ramp().holds
+    assert hold.doi_mm == pytest.approx(DEPTH_MM, abs=0.003)
+    force_n, (end,) = hold.force_gwt * GWT_N, bench.of("hold_end")
+    height_mm = bench.within("hold")[-1]["height_mm"]
+    contact_mm = bench.of("touch")[0]["contact_height_mm"]
+    assert hold.doi_mm == pytest.approx(contact_mm - height_mm - force_n, abs=2e-6)
+    assert end["doi_sd_mm"] == pytest.approx(math.hypot(STEP_MM / math.sqrt(12), 0.2 * force_n), abs=2e-6)
+    floor_mm = _floors_mm(bench)[-1]
+    assert floor_mm == pytest.approx(contact_mm - DEPTH_MM - force_n - INCREMENT_MM, abs=0.003)
 
 
 @pytest.mark.parametrize("more_gwt", [0.5, -0.5])
