@@ -14,7 +14,7 @@ import pytest
 from rig.engine import LimitError, RunAborted, Target, TripError
 from rig.engine.corridor import PRINTED_MM
 from rig.engine.indentation import ramp, vibrate
-from rig.engine.limits import UNREAD_S
+from rig.engine.limits import UNREAD_S, RampBound, VibrationBound
 from rig.records import Indentation, SineMotion
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -119,6 +119,9 @@ def test_the_peak_of_a_hold_is_the_highest_reading_of_its_ramp_and_of_nothing_be
     bench.ramp()
     peak_gwt = bench.of("hold_end")[0]["peak_gwt"]
     assert peak_gwt == pytest.approx(at_gwt[0] if more_gwt > 0 else 0.9 * LAW_GWT, abs=0.03)
+    if more_gwt < 0:
+        bench.ramp(0.2)
+        assert bench.of("hold_end")[1]["peak_gwt"] == pytest.approx(0.9 * K_GWT * 0.2**1.5, abs=0.03)
 
 
 def _floors_mm(bench: GlidingBench) -> list[float]:
@@ -309,6 +312,38 @@ def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends
 
 
 PRESSES = {"ramp": Finger.ramp, "vibrate": Finger.vibrate}
+ODD = SineMotion(0.0123456789, 0.5123456789, 2)
+
+
+@pytest.mark.parametrize("phase", PRESSES)
+def test_what_a_motion_may_do_is_journalled_before_it_to_a_millionth(phase: str) -> None:
+    gives = {"value": 0.123456789, "sd": 0.2, "date": "2026-01-01", "expires": "2036-01-01"}
+    bench = Finger(tables={**ZABER, "calibration": {"compliance_mm_per_n": gives}})
+    bound: RampBound | VibrationBound
+    if phase == "ramp":
+        bench.ramp(0.7123456789, 0.2123456789)
+    else:
+        bench.vibrate(ODD)
+    (begun,) = bench.of(phase)
+    gwt, trip_gwt = begun["measured_gwt"], 0.1 / GWT_N
+    if phase == "ramp":
+        bound = RampBound.of(bench.settings, 0.2123456789, trip_gwt, gwt, 0.7123456789)
+        own: dict[str, Any] = {"speed_mm_s": 0.2123456789}
+    else:
+        bound = VibrationBound.of(bench.settings, ODD, trip_gwt, gwt, begun["preload_mm"])
+        own = {"frequency_hz": round(1 / 0.5123456789, 6), "amplitude_um": pytest.approx(12.3456789), "cycles": 2,
+               "preload_mm": begun["preload_mm"]}  # fmt: skip
+    loads = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt}
+    assert begun == {
+        "index": 0, **own, "measured_gwt": gwt, "stop_mm": round(bound.stop_mm, 6),
+        **{key: pytest.approx(value, rel=1e-5) for key, value in loads.items()},
+    }  # fmt: skip
+    samples = [one for one in bench.of("sample") if one["doi_mm"] is not None]
+    lengths = [one[key] for one in samples for key in ("doi_mm", "height_mm", "contact_s")]
+    lengths += [one[key] for stream in ("hold_start", "hold_end") for one in bench.of(stream)
+                for key in ("doi_mm", "ramp_s", "hold_s", "doi_sd_mm", "interval_sd_s") if key in one]  # fmt: skip
+    lengths += [begun["preload_mm"]] if phase == "vibrate" else []
+    assert lengths == [round(length, 6) for length in lengths]
 
 
 @pytest.mark.parametrize("phase", PRESSES)
