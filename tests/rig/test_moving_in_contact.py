@@ -84,6 +84,7 @@ def test_a_ramp_and_its_hold_are_journalled_by_what_was_read() -> None:
     assert end["ramp_gwt"] == pytest.approx(hold.force_gwt, abs=0.02)
     assert end["peak_gwt"] == max(one["force_gwt"] for one in [*readings, *bench.within("hold")])
     assert readings[0]["doi_mm"] < 0.0
+    assert (end["index"], end["hold"], end["asked_s"], end["commanded"]) == (0, 1, 0.2, DEPTH_MM)
     contact_mm = bench.of("touch")[0]["contact_height_mm"]
     assert all(one["doi_mm"] == pytest.approx(contact_mm - one["height_mm"], abs=2e-6) for one in readings)
     assert end["ramp_s"] == pytest.approx((DEPTH_MM - readings[0]["doi_mm"]) / SPEED_MM_S, abs=0.15)
@@ -238,7 +239,8 @@ def test_a_vibration_is_journalled_by_what_was_read() -> None:
     assert end["peak_gwt"] == max(one["force_gwt"] for one in readings)
     assert end["force_gwt"] == pytest.approx(sum(one["force_gwt"] for one in readings) / len(readings))
     assert end["interval_sd_s"] < 0.01
-    assert (hold.doi_mm, end["asked_s"]) == (pytest.approx(PRELOAD_MM, abs=0.003), 1.0)
+    assert (end["index"], end["hold"], end["asked_s"], end["commanded"]) == (0, 1, 1.0, PRELOAD_MM)
+    assert (hold.doi_mm, end["hold_s"]) == (pytest.approx(PRELOAD_MM, abs=0.003), pytest.approx(1.2, abs=0.2))
     assert ("sine", 0.05, 0.5, 2) in bench.stage.told
 
 

@@ -6,13 +6,14 @@ from typing import Any
 
 import pytest
 
-from rig.engine import EngineError
+from rig.engine import EngineError, indentation
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
-from rig.protocol.steps import Precondition, Reference
-from rig.records import Hold, Indentation, Pace, PlannedIndentation, Prediction, PressId, Target
-from rig.session.execute import Live
+from rig.protocol.steps import ExpectedPresses, Indent, Precondition, Ramp, Reference, Vibrate
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, Prediction, PressId, SineMotion, Target
+from rig.session.execute import Live, execute
+from tests.rig.plain_bench import PlainBench
 from tests.rig.script_walk import StandIn, Walked, ready, walked
 
 Make = Callable[..., Any]
@@ -203,3 +204,40 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
     live.handle(Reference(x_mm=1.0, doi_mm=0.2, increments=1, hold_s=0.1), owed)
     assert [(e["index"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [(1, 1.0)]
     assert [e["index"] for e in bench.of("reference")] == [1]
+
+
+ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5}
+SINE = SineMotion.of(4.0, 50.0, 2.0)
+HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
+    "indent": (
+        Indent(doi_mm=0.5, increments=3, speed_mm_s=0.25, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
+        {"increments": 3, "speed_mm_s": 0.25, "hold_s": 0.75}),
+    "indent otherwise": (
+        Indent(doi_mm=0.5, increments=3, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
+        {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}),
+    "ramp": (Ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.75), "ramp", (0.5, 0.3), {"hold_s": 0.75}),
+    "vibrate": (
+        Vibrate(frequency_hz=4.0, amplitude_um=50.0, duration_s=2.0, doi_mm=0.5), "vibrate",
+        (Target("doi_mm", 0.5), SINE), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HANDED_ON)
+def test_a_press_is_made_by_its_plan(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where contact is expected, on which area, under which number: all of it counts."""
+    step, function, words, more = HANDED_ON[name]
+    asked: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+
+    def made(engine: object, *args: Any, **options: Any) -> Indentation:
+        asked.append((args, options))
+        return Indentation(7, 0.5, ())
+
+    monkeypatch.setattr(indentation, function, made)
+    planned = PlannedIndentation(
+        "bar", 0.5, Target("doi_mm", 0.5), ODD["expected_contact_mm"], 5.0, 0.5, ODD["contact_area_mm2"], 0.1,
+        increments=3, hold_s=0.75,
+    )  # fmt: skip
+    press = PressId(7, "data", {"trial": 2})
+    answer = execute(PlainBench(lambda bench: 0.0, {}).engine, step, ExpectedPresses((press,), planned))
+    assert asked == [(words, {**ODD, **more, "press_id": press})]
+    assert answer == Indentation(7, 0.5, ())
