@@ -152,6 +152,7 @@ ENDS: dict[str, tuple[Felt, str | None]] = {
     "it pulls": (lambda bench: -0.03, "lost_finger"),
     "less than half a touch": (lambda bench: min(_law(bench), 0.02), "lost_finger"),
     "half a touch": (lambda bench: min(_law(bench), 0.03), "frozen"),
+    "half a touch from the start, in the air": (lambda bench: 0.03, "frozen"),
     "it stays": (lambda bench: min(_law(bench), 2.0), "frozen"),
     "it stays and wavers by less than half a step": (
         lambda bench: min(_law(bench), 2.0 + 0.0044 * _odd(bench)), "frozen"),
