@@ -184,18 +184,20 @@ def test_what_ends_a_ramp(name: str) -> None:
     assert bench.height_mm == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("stays_gwt", [0.03, 2.0])
-@pytest.mark.parametrize("latency_s", [0.0, 0.2])
+@pytest.mark.parametrize(
+    ("stays_gwt", "latency_s", "speed_mm_s"),
+    [(0.03, 0.0, 0.05), (2.0, 0.0, 0.05), (2.0, 0.0, 0.3), (0.03, 0.2, 0.3), (2.0, 0.2, 0.3)],
+)
 def test_a_reading_that_stays_ends_a_ramp_past_its_age_and_five_steps_or_a_tenth(
-    stays_gwt: float, latency_s: float
+    stays_gwt: float, latency_s: float, speed_mm_s: float
 ) -> None:
     """By the stiffness that the press before it measured."""
     bench = Finger(lambda bench: min(_law(bench), stays_gwt), {"force": {"latency_s": latency_s}})
     with raises(TripError, "frozen", force_gwt=stays_gwt):
-        bench.ramp()
+        bench.ramp(speed_mm_s=speed_mm_s)
     measured_gwt = bench.of("ramp")[0]["measured_gwt"]
     since = [one for one in bench.within("ramp") if one["force_gwt"] == stays_gwt]
-    late_mm, enough_gwt = SPEED_MM_S * (WAIT_S + latency_s), max(0.05, 0.1 * stays_gwt)
+    late_mm, enough_gwt = speed_mm_s * (WAIT_S + latency_s), max(0.05, 0.1 * stays_gwt)
 
     def ends(one: dict[str, Any]) -> bool:
         first, now = (measured_gwt * (each["doi_mm"] / DEPTH_MM) ** 1.5 for each in (since[0], one))
@@ -401,6 +403,45 @@ def test_a_pause_ends_a_motion_at_its_next_reading(phase: str, goes_on: bool) ->
         with raises(RunAborted, "stopped_at_a_safe_point"):
             press(bench)
         assert len(bench.within(phase)) == paused[0] == 5
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("phase", PRESSES)
+def test_a_pause_before_a_motion_is_taken_before_it(phase: str) -> None:
+    """As the indentor backs off from the press before a ramp, or as the hold of a vibration begins."""
+    bench = Finger(tables=ZABER)
+    bench.ready()
+    begun: list[int] = []
+
+    def due() -> bool:
+        *_, (stream, data) = bench.events
+        return stream == "hold_start" if phase == "vibrate" else data.get("phase") == "back off" and pressed()
+
+    def pressed() -> bool:
+        return bool(bench.within("press"))
+
+    def asked() -> bool:
+        if not begun and due():
+            begun.append(len(bench.of(phase)))
+        return bool(begun) and not bench.of("paused")
+
+    bench.wants_pause = asked
+    PRESSES[phase](bench)
+    assert begun == [0]
+    assert len(bench.of(phase)) == 1
+    streams = [stream for stream, _ in bench.events]
+    assert streams.index("paused") < streams.index(phase)
+
+
+@pytest.mark.parametrize(("phase", "deepest_mm"), [("ramp", 0.6), ("vibrate", 0.65)])
+def test_no_motion_goes_deeper_than_the_limit(phase: str, deepest_mm: float) -> None:
+    """Where the press before it came within a step of a ramp's depth; at the lower end of a sine."""
+    bench = Finger(tables={**ZABER, "limits": {"max_doi_mm": deepest_mm}})
+    press = bench.ramp if phase == "ramp" else lambda doi_mm: bench.vibrate(doi_mm=doi_mm)
+    assert press(0.5975).holds
+    with raises(LimitError, "too_deep", limit_mm=deepest_mm, doi_mm=pytest.approx(deepest_mm + 0.0015, abs=0.0013)):
+        press(0.6015)
+    assert len(bench.of(phase)) == 1
     assert bench.height_mm == pytest.approx(2.0)
 
 
