@@ -438,7 +438,7 @@ def test_no_motion_goes_deeper_than_the_limit(phase: str, deepest_mm: float) -> 
     """Where the press before it came within a step of a ramp's depth; at the lower end of a sine."""
     bench = Finger(tables={**ZABER, "limits": {"max_doi_mm": deepest_mm}})
     press = bench.ramp if phase == "ramp" else lambda doi_mm: bench.vibrate(doi_mm=doi_mm)
-    assert press(0.5975).holds
+    assert press(0.6).holds
     with raises(LimitError, "too_deep", limit_mm=deepest_mm, doi_mm=pytest.approx(deepest_mm + 0.0015, abs=0.0013)):
         press(0.6015)
     assert len(bench.of(phase)) == 1
