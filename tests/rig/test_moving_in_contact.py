@@ -316,6 +316,33 @@ def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends
         assert bench.vibrate().holds
 
 
+def test_a_sine_between_two_readings_is_held_by_the_one_at_rest() -> None:
+    bench = Finger(tables=ZABER)
+    bench.stage.vibrating = lambda **sine: iter(())  # type: ignore[assignment, method-assign]
+    (hold,) = bench.vibrate().holds
+    (end,), (rested,) = bench.of("hold_end"), bench.within("hold")
+    assert not bench.within("vibrate")
+    assert (end["readings"], end["force_gwt"], end["peak_gwt"]) == (1, rested["force_gwt"], rested["force_gwt"])
+    assert (hold.force_gwt, end["force_sd_gwt"], end["interval_sd_s"]) == (rested["force_gwt"], 0.0, 0.0)
+
+
+@pytest.mark.parametrize("target", [Target("doi_mm", 0.6), Target("force_gwt", 3.0)], ids=["depth", "force"])
+def test_a_sine_starts_from_its_target_and_leaves_its_depth_and_force_to_the_next_ramp(target: Target) -> None:
+    bench = Finger(tables=ZABER)
+    vibrate(bench.ready(), target, SINE, expected_contact_mm=SKIN_MM)
+    reached = bench.engine.touched.reached_at(0.0, 0.0)
+    assert reached is not None
+    (begun,) = bench.of("vibrate")
+    assert reached == pytest.approx((begun["preload_mm"], begun["measured_gwt"]), abs=1e-6)
+    assert dict(zip(("doi_mm", "force_gwt"), reached, strict=True))[target.kind] == pytest.approx(
+        target.value, abs=0.03
+    )
+    bench.events.clear()
+    bench.ramp(reached[0])
+    assert not bench.within("press")
+    assert bench.of("ramp")[0]["measured_gwt"] == pytest.approx(reached[1], abs=1e-6)
+
+
 PRESSES = {"ramp": Finger.ramp, "vibrate": Finger.vibrate}
 ODD = SineMotion(0.0123456789, 0.5123456789, 2)
 
@@ -456,4 +483,5 @@ def test_a_contact_that_lasts_too_long_ends_a_motion_at_its_next_reading(phase: 
         PRESSES[phase](bench)
     assert bench.within(phase)[5]["contact_s"] > longest_s
     assert len(bench.within(phase)) == 6 + (phase == "ramp")  # and the one at rest
+    assert not bench.within("hold")
     assert bench.height_mm == pytest.approx(2.0)
