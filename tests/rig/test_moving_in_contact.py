@@ -314,6 +314,7 @@ def test_a_vibration_may_go_unread_for_so_long_and_no_longer(more_s: float, ends
         assert len(bench.within("vibrate")) == 11
     else:
         assert bench.vibrate().holds
+        assert bench.of("hold_end")[0]["interval_sd_s"] > 0.05
 
 
 def test_a_sine_between_two_readings_is_held_by_the_one_at_rest() -> None:
