@@ -612,7 +612,7 @@ def doubt_about_zero(
     coordinates: Xyz,
     speed_mm_s: float,
     *,
-    confirm_modes: bool = False,
+    confirm_modes: bool,
 ) -> Doubt | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 

@@ -1,11 +1,12 @@
 """How a GRBL stage moves: what is asked on the way, when a move is over, and where it must have arrived."""
 
 import math
+import re
 from collections.abc import Callable
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus
+from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus, StageTimeout
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -193,6 +194,114 @@ def test_at_a_speed_that_is_known_to_be_changed_no_byte_is_sent(
     with raises(StageOverridden, "overridden", feed_percent=50):
         move(stage)
     assert board.said == []
+
+
+STEPS = {"x": 400.0, "y": 250.0, "z": 80.0}
+
+
+@pytest.mark.parametrize(
+    ("axis", "to_mm", "step_mm"),
+    [("x", -5.0012, -5.0), ("x", -5.0013, -5.0025), ("y", -5.0019, -5.0), ("y", -5.0021, -5.004),
+     ("z", -5.006, -5.0), ("z", -5.007, -5.0125), ("z", 5.007, 5.0125)],
+)  # fmt: skip
+def test_a_target_is_the_nearest_step_of_its_own_axis(board: Board, axis: str, to_mm: float, step_mm: float) -> None:
+    """Also the place from which it is counted: −1, −2 and −3 mm are whole steps of all three."""
+    told = "".join(f"${100 + k}={per_mm}\r\n" for k, per_mm in enumerate(STEPS.values()))
+    board.answers[b"$$\n"] = told.encode() + b"$13=0\r\nok\r\n"
+    stage = connected(board)
+    place = {"x_mm": -1.0, "y_mm": -2.0, "z_mm": -3.0}
+    board.status = at("Idle", **{**place, f"{axis}_mm": step_mm})
+    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=1.0)  # type: ignore[arg-type]
+    (line,) = (data for data in board.said if data.startswith(b"G92"))
+    number = line.partition(axis.upper().encode())[2]
+    assert float(re.match(rb"[-.\d]+", number)[0]) == pytest.approx(place[f"{axis}_mm"] - step_mm, abs=1e-6)  # type: ignore[index]
+
+
+# --- homing ---
+
+HOMES = "$13=0\r\n$27={off}\r\n$23={down}\r\n$130=60.0\r\n$131=30.0\r\n{z}ok\r\n"
+
+
+@pytest.mark.parametrize(
+    ("down", "off", "z", "home"),
+    [
+        (0, 1.0, "$132=40.0\r\n", (-1.0, -1.0, -1.0)),
+        (0, 0.5, "$132=40.0\r\n", (-0.5, -0.5, -0.5)),
+        (1, 1.0, "$132=40.0\r\n", (-59.0, -1.0, -1.0)),
+        (3, 1.0, "$132=40.0\r\n", (-59.0, -29.0, -1.0)),
+        (2, 0.5, "", (-0.5, -29.5, -0.5)),
+    ],
+)
+def test_a_board_has_homed_where_its_settings_say(
+    board: Board, down: int, off: float, z: str, home: tuple[float, float, float]
+) -> None:
+    """Off its switch by $27, at the end that $23 names for each axis."""
+    board.answers[b"$$\n"] = HOMES.format(off=off, down=down, z=z).encode()
+    stage = connected(board, homed=False)
+    board.status = at("Idle", *home)
+    stage.home()
+    assert stage.homed
+    for axis in range(3):
+        elsewhere = [mm + 0.01 * (k == axis) for k, mm in enumerate(home)]
+        board.status = at("Idle", *elsewhere)
+        with raises(StageError, "did_not_home", axis="XYZ"[axis], at_mm=elsewhere[axis], target_mm=home[axis]):
+            stage.home()
+        assert not stage.homed
+
+
+def test_a_board_that_tells_no_pull_off_may_home_anywhere(board: Board) -> None:
+    board.answers[b"$$\n"] = b"$13=0\r\n$23=0\r\n$130=60.0\r\nok\r\n"
+    assert connected(board).homed
+
+
+def test_an_ok_without_a_homing_is_none(board: Board) -> None:
+    """That of `$X`, which one wrong bit makes of `$H`."""
+    stage = connected(board)
+    board.answers[b"$H\n"] = b"ok\r\n"
+    with raises(StageError, "did_not_home"):
+        stage.home()
+    assert not stage.homed
+
+
+# --- a halt ---
+
+
+def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
+    """While the board runs, each 20 ms; not while it slows down."""
+    stage = connected(board)
+    board.next[b"?"] = [at("Run"), at("Run"), at("Hold:1"), at("Hold:0"), at("Idle")]
+    stage.halt()
+    assert board.said == [b"!", b"?", b"!", b"?", b"!", b"?", b"?", b"\x18", b"?"]
+    assert stage.homed
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("by_mm", [0.1, -0.1])
+@pytest.mark.parametrize(("first", "then"), [("x", "y"), ("x", "z"), ("z", "x"), ("y", "x")])
+def test_a_jog_of_another_axis_waits_for_the_end_of_the_one_before(
+    board: Board, clock: VirtualClock, first: str, then: str, by_mm: float
+) -> None:
+    stage = connected(board)
+    stage.jog(first, 0.1, 1.0)  # type: ignore[arg-type]
+    begun_s = clock.monotonic_s()
+    board.next[b"?"] = [at("Jog")] * 5
+    board.heard.clear()
+    stage.jog(then, by_mm, 1.0)  # type: ignore[arg-type]
+    assert board.said[:6] == [b"?"] * 6
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.1)
+    assert board.said[-1].startswith(b"$J=")
+
+
+def test_a_jog_that_does_not_end_holds_up_the_next_one_for_5_s(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    stage.jog("x", 0.1, 1.0)
+    begun_s = clock.monotonic_s()
+    board.status = at("Jog")
+    with raises(StageTimeout, "still_jogging", timeout_s=5.0):
+        stage.jog("y", 0.1, 1.0)
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.03)
 
 
 # --- jogs up ---
