@@ -7,8 +7,8 @@ import pytest
 
 from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
 from rig.devices.grbl import GrblStage
-from rig.devices.grbl_link import expected_settings, travel_s
-from rig.settings import RigSettings
+from rig.devices.grbl_link import enforced_settings, expected_settings, travel_s
+from rig.settings import RigSettings, StageBounds
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.scripted_board import Board
@@ -190,6 +190,36 @@ def test_a_motor_whose_direction_the_board_does_not_tell_runs_with_its_axis(
     stage = GrblStage(board, clock)
     stage.connect()
     assert [stage.steps_per_mm(axis) for axis in ("x", "y", "z")] == [sign * 400.0, sign * 250.0, sign * 80.0]
+
+
+@pytest.mark.parametrize(
+    ("board", "enforced"),
+    [
+        ({110: 6000.0, 111: 600.0, 112: 300.0, 113: 9000.0}, {110: 600.0}),
+        ({110: 599.0, 111: 601.0, 112: 601.0, 109: 9000.0}, {111: 600.0, 112: 600.0}),
+        ({}, {}),
+    ],
+)
+def test_a_board_is_made_to_go_no_faster_and_no_lower(board: dict[int, float], enforced: dict[int, float]) -> None:
+    """A rate that is lower already is left, and so is a fourth axis."""
+    bounds = StageBounds(lowest_z_mm=-26.5, fastest_mm_s=10.0)
+    assert enforced_settings(board, bounds) == {**enforced, 132: 26.5}
+
+
+@pytest.mark.parametrize(
+    ("pins", "inputs"), [("", set()), ("|Pn:D", {"door"}), ("|Pn:XH", {"hold"}), ("|Pn:DHP", {"door", "hold"})]
+)
+def test_the_inputs_of_a_board_are_those_of_its_last_status(
+    board: Board, clock: VirtualClock, pins: str, inputs: set[str]
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    for now, active in ((pins, inputs), ("", set())):
+        board.status = f"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0{now}>\r\n".encode()
+        stage.status()
+        heard = len(board.said)
+        assert stage.active_inputs() == active
+        assert len(board.said) == heard
 
 
 # --- moves as words ---
