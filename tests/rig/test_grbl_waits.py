@@ -153,6 +153,22 @@ def test_an_offset_that_the_board_reports_before_it_has_obeyed_is_not_a_confirma
     assert not [data for data in board.said if data.startswith(b"G1")]
 
 
+def test_an_offset_is_not_used_any_more_once_a_line_that_sets_it_was_sent(board: Board) -> None:
+    """The board may have obeyed though it did not answer: its work coordinates count from elsewhere then."""
+    work = "<Idle|WPos:{}|FS:0,0{}>\r\n"
+    board.next[b"?"] = [work.format("1.000,2.000,3.000", "|WCO:-10.000,-10.000,-10.000").encode()]
+    board.status = work.format("1.000,2.000,3.000", "").encode()
+    stage = connected(board)
+    assert stage.status() == StageStatus("Idle", -9.0, -8.0, -7.0)
+    new = [work.format("0.000,0.000,0.000", offset).encode() for offset in ("", "|WCO:-9.000,-8.000,-7.000")]
+    usual = board._answer
+    board._answer = lambda data: b"" if data.startswith(b"G92") else usual(data)  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        stage.jog("x", -0.05, 1.0)
+    board.next[b"?"] = [*new]
+    assert stage.status() == StageStatus("Idle", -9.0, -8.0, -7.0)
+
+
 @pytest.mark.parametrize(
     ("state", "code"), [("Hold:0", "held"), ("Door:1", "held"), ("Run", "not_idle"), ("Alarm", "not_idle")]
 )

@@ -213,6 +213,7 @@ def test_the_inputs_of_a_board_are_those_of_its_last_status(
     board: Board, clock: VirtualClock, pins: str, inputs: set[str]
 ) -> None:
     stage = GrblStage(board, clock)
+    assert stage.active_inputs() == set()
     stage.connect()
     for now, active in ((pins, inputs), ("", set())):
         board.status = f"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0{now}>\r\n".encode()
