@@ -148,6 +148,16 @@ def test_records_that_nobody_read_in_a_pause_are_not_lost(pause_s: float, lost: 
     assert there.read_after(record(1010))["packets_lost"] == lost + 1010 - int(records[-1][2:4].hex(), 16) - 1
 
 
+def test_a_reading_before_a_connection_reads_the_page_and_starts_the_stream() -> None:
+    there = Wire(connect=False)
+    there.write = there.sent.append  # type: ignore[method-assign]
+    there.come(PAGE, *(record(n, axes=(0, 0, -5, 0, 0, 0)) for n in range(40)))
+    assert there.driver.read().force_n == pytest.approx(5e-6)
+    assert there.sent == [GET_PAGE, START]
+    there.driver.read()
+    assert there.sent == [GET_PAGE, START]
+
+
 def test_the_stream_is_started_again_after_silence() -> None:
     there = Wire()
     assert there.sent == [GET_PAGE, START]
