@@ -204,7 +204,7 @@ def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
 ) -> None:
     """It may print whole mm/min: half of one is no difference. No feed at all is none."""
     stage = connected(board)
-    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 S0 {shown}]\r\nok\r\n".encode()
+    board.answers[b"$G\n"] = f"[GC:G90 G54 G17 G21 G1 G94 M5 M9 T0 S0 {shown}]\r\nok\r\n".encode()
     if found_mm_min is not None and abs(found_mm_min - 60.0) <= 0.5:
         stage.jog("x", -0.5, 1.0)
     else:
