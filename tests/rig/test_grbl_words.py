@@ -226,6 +226,19 @@ def test_the_inputs_of_a_board_are_those_of_its_last_status(
 # --- moves as words ---
 
 
+@pytest.mark.parametrize(
+    ("by_mm", "told"),
+    [(0.12344, "0.1234"), (0.12346, "0.1235"), (0.5, "0.5"), (2.0, "2"), (-0.00004, "0"), (-10.0, "-10")],
+)
+def test_a_distance_is_told_to_a_tenth_of_a_micrometre(
+    board: Board, clock: VirtualClock, by_mm: float, told: str
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage.jog("y", by_mm, 1.0)
+    assert board.said[-1] == f"$J=G91Z0Y{told}F60\n".encode()
+
+
 @pytest.mark.parametrize(("speed_mm_s", "told"), [(1 / 60, "F1"), (0.5, "F30"), (0.33333, "F20"), (10.0, "F600")])
 def test_a_speed_is_told_per_minute(board: Board, clock: VirtualClock, speed_mm_s: float, told: str) -> None:
     """From 1 mm/min on, below which a board moves no slower whatever it is told."""
