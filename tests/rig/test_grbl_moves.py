@@ -3,6 +3,7 @@
 import math
 import re
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
@@ -88,12 +89,21 @@ def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> No
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
 
 
-def test_a_jog_is_over_with_the_next_move(board: Board) -> None:
+ENDS_OF_A_JOG: dict[str, Callable[[GrblStage], object]] = {
+    "move": lambda stage: stage.move_to(x_mm=-11.0, speed_mm_s=1.0),
+    "home": lambda stage: stage.home(),
+    "end_jog": lambda stage: stage.end_jog(),
+    "unlock": lambda stage: stage.unlock(),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_is_over_with_what_ends_it(board: Board, end: str) -> None:
     """A board that is held after that holds nothing up: where it is can be asked."""
     stage = connected(board)
     stage.jog("x", -10.0, 1.0)
     board.status = at("Idle", -11.0)
-    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    ENDS_OF_A_JOG[end](stage)
     board.status = at("Hold:0", -11.0)
     assert stage.status().state == "Hold:0"
 
@@ -170,6 +180,8 @@ def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
     """Its arrival is only exact."""
     board.answers[b"$$\n"] = b"$13=0\r\nok\r\n"
     stage = connected(board)
+    board.status = at("Idle", -5.0)
+    stage.move_to(x_mm=-5.0004, speed_mm_s=1.0)  # it prints three decimals
     board.status = at("Idle", -5.001)
     with raises(StageError, "not_there", axis="X", at_mm=-5.001):
         stage.move_to(x_mm=-5.0, speed_mm_s=1.0)
@@ -254,6 +266,43 @@ def test_a_board_that_tells_no_pull_off_may_home_anywhere(board: Board) -> None:
     assert connected(board).homed
 
 
+@pytest.mark.parametrize(("after_s", "fine"), [(1.85, True), (2.25, False)])
+def test_a_board_has_two_seconds_to_begin_to_home(
+    board: Board, clock: VirtualClock, after_s: float, fine: bool
+) -> None:
+    """Until then it may say that it is idle; some say nothing while they home, and `Home` once."""
+    clock.wait_s(1000.0)
+    stage = connected(board)
+    board.answers[b"$H\n"] = [(after_s, at("Home")), (after_s + 0.01, b"ok\r\n")]
+    if fine:
+        stage.home()
+    else:
+        with raises(StageTimeout, "does_not_home", state="Idle"):
+            stage.home()
+        with raises(StageError, "needs_reset"):
+            stage.jog("x", 0.1, 1.0)
+    assert stage.homed is fine
+
+
+@pytest.mark.parametrize("verb", ["home", "halt"])
+def test_a_stop_from_another_thread_ends_the_trust_whatever_is_under_way(board: Board, verb: str) -> None:
+    """It comes with the first status that is asked for meanwhile."""
+    stage = connected(board)
+    answer, told = board._answer, b"$H\n" if verb == "home" else b"!"
+
+    def stopped_meanwhile(data: bytes) -> bytes | list[At]:
+        if data == b"?" and told in board.said:
+            board._answer = answer  # type: ignore[method-assign]
+            stage.stop()
+        return answer(data)
+
+    board._answer = stopped_meanwhile  # type: ignore[method-assign]
+    with suppress(StageError):
+        getattr(stage, verb)()
+    assert b"!\x18" in board.said
+    assert not stage.homed
+
+
 def test_an_ok_without_a_homing_is_none(board: Board) -> None:
     """That of `$X`, which one wrong bit makes of `$H`."""
     stage = connected(board)
@@ -292,6 +341,26 @@ def test_a_jog_of_another_axis_waits_for_the_end_of_the_one_before(
     assert board.said[:6] == [b"?"] * 6
     assert clock.monotonic_s() - begun_s == pytest.approx(0.1)
     assert board.said[-1].startswith(b"$J=")
+
+
+def test_a_cancelled_jog_is_over_once_the_board_stands_for_half_a_second(board: Board, clock: VirtualClock) -> None:
+    """Whatever it says: some grblHAL boards report Jog for ever."""
+    stage = connected(board)
+    board.status = at("Jog")
+    begun_s = clock.monotonic_s()
+    stage.end_jog()
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.5, abs=0.021)
+    assert board.said[0] == b"\x85"
+
+
+def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    begun_s, answer = clock.monotonic_s(), board._answer
+    board._answer = lambda data: at("Jog", -clock.monotonic_s()) if data == b"?" else answer(data)  # type: ignore[method-assign]
+    with raises(StageTimeout, "still_jogging", timeout_s=5.0):
+        stage.end_jog()
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.021)
+    assert [t_s - begun_s for t_s in board.times(b"\x85")] == pytest.approx([0.5 * k for k in range(10)], abs=0.2)
 
 
 def test_a_jog_that_does_not_end_holds_up_the_next_one_for_5_s(board: Board, clock: VirtualClock) -> None:

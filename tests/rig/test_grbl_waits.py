@@ -182,6 +182,26 @@ def test_a_board_that_confirms_a_target_must_be_idle(board: Board, state: str, c
     assert not [data for data in board.said if data.startswith((b"$J=", b"G1"))]
 
 
+@pytest.mark.parametrize(
+    ("printed", "missing"),
+    [
+        ("[MSG:G90 G21 G94 F60]\r\n[GC:G90 G1 G21 G94 F60]", None),
+        ("[GC:G90 G1 G21 G94 F60", ["G21", "G90", "G94"]),
+        ("GC:G90 G1 G21 G94 F60]", ["G21", "G90", "G94"]),
+        ("", ["G21", "G90", "G94"]),
+        ("[GC:]", ["G21", "G90", "G94"]),
+    ],
+)
+def test_modes_are_believed_in_a_whole_line_alone(board: Board, printed: str, missing: list[str] | None) -> None:
+    stage = connected(board)
+    board.answers[b"$G\n"] = f"{printed}\r\nok\r\n".encode()
+    if missing is None:
+        stage.jog("x", -0.5, 1.0)
+    else:
+        with raises(StageError, "not_confirmed", doubt_code="modes_missing", missing=missing):
+            stage.jog("x", -0.5, 1.0)
+
+
 @pytest.mark.parametrize(("wrong", "missing"), [("G91", "G90"), ("G20", "G21"), ("G93", "G94"), ("", "G90")])
 def test_the_modes_of_a_long_motion_are_confirmed(board: Board, wrong: str, missing: str) -> None:
     """Absolute, in millimetres, by feed per minute; a short one is over before they matter."""
