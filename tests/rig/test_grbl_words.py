@@ -8,6 +8,8 @@ import pytest
 from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import enforced_settings, expected_settings, travel_s
+from rig.devices.registry import StageKind, find
+from rig.plan.config import Config
 from rig.settings import RigSettings, StageBounds
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -149,6 +151,22 @@ def test_a_setting_is_compared_as_far_as_a_board_prints_it(
             _connect(board, clock, SET | {number: printed})
 
 
+@pytest.mark.parametrize(("answers", "fine"), [([1, 1], True), ([1, 2, 3, 3], True), ([1, 2, 3, 4], False)])
+def test_settings_are_believed_once_two_answers_are_the_same(
+    board: Board, clock: VirtualClock, answers: list[int], fine: bool
+) -> None:
+    """A number with a wrong digit would stay in use."""
+    board.next[b"$$\n"] = [f"$13=0\r\n$100=40{n}.0\r\nok\r\n".encode() for n in answers]
+    stage = GrblStage(board, clock)
+    if fine:
+        stage.connect()
+        assert stage.steps_per_mm("x") == 400.0 + answers[-1]
+    else:
+        with raises(StageError, "answers_differ", port="board"):
+            stage.connect()
+    assert board.said.count(b"$$\n") == len(answers)
+
+
 def test_a_driver_that_is_told_nothing_expects_millimetres(board: Board, clock: VirtualClock) -> None:
     board.answers[b"$$\n"] = b"$20=0\r\n$130=1.000\r\nok\r\n"
     GrblStage(board, clock).connect()
@@ -204,6 +222,29 @@ def test_a_board_is_made_to_go_no_faster_and_no_lower(board: dict[int, float], e
     """A rate that is lower already is left, and so is a fourth axis."""
     bounds = StageBounds(lowest_z_mm=-26.5, fastest_mm_s=10.0)
     assert enforced_settings(board, bounds) == {**enforced, 132: 26.5}
+
+
+@pytest.mark.parametrize(("output", "word"), [("coolant", b"M8\n"), ("spindle", b"M3S1000\n"), ("off", b"")])
+def test_a_driver_of_the_registry_has_the_bounds_and_the_output_of_its_configuration(
+    board: Board, clock: VirtualClock, output: str, word: bytes
+) -> None:
+    config = Config.model_validate({"stage": {"kind": "grbl"}, "sync": {"output": output}})
+    stage = find(StageKind, "grbl").driver(lambda port: board, clock, config)
+    floor = SET | {132: -config.bounds.lowest_z_mm}
+    for found in (floor | {132: 40.0}, floor):
+        board.answers[b"$$\n"] = "".join(f"${n}={value}\r\n" for n, value in found.items()).encode() + b"ok\r\n"
+        if found[132] == 40.0:
+            with raises(StageError, "not_kept", wanted={132: floor[132]}, found={132: 40.0}):
+                stage.connect()
+            assert board.said.count(f"$132={floor[132]:g}\n".encode()) == 3
+        else:
+            stage.connect()
+    if word:
+        stage.set_output(True)
+        assert board.said[-1] == word
+    else:
+        with raises(StageError, "no_output"):
+            stage.set_output(True)
 
 
 @pytest.mark.parametrize(
