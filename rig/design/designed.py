@@ -71,7 +71,9 @@ class Designed:
             block = _Block.model_validate(script.design["DESIGN"])
             planned = _planned(script.design["BLOCKS"], block.kind)
         except ValidationError as error:
-            raise around(DesignError, "{problem}", first_problem(f"{script.path.name}, DESIGN", error)) from None
+            raise around(
+                DesignError, "{problem}", first_problem(f"{script.path.name}, DESIGN", error, _Block)
+            ) from None
         except (TypeError, ValueError):
             raise DesignError(
                 "{file}, BLOCKS: must be shapes, each with pairs of numbers",
