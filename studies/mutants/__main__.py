@@ -45,7 +45,7 @@ FIRST_GROUP = (
 )
 LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles", "tests/portable", "tests/rig/test_patience.py")
 """Tests in real time, against closed forms, and of programs as on Windows: slow, and what they notice others notice
-too. And alarms that raise where they strike: in a lock of coverage's own they end nothing, and coverage waits for ever.
+too. And alarms that raise where they strike: in a lock of coverage's own they end nothing, and coverage waits.
 """
 
 SLOWEST_TEST_S = 20.0
