@@ -14,7 +14,9 @@ from typing import Any
 import pytest
 
 import rig.devices
+from rig.devices import measured
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
+from rig.devices.measured import COLUMNS, DeviceTimes, Spread
 from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, StageKind, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
@@ -173,6 +175,23 @@ def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None
     assert entry.name == name
     assert all((Path(__file__).parents[2] / test).is_file() for test in entry.tests)
     assert entry.tests
+
+
+def test_measured_times_are_read_in_seconds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A sensor has no stops; a kind that was not measured has no rows."""
+    rows = ["force.mtsics,pty,100,20.5,1,2,3,,,,,,,", "stage.grbl,tcp,50,10,1.5,2,3,7,4,5,6,7,8,9",
+            "stage.grbl,pty,60,11,1,2,3,8,4,5,6,,,"]  # fmt: skip
+    (tmp_path / "measured.csv").write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
+    monkeypatch.setattr(measured, "table", lambda: tmp_path / "measured.csv")
+    read = measured.measured.__wrapped__
+    (balance,) = read("force", "mtsics")
+    assert balance == DeviceTimes("pty", 100, 20.5, Spread(0.001, 0.002, 0.003))
+    assert read("stage", "grbl") == (
+        DeviceTimes("tcp", 50, 10.0, Spread(0.0015, 0.002, 0.003), 7, Spread(0.004, 0.005, 0.006),
+                    Spread(0.007, 0.008, 0.009)),
+        DeviceTimes("pty", 60, 11.0, Spread(0.001, 0.002, 0.003), 8, Spread(0.004, 0.005, 0.006), None),
+    )  # fmt: skip
+    assert read("stage", "mtsics") == ()
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["force"])

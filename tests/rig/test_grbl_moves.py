@@ -284,6 +284,16 @@ def test_a_board_has_two_seconds_to_begin_to_home(
     assert stage.homed is fine
 
 
+def test_a_board_that_says_that_it_homes_is_waited_for(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board, homed=False)
+    board.status, board.answers[b"$H\n"] = at("Home"), [(5.0, b"ok\r\n")]
+    clock.call_at(clock.monotonic_s() + 4.95, lambda: setattr(board, "status", at("Idle")))
+    begun_s = clock.monotonic_s()
+    stage.home()
+    assert stage.homed
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0)
+
+
 @pytest.mark.parametrize("verb", ["home", "halt"])
 def test_a_stop_from_another_thread_ends_the_trust_whatever_is_under_way(board: Board, verb: str) -> None:
     """It comes with the first status that is asked for meanwhile."""
