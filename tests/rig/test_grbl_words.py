@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
+from rig.devices.base import MoveError, StageAlarm, StageError, StageHeld, StageRejected
 from rig.devices.grbl import GrblStage
 from rig.devices.grbl_link import enforced_settings, expected_settings, travel_s
 from rig.devices.registry import StageKind, find
@@ -262,6 +262,19 @@ def test_the_inputs_of_a_board_are_those_of_its_last_status(
         heard = len(board.said)
         assert stage.active_inputs() == active
         assert len(board.said) == heard
+
+
+@pytest.mark.parametrize(("state", "pins", "active"), [("Door:1", "D", {"door"}), ("Hold:0", "H", {"hold"})])
+def test_the_input_that_holds_up_a_line_is_named(
+    board: Board, clock: VirtualClock, state: str, pins: str, active: set[str]
+) -> None:
+    stage = GrblStage(board, clock, output="coolant")
+    stage.connect()
+    board.answers[b"M8\n"] = b""
+    board.status = f"<{state}|MPos:-1.000,-2.000,-3.000|FS:0,0|Pn:{pins}>\r\n".encode()
+    with raises(StageHeld, "held", state=state):
+        stage.set_output(True)
+    assert stage.active_inputs() == active
 
 
 # --- moves as words ---

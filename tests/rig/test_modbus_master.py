@@ -9,7 +9,7 @@ import pytest
 from rig.transport import modbus
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
 from sim.devices.clock import VirtualClock
-from tests.error_codes import raises
+from tests.error_codes import has_code, raises
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
@@ -376,6 +376,12 @@ def test_a_write_is_never_tried_again(master: Any, answer: bytes, kind: type[Mod
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
     with raises(kind, code, function="write"):
         master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_plain_text_is_told_as_it_is() -> None:
+    error = ModbusRefused("odd {text} of {0}, 100 %", 3)
+    has_code(error, "refused", number=3)
+    assert (str(error), error.number) == ("odd {text} of {0}, 100 %", 3)
 
 
 def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
