@@ -177,6 +177,21 @@ def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None
     assert entry.tests
 
 
+def test_an_entry_that_says_little_claims_nothing() -> None:
+    """One of a package: the stage has three axes on its own port, and may not press in one motion."""
+    named: Any = {"name": "n", "device": "d", "tests": (), "driver": None}
+    bench = KnownBench()
+    nothing = {**USUAL_ENTRY, "axes": "xyz", "ramps": False, "vibrates": None, "probe": None, "also": ()}
+    for entry in (StageKind(**named), ForceKind(**named)):
+        found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
+        assert found == {key: value for key, value in nothing.items() if key in found}
+        assert (entry.twin, entry.settings, entry.place) == ("", None, "n")
+        assert not any(getattr(entry.evidence, one.name) for one in fields(entry.evidence))
+    assert StageKind(**named).ports(bench.stage) == (bench.stage.port,)
+    assert StageKind(**named).steps_per_mm(bench.stage, "x") == 400.0
+    assert ForceKind(**named).max_age_s(bench.force) == 1.0
+
+
 def test_measured_times_are_read_in_seconds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """A sensor has no stops; a kind that was not measured has no rows."""
     rows = ["force.mtsics,pty,100,20.5,1,2,3,,,,,,,", "stage.grbl,tcp,50,10,1.5,2,3,7,4,5,6,7,8,9",

@@ -214,10 +214,11 @@ STEPS = {"x": 400.0, "y": 250.0, "z": 80.0}
 @pytest.mark.parametrize(
     ("axis", "to_mm", "step_mm"),
     [("x", -5.0012, -5.0), ("x", -5.0013, -5.0025), ("y", -5.0019, -5.0), ("y", -5.0021, -5.004),
+     ("x", -5.03125, -5.0325), ("x", 5.03125, 5.0325),
      ("z", -5.006, -5.0), ("z", -5.007, -5.0125), ("z", 5.007, 5.0125)],
 )  # fmt: skip
 def test_a_target_is_the_nearest_step_of_its_own_axis(board: Board, axis: str, to_mm: float, step_mm: float) -> None:
-    """Also the place from which it is counted: −1, −2 and −3 mm are whole steps of all three."""
+    """Half a step is rounded away from zero, as by the board. −1, −2 and −3 mm are whole steps of all three axes."""
     told = "".join(f"${100 + k}={per_mm}\r\n" for k, per_mm in enumerate(STEPS.values()))
     board.answers[b"$$\n"] = told.encode() + b"$13=0\r\nok\r\n"
     stage = connected(board)
@@ -403,6 +404,16 @@ def test_a_jog_up_is_extended_on_its_way_and_one_from_rest_or_after_another_is_c
         assert board.said[-1] == b"$J=Z0F60\n"
         board.status = at("Idle")
         stage.end_jog()
+
+
+def test_a_jog_down_is_never_an_extension(board: Board, clock: VirtualClock) -> None:
+    """It waits for the end of one up, and goes to a place that the board has confirmed."""
+    stage = connected(board)
+    stage.jog("z", 0.1, 1.0)
+    board.next[b"?"] = [at("Jog"), at("Idle")]
+    board.heard.clear()
+    stage.jog("z", -0.1, 1.0)
+    assert board.said == [b"?", b"?", b"G92X0Y0Z0.1G90G21G94F60\n", b"?", b"$J=Z0F60\n"]
 
 
 # --- the ends of the travel ---

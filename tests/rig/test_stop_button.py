@@ -268,7 +268,7 @@ def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], obj
     path, send = pipe
     key, presses = StopKey(path, A), list[int]()
     key.arm(lambda: presses.append(1))
-    send(event(B, 1) + event(A, 1))
+    send(event(B, 1) + event(A, 1, 17) + event(A, 1))  # 17: a light of the keyboard
     until(lambda: presses)
     assert presses == [1]
     key.close()
