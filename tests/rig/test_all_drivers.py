@@ -17,7 +17,18 @@ import rig.devices
 from rig.devices import measured
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
 from rig.devices.measured import COLUMNS, DeviceTimes, Spread
-from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, StageKind, find
+from rig.devices.registry import (
+    BUILT_IN,
+    ForceKind,
+    KnownBench,
+    NumberedIdentity,
+    StageKind,
+    find,
+    highest_hz,
+    moves_along,
+    ramps,
+    stage_ports,
+)
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
@@ -175,6 +186,24 @@ def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None
     assert entry.name == name
     assert all((Path(__file__).parents[2] / test).is_file() for test in entry.tests)
     assert entry.tests
+
+
+@pytest.mark.parametrize("kind", BUILT_IN["stage"])
+def test_what_a_stage_can_do_is_asked_of_its_entry(kind: str) -> None:
+    """A stage of two ports names both; one that makes a sine itself has a highest frequency, lower if it is wide."""
+    stage = KnownBench.model_validate({"stage": {"kind": kind, "port": "/dev/a"}}).stage
+    assert ramps(stage)
+    assert moves_along(stage) is (kind == "grbl")
+    assert stage_ports(stage)[0] == "/dev/a"
+    assert len(stage_ports(stage)) == (2 if kind == "standa" else 1)
+    narrow_hz, wide_hz = (highest_hz(stage, amplitude_mm) for amplitude_mm in (0.01, 1.0))
+    assert (narrow_hz is None) == (wide_hz is None) == (kind != "zaber")
+    assert narrow_hz is None or wide_hz is None or narrow_hz > wide_hz > 0
+
+
+def test_an_identity_may_have_a_number() -> None:
+    named = NumberedIdentity("a controller", 4711)
+    assert (named, named.serial) == ("a controller", 4711)
 
 
 def test_an_entry_that_says_little_claims_nothing() -> None:
