@@ -296,7 +296,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         if not self.is_referenced(status):
             raise StageReset(
                 "{port}: {axis} axis is no longer homed, or its motor is off; home again",
-                code="was_reset",
                 **self._names,
             )
 
@@ -367,9 +366,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self.refuse_far_edge(status)
         self._refuse_buttons(status)
         if status.command & COMMAND != command:
-            raise StageOverridden(
-                "{port}: {axis} axis: another program has interrupted the motion", code="overridden", **self._names
-            )
+            raise StageOverridden("{port}: {axis} axis: another program has interrupted the motion", **self._names)
 
     def _refuse_buttons(self, status: AxisStatus) -> None:
         if status.inputs & BUTTONS or (status.busy and status.command & COMMAND in (LEFT, RIGHT)):

@@ -418,7 +418,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         if warnings & UNREFERENCED:
             raise StageReset(
                 "{port}: {axis} axis is no longer homed, probably because it was switched off; home again",
-                code="was_reset",
                 **self._names,
             )
 
@@ -487,7 +486,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         if INTERRUPTED in warnings:
             raise StageOverridden(
                 "{port}: {axis} axis: another program or the device itself has interrupted the motion",
-                code="overridden",
                 **self._names,
             )
 

@@ -620,6 +620,39 @@ def test_the_home_switch_may_be_active_within_a_millimeter_of_home(at: int, numb
         bench.stage.status()
 
 
+def test_a_search_may_stand_for_a_moment_and_a_module_that_turns_again_is_not_home() -> None:
+    """At the switch it turns; what moves after its end is no homed axis."""
+    bench = StageBench(module.DEVICE)
+    states = {**module.DEVICE.states}
+    states["z homes"] = {**module.axis("z", most=2000, at=2000, search=1), b"z RFS 2": b"100 1"}
+    bench.wire.device = replace(module.DEVICE, states=states)
+    bench.clock.call_at(bench.clock.monotonic_s() + 0.2, lambda: setattr(bench.wire, "state", "z is home"))
+    bench.stage.home()
+    assert bench.stage.homed
+    assert bench.wire.asked.index(b"z SAP 4 2000") < bench.wire.asked.index(b"z RFS 0"), "the speed of the search"
+    states["z is home"] = {**states["z is home"], b"z RFS 2": (b"100 0", "z turns again")}
+    states["z turns again"] = module.axis("z", speed=100, most=2000)
+    bench = StageBench(replace(module.DEVICE, states=states | {"z homes": module.DEVICE.states["z homes"]}))
+    with raises(StageError, "did_not_home", axis="z"):
+        bench.stage.home()
+
+
+def test_an_alarm_at_the_second_look_is_one_at_once() -> None:
+    """The first one was off the way, as two bytes that have changed places are."""
+    bench = StageBench(module.DEVICE, homed=True)
+    write, asked = bench.wire.write, [0]
+
+    def writing(data: bytes, port: bytes = b"") -> None:
+        asked[0] += bench.wire.state == "moving" and module.heard(data) == b"z GAP 1"
+        bench.wire.instead = [{}, {b"z GAP 1": b"100 -50"}, {b"z GAP 10": b"100 1"}][min(asked[0], 2)]
+        write(data, port)
+
+    bench.wire.write = writing  # type: ignore[method-assign]
+    with raises(StageAlarm, "alarm", number=10, axis="z"):
+        bench.move()
+    assert asked == [2]
+
+
 RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}
 OLD = {"tmcl": {"z": {"motor": 1, "microstep_um": 0.1}, "speed_unit": 0.0328, "acceleration_unit": 0.0022}}
 
