@@ -34,6 +34,7 @@ BENCHES: dict[str, tuple[Callable[..., Any], str]] = {
     "standa": (test_standa_driver.bench_of, "pair"),
     "tmcl": (test_tmcl_driver.bench_of, "board"),
 }
+BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
 AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
 every_kind = pytest.mark.parametrize("kind", BENCHES)
 
@@ -83,6 +84,12 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     x, _, z = devices.carriage_steps_at(bench.clock.monotonic_s())
     assert x / abs(bench.stage.steps_per_mm("x")) == pytest.approx(-3.5, abs=within_mm)
     assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=within_mm)
+
+
+@every_kind
+def test_home_is_0_without_a_sign(kind: str) -> None:
+    status = StageBench(BYTES[kind], homed=True).stage.status()
+    assert [repr(mm) for mm in (status.x_mm, status.z_mm)] == ["0.0", "0.0"]
 
 
 @every_kind
@@ -354,6 +361,48 @@ def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
     assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
 
 
+JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
+    "zaber": (
+        "arrived",
+        [b"2 1 move abs 1040 655", b"2 1 move abs 1080 655"],
+        {b"2 1 move abs 1040 655": (zaber.BUSY, "jogs on"), b"2 1 move abs 1080 655": zaber.BUSY},
+        {"jogs on": zaber.axis(2, "BUSY --", 1010)},
+    ),
+    "standa": (
+        "arrived",
+        [b"z move 260 0", b"z move 270 0"],
+        {b"z move 260 0": (b"move", "jogs on"), b"z move 270 0": b"move"},
+        {"jogs on": standa.shows("z", standa.RUNS | standa.MOVE, 253)},
+    ),
+    "tmcl": (
+        "stands",
+        [b"z SAP 4 0", b"z MVP 0 200", b"z SAP 4 400", b"z MVP 0 240"],
+        {b"z MVP 0 200": (b"100 200", "aimed on"), b"z MVP 0 240": (b"100 240", "jogs on farther")},
+        {
+            "aimed on": {**tmcl.axis("z", target=200, at=160), b"z SAP 4 400": (b"100 400", "jogs on")},
+            "jogs on": tmcl.axis("z", target=200, at=170, speed=400, most=400),
+            "jogs on farther": tmcl.axis("z", target=240, at=180, speed=400, most=400),
+        },
+    ),
+}
+"""Where z stands, what is commanded to jog twice by 0.1 mm at 1 mm/s, and the replies."""
+
+
+@every_kind
+def test_a_second_jog_goes_on_from_where_the_first_one_goes(kind: str) -> None:
+    start, commands, usual, states = JOGS[kind]
+    device = BYTES[kind]
+    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
+    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
+    bench.wire.state = start
+    for _ in range(2):
+        bench.stage.jog("z", -0.1, 1.0)
+    assert [
+        asked for asked in bench.wire.asked if any(word in asked for word in (b" move ", b"MVP", b"SAP"))
+    ] == commands
+    assert bench.stage.homed
+
+
 def _speed_mm_s(bench: Any, z: Any, at_s: float) -> float:
     counts: int = z.carriage_at(at_s - 0.05) - z.carriage_at(at_s + 0.05)
     return counts / abs(bench.stage.steps_per_mm("z")) / 0.1
@@ -427,8 +476,6 @@ def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() 
 
 
 # --- bounds in time, on bytes ---
-
-BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
 
 
 def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False) -> StageBench:

@@ -383,6 +383,19 @@ def test_a_jog_that_was_stopped_elsewhere_is_disarmed_before_the_next_target() -
     assert bench.commands() == ["1.1 5 4 0", "1.1 4 0 1200", "1.1 5 4 400", "1.1 5 4 0"]
 
 
+@pytest.mark.parametrize("homed", [True, False])
+def test_an_axis_at_a_limit_switch_can_jog_off_it_before_it_is_homed(homed: bool) -> None:
+    """Where its position is trusted, the switch is an alarm."""
+    bench = StageBench(module.DEVICE, homed=homed)
+    bench.wire.instead[b"z GAP 10"] = b"100 1"
+    if not homed:
+        states = {"new": {**module.axis("z"), b"z SAP 4 0": b"100 0"}}
+        bench.wire.device = replace(module.DEVICE, states={**module.DEVICE.states, **states})
+    with raises(StageAlarm, "alarm", number=10, axis="z") if homed else nullcontext():
+        bench.stage.jog("z", -0.1, 1.0)
+    assert (b"z SAP 4 400" in bench.wire.asked) is not homed
+
+
 def test_a_jog_at_another_speed_begins_anew() -> None:
     """Otherwise the longer way would begin at the former speed."""
     bench = bench_of()
@@ -635,6 +648,20 @@ def test_a_search_may_stand_for_a_moment_and_a_module_that_turns_again_is_not_ho
     bench = StageBench(replace(module.DEVICE, states=states | {"z homes": module.DEVICE.states["z homes"]}))
     with raises(StageError, "did_not_home", axis="z"):
         bench.stage.home()
+
+
+@pytest.mark.parametrize(("number", "value"), [(207, 1), (208, 2), (10, 1), (11, 1)])
+def test_a_flag_or_a_switch_at_one_look_of_a_move_is_an_alarm(number: int, value: int) -> None:
+    """At the left, that of home, farther than a millimeter from it."""
+    bench = StageBench(module.DEVICE, homed=True)
+    looks = bench.under_way()
+    bench.wire.instead = {
+        b"z GAP %d" % number: b"100 %d" % value,
+        b"z GAP 1": b"100 %d" % (1000 if number == 11 else 8),
+    }
+    with raises(StageAlarm, "alarm", number=number, axis="z"):
+        next(looks)
+    assert not bench.stage.homed
 
 
 def test_an_alarm_at_the_second_look_is_one_at_once() -> None:
