@@ -356,7 +356,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def confirm_stopped(self) -> None:
         """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
-        self._jogs_to = None
         begun_s = self._clock.monotonic_s()
         problem: StageError | None = None
         while self._clock.monotonic_s() < begun_s + STOP_S:

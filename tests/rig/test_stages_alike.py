@@ -86,6 +86,36 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=within_mm)
 
 
+def _arrives(kind: str, off: int) -> Replies:
+    """The end of the move of the table, or so many microsteps beyond it."""
+    if kind == "zaber":
+        return zaber.axis(2, "IDLE --", 1000 + off)
+    if kind == "standa":
+        return {
+            b"z gets": standa.status(
+                standa.MOVE, 250 + math.trunc(off / 256), standa.HOMED, off % 256 if off > 0 else -(-off % 256)
+            )
+        }
+    return tmcl.axis("z", target=160, at=160 + off, most=200)
+
+
+@every_kind
+@pytest.mark.parametrize("more", [0, 1])
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_arrival_is_within_2_5_um(kind: str, way: int, more: int) -> None:
+    bench, within = StageBench(BYTES[kind], homed=True), 64 if kind == "standa" else 1
+    bench.wire.state = "home"
+    arrives = {**BYTES[kind].states["arrived"], **_arrives(kind, way * (within + more))}
+    bench.wire.device = replace(BYTES[kind], states={**BYTES[kind].states, "arrived": arrives})
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.5, lambda: setattr(bench.wire, "state", "arrived"))
+    at_mm = bench.device.move["z_mm"] * (
+        1 + way * (within + more) / {"zaber": 1000, "standa": 64000, "tmcl": 160}[kind]
+    )
+    with raises(StageError, "not_there", axis="z", at_mm=at_mm) if more else nullcontext():
+        bench.move()
+    assert bench.stage.homed is not more
+
+
 @every_kind
 def test_home_is_0_without_a_sign(kind: str) -> None:
     status = StageBench(BYTES[kind], homed=True).stage.status()
@@ -760,11 +790,13 @@ def test_switched_off_and_on_it_is_no_longer_homed(kind: str) -> None:
         with raises(StageReset, "was_reset", axis="z", **fields):
             list(looks)
         assert not bench.stage.homed
-    bench, devices = _bench(kind)
-    devices.power_cycle()
-    with raises(StageReset, "was_reset", **({"expected": 0} if kind == "tmcl" else {})):
-        bench.stage.status()
-    assert not bench.stage.homed
+    for verb in (lambda stage: stage.status(), lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0)):
+        bench, devices = _bench(kind)
+        devices.power_cycle()
+        with raises(StageReset, "was_reset", **({"expected": 0} if kind == "tmcl" else {})):
+            verb(bench.stage)
+        assert not devices.z.busy
+        assert not bench.stage.homed
 
 
 @every_kind

@@ -598,7 +598,9 @@ class Swinging:
         def writing(data: bytes, port: bytes = b"") -> None:
             if chain.content(data) == self.command:
                 self.begun_s = self.bench.clock.monotonic_s()
-            if wire.state == "swings" and chain.content(data) == b"2 1 get pos":
+            if wire.state != "swings":
+                wire.instead.pop(b"2 1 get pos", None)
+            elif chain.content(data) == b"2 1 get pos":
                 wire.instead[b"2 1 get pos"] = self.report()
             write(data, port)
 
@@ -670,10 +672,16 @@ def test_a_sine_that_is_earlier_or_later_is_ended_with_its_cycle(how: str) -> No
     assert not swings.bench.stage.homed
 
 
-@pytest.mark.parametrize(("period_s", "most_s"), [(4.0, 0.3), (0.16, 0.16)])
-def test_a_sine_of_another_period_may_end_for_a_cycle_and_0_3_s_at_most(period_s: float, most_s: float) -> None:
+@pytest.mark.parametrize(("period_s", "most_s", "rests"), [(4.0, 0.3, False), (0.16, 0.16, False), (4.0, 0.0, True)])
+def test_a_sine_of_another_period_may_end_for_a_cycle_and_0_3_s_at_most(
+    period_s: float, most_s: float, rests: bool
+) -> None:
     """It stands at its upper end, and is busy."""
     swings = Swinging(period_s=period_s, odd=lambda nth, at: 0)
+    if rests:
+        device = swings.bench.wire.device
+        rest: Any = {b"2 1 move sin stop": (b"@02 1 OK BUSY -- 0", "home")}
+        swings.bench.wire.device = replace(device, usual={**device.usual, **rest})
     with raises(StageError, "out_of_time"):
         swings.run()
     wire = swings.bench.wire
@@ -858,6 +866,38 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
     bench.chain.z.repair("FS")
     with raises(StageAlarm, "alarm", number="FS", axis="z"):
         list(looks)
+
+
+def test_an_alert_that_says_the_same_as_the_reply_is_an_alarm() -> None:
+    bench = bench_of()
+    bench.chain.devices[2].settings["comm.alert"] = "1"
+    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
+    next(looks)
+    bench.chain.z.fail("FS")
+    bench.clock.wait_s(0.1)
+    with raises(StageAlarm, "alarm", number="FS", axis="z"):
+        list(looks)
+
+
+def test_an_unlock_forgets_alerts_from_before_and_a_displacement() -> None:
+    """The latter lasts until the axis moves."""
+    bench = bench_of()
+    bench.chain.devices[2].settings["comm.alert"] = "1"
+    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0))
+    bench.chain.z.fail("FS")
+    bench.chain.z.repair("FS")
+    bench.clock.wait_s(0.1)
+    bench.stage.halt()
+    bench.chain.z.warn("WM")
+    bench.stage.unlock()
+    bench.stage.home()
+    assert bench.stage.homed
+
+
+def test_a_status_without_warnings_is_one_question_an_axis() -> None:
+    bench = bench_of()
+    bench.stage.status()
+    assert sorted(bench.commands()) == ["1 1 get pos", "2 1 get pos"]
 
 
 @pytest.mark.parametrize(
