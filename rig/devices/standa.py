@@ -211,10 +211,10 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         expected_s = travel_s(mm, speed_mm_s, acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
-        for left in (1, 0):  # A late reply may be an old one.
+        for last in (False, True):  # A late reply may be an old one.
             status = self.look()
             away = status.busy or status.command & FAILED or abs(self._at(status) - target) > self._tolerance
-            if away and not left:
+            if away and last:
                 raise self._not_there(self._at(status), to_mm)
             if not away:
                 return

@@ -156,7 +156,7 @@ class TmclAxis(WatchedAxis[Look]):
         before any byte.
         """
         speed, target = self.native_speed(speed_mm_s), round(to_mm * self.steps_per_mm)
-        start = self._standing()
+        start = self._standing(trusted=True)
         if self._max_speed != 0:
             self.disarm()
         self._aim(target)
@@ -336,23 +336,23 @@ class TmclAxis(WatchedAxis[Look]):
     def _aim(self, target: int) -> None:
         """Send a target and read it back; an axis that moves already stops if they differ."""
         self._command(MVP, ABSOLUTE, target)
-        if target not in (found := self._twice(TARGET, target)):
+        if (found := self._confirmed(TARGET, target)) != target:
             self._link.send_now([self.motor])
-            self._refuse_setting("target", TARGET, found[-1], target)
+            self._refuse_setting("target", TARGET, found, target)
 
     def _set_max_speed(self, speed: int) -> None:
         """Set the maximum speed and read it back; the axis stops if they differ."""
         self._max_speed = None
         self._command(SAP, MAX_SPEED, speed)
-        if speed not in (found := self._twice(MAX_SPEED, speed)):
+        if (found := self._confirmed(MAX_SPEED, speed)) != speed:
             self._link.send_now([self.motor])
-            self._refuse_setting("maximum speed", MAX_SPEED, found[-1], speed)
+            self._refuse_setting("maximum speed", MAX_SPEED, found, speed)
         self._max_speed = speed
 
-    def _twice(self, parameter: int, expected: int) -> list[int]:
-        """Return a parameter, and again if it is not as expected: two bytes may have changed places."""
+    def _confirmed(self, parameter: int, expected: int) -> int:
+        """Return a parameter, asked for again if it is not as expected: two bytes may have changed places."""
         once = self._number(parameter)
-        return [once] if once == expected else [once, self._number(parameter)]
+        return once if once == expected else self._number(parameter)
 
     def _stop(self, within_s: float) -> None:
         deadline_s = self._clock.monotonic_s() + within_s
@@ -383,7 +383,7 @@ class TmclAxis(WatchedAxis[Look]):
         (again, speed), search = self._link.ask(self.motor, (POSITION, SPEED))
         return again == once and not (speed or search)
 
-    def _standing(self, *, trusted: bool = True) -> int:
+    def _standing(self, *, trusted: bool) -> int:
         """Return the position at rest; read twice, since an error would become a wrong target."""
         found = self.look()
         self.refuse_alarms(found) if trusted else self.refuse_flags()

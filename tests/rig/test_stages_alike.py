@@ -126,7 +126,8 @@ def test_home_is_0_without_a_sign(kind: str) -> None:
 def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None:
     bench = StageBench(BYTES[kind], connected=False)
     bench.stage.home()
-    bench.clock.call_at(bench.clock.monotonic_s() + 5.0, lambda: setattr(bench.wire, "state", "arrived"))
+    in_s = 1.0 if kind == "tmcl" else 5.0
+    bench.clock.call_at(bench.clock.monotonic_s() + in_s, lambda: setattr(bench.wire, "state", "arrived"))
     bench.move()
     assert bench.stage.status() == bench.device.arrived
 
@@ -334,26 +335,36 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
         bench.stage.connect()
 
 
-@pytest.mark.parametrize("kind", ["zaber", "tmcl"])
+NO_RAMP: dict[str, tuple[Replies, dict[str, Replies]]] = {
+    "zaber": (
+        {b"1 1 get accel": b"@01 1 OK IDLE -- 0", b"1 1 move abs 1000 327": (b"@01 1 OK BUSY -- 0", "x goes")},
+        {"x goes": zaber.axis(1, "BUSY --", 500), "x is there": zaber.axis(1, "IDLE --", 1000)},
+    ),
+    "standa": (
+        {b"x gmov": b"gmov" + bytes(24), b"x smov 50 0 0 0 0 0 0": b"smov", b"x move 250 0": (b"move", "x goes")},
+        {
+            "x goes": standa.shows("x", standa.RUNS | standa.MOVE, 125),
+            "x is there": standa.shows("x", standa.MOVE, 250),
+        },
+    ),
+    "tmcl": (
+        {b"x GAP 5": b"100 0", b"x MVP 0 1000": (b"100 1000", "x aims"), b"x SAP 4 200": (b"100 200", "x goes")},
+        {
+            "x aims": tmcl.axis("x", target=1000),
+            "x goes": tmcl.axis("x", target=1000, at=8, speed=200, most=200),
+            "x is there": {**tmcl.axis("x", target=1000, at=1000, most=200), b"x SAP 4 0": (b"100 0", "x stands")},
+            "x stands": tmcl.axis("x", target=1000, at=1000),
+        },
+    ),
+}
+
+
+@every_kind
 def test_an_acceleration_of_0_is_that_of_no_ramp(kind: str) -> None:
-    bench, devices = _bench(kind)
-    _accelerates(kind, devices.x, 0)
-    bench.stage.connect()
-    _accelerates(kind, devices.x, 20000)
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-0.01, speed_mm_s=1.0)
-    assert devices.x.position() == 4
-
-
-def test_an_acceleration_of_0_of_a_standa_controller_is_that_of_no_ramp() -> None:
-    usual = {
-        **standa.DEVICE.usual,
-        b"x gmov": b"gmov" + bytes(24),
-        b"x smov 50 0 0 0 0 0 0": b"smov",
-        b"x move 250 0": (b"move", "x arrived"),
-    }
-    arrived = {"x arrived": standa.shows("x", standa.MOVE, 250)}
-    bench = StageBench(replace(standa.DEVICE, usual=usual, states={**standa.DEVICE.states, **arrived}), homed=True)
+    device, (usual, states) = BYTES[kind], NO_RAMP[kind]
+    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
+    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
+    bench.clock.call_at(bench.clock.monotonic_s() + 4.95, lambda: setattr(bench.wire, "state", "x is there"))
     bench.stage.move_to(x_mm=-2.5, speed_mm_s=0.5)
     assert bench.stage.status().x_mm == -2.5
 
@@ -455,7 +466,7 @@ def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
     bench, devices = _bench(kind)
     bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(1.0 if end in ("halt", "stop") else 3.0)
+    bench.clock.wait_s(1.0 if end in ("halt", "stop", "connect") else 3.0)
     ENDS_OF_A_JOG[end](bench.stage)
     z = devices.z
     _moved_to_10_mm(kind, z)

@@ -550,6 +550,24 @@ def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word
         bench.stage.home()
 
 
+@pytest.mark.parametrize("end", [controller.RUNS | controller.MOVE, 0x40 | controller.MOVE])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_target_where_it_turns_again_or_that_it_does_not_reach_is_no_arrival(end: int, times: int) -> None:
+    """The controller has shown that it rests, and then otherwise, once or always."""
+    bench = StageBench(controller.DEVICE, homed=True)
+    there, away = (
+        controller.status(controller.MOVE, 250, controller.HOMED),
+        controller.status(end, 250, controller.HOMED),
+    )
+    states = {"arrived": {b"z gets": (there, "away")}, "away": {b"z gets": (away, "there") if times == 1 else away}}
+    states["there"] = {b"z gets": there}
+    bench.wire.device = replace(controller.DEVICE, states={**controller.DEVICE.states, **states})
+    looks = bench.under_way()
+    bench.wire.state = "arrived"
+    with raises(StageError, "not_there", at_mm=-2.5) if times == 2 else nullcontext():
+        list(looks)
+
+
 ENDS: list[tuple[type[StageError], str, Callable[[StandaPair], object], bool]] = [
     (StageReset, "was_reset", lambda pair: pair.power_cycle(), False),
     (StageReset, "was_reset", lambda pair: pair.z._obey("pwof", b""), False),
