@@ -279,8 +279,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
     def refuse_alarm(self, status: AxisStatus) -> None:
         """Refuse an alarm, now or since the last `unlock`, and an unknown flag. Raises StageAlarm."""
         flags = status.flags & ~HARMLESS
-        if flags and not self._alarm:
-            self._alarm = " ".join(ALARMS.get(1 << bit, f"{1 << bit:X} hex") for bit in range(32) if flags >> bit & 1)
+        if not self._alarm:
+            bits = [1 << bit for bit in range(flags.bit_length()) if flags >> bit & 1]
+            self._alarm = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
         if self._alarm:
             raise StageAlarm(
                 self._alarm, f"{self._link.name}: {self.name} axis: remove the cause, see its manual", **self._names
@@ -300,10 +301,13 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             )
 
     def refuse_far_edge(self, status: AxisStatus) -> None:
-        """Refuse the limit switch away from home, which lies outside the travel. Raises StageAlarm."""
+        """Refuse the limit switch away from home, which lies outside the travel; after `refuse_alarm`.
+
+        Raises StageAlarm.
+        """
         far = "left" if self._settings.home == "right" else "right"
         if status.inputs & EDGE[far]:
-            self._alarm = self._alarm or f"{far.upper()}_EDGE"
+            self._alarm = f"{far.upper()}_EDGE"
             self.refuse_alarm(status)
 
     def native_speed(self, speed_mm_s: float) -> int:

@@ -402,6 +402,7 @@ def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
     assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
 
 
+SMOV = b"z smov 100 0 6000 6000 0 0 0"
 JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
     "zaber": (
         "arrived",
@@ -411,7 +412,7 @@ JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
     ),
     "standa": (
         "arrived",
-        [b"z move 260 0", b"z move 270 0"],
+        [SMOV, b"z move 260 0", SMOV, b"z move 270 0"],
         {b"z move 260 0": (b"move", "jogs on"), b"z move 270 0": b"move"},
         {"jogs on": standa.shows("z", standa.RUNS | standa.MOVE, 253)},
     ),
@@ -429,6 +430,22 @@ JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
 """Where z stands, what is commanded to jog twice by 0.1 mm at 1 mm/s, and the replies."""
 
 
+def _motions(bench: StageBench) -> list[bytes]:
+    """What was commanded that moves an axis, or says how fast."""
+    words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
+    return [asked for asked in bench.wire.asked if any(word in asked for word in words)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "commands"), [("zaber", [b"2 1 move rel 40 655"]), ("standa", [SMOV, b"z movr 10 0"])]
+)
+def test_a_jog_before_homing_is_relative(kind: str, commands: list[bytes]) -> None:
+    bench = StageBench(BYTES[kind])
+    bench.stage.jog("z", -0.1, 1.0)
+    assert _motions(bench) == commands
+    assert not bench.stage.homed
+
+
 @every_kind
 def test_a_second_jog_goes_on_from_where_the_first_one_goes(kind: str) -> None:
     start, commands, usual, states = JOGS[kind]
@@ -438,9 +455,7 @@ def test_a_second_jog_goes_on_from_where_the_first_one_goes(kind: str) -> None:
     bench.wire.state = start
     for _ in range(2):
         bench.stage.jog("z", -0.1, 1.0)
-    assert [
-        asked for asked in bench.wire.asked if any(word in asked for word in (b" move ", b"MVP", b"SAP"))
-    ] == commands
+    assert _motions(bench) == commands
     assert bench.stage.homed
 
 

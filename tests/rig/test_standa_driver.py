@@ -3,7 +3,7 @@
 import random
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -548,6 +548,74 @@ def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word
     bench.stage.stop()
     with raises(StageAlarm, "alarm", number=word):
         bench.stage.home()
+
+
+def shown(command: int, steps: int, *, flags: int = controller.HOMED, power: int = 3, inputs: int = 0) -> bytes:
+    """A status with a power state and inputs."""
+    found = bytearray(controller.status(command, steps, flags))
+    found[4 + 2], found[4 + 39] = power, inputs
+    return bytes(found)
+
+
+SHOWN: dict[str, tuple[dict[str, int], str, str, str]] = {
+    "power off": ({"power": 1}, "was_reset", "was_reset", "was_reset"),
+    "another power": ({"power": 2}, "", "", ""),
+    "not homed": ({"flags": 0}, "was_reset", "was_reset", "was_reset"),
+    "not homed, with all else": ({"flags": 0x17}, "was_reset", "was_reset", "was_reset"),
+    "far switch": ({"inputs": 1}, "alarm", "alarm", ""),
+    "home switch": ({"inputs": 2}, "", "", ""),
+    "right button": ({"inputs": 4}, "held", "", "held"),
+    "left button": ({"inputs": 8}, "held", "", "held"),
+    "another input": ({"inputs": 0xF0}, "", "", ""),
+    "an alarm": ({"flags": 0x60}, "alarm", "alarm", "alarm"),
+}
+"""What a status shows, and the errors at a look of a move, at a status at rest, and before a move."""
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_a_status_shows_is_noticed_at_once(name: str) -> None:
+    shows, at_look, at_rest, before = SHOWN[name]
+    bench = StageBench(controller.DEVICE, homed=True)
+    looks = bench.under_way()
+    bench.wire.instead[b"z gets"] = shown(controller.RUNS | controller.MOVE, 125, **shows)
+    with raises(StageError, at_look) if at_look else nullcontext():
+        next(looks)
+    rest = shown(controller.HOME, 0, **shows)
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = rest
+    with raises(StageError, at_rest) if at_rest else nullcontext():
+        bench.stage.status()
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = rest
+    with raises(StageError, before) if before else suppress(StageError):
+        bench.move()
+    assert (bench.wire.asked.count(controller.DEVICE.trigger) == 0) is bool(before)
+
+
+@pytest.mark.parametrize(("command", "held"), [(3, False), (4, False), (0x83, True), (0x84, True), (5, False)])
+def test_an_axis_that_a_button_has_moved_can_move_when_it_rests(command: int, held: bool) -> None:
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = shown(command, 0)
+    with raises(StageHeld, "held", state="BUTTON") if held else suppress(StageError):
+        bench.move()
+    assert (controller.DEVICE.trigger in bench.wire.asked) is not held
+
+
+def test_a_stop_whose_status_is_lost_is_sent_again_first() -> None:
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.under_way()
+    bench.wire.forget()
+    write, lost = bench.wire.write, [1]
+
+    def writing(data: bytes, port: bytes = b"") -> None:
+        bench.wire.silent = port + data == b"z gets" and bool(lost) and bool(lost.pop())
+        write(data, port)
+
+    bench.wire.write = writing  # type: ignore[method-assign]
+    bench.stage.stop()
+    assert [asked for asked in bench.wire.asked if asked.startswith(b"z")] == [
+        b"z stop", b"z gets", b"z zeros", b"z stop", b"z gets",
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize("end", [controller.RUNS | controller.MOVE, 0x40 | controller.MOVE])
