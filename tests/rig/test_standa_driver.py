@@ -13,6 +13,7 @@ import pytest
 from rig.bench.virtual import stage_opener, virtual_stage
 from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
+from rig.devices.registry import KnownBench, StageKind, find
 from rig.devices.standa_link import (
     MOVE,
     READ_TRIES,
@@ -345,6 +346,23 @@ def test_another_controller_is_refused(serial: int) -> None:
         return
     with raises(StageError, "not_as_configured", setting="serial number", axis="z", found=10003, expected=10001):
         bench.stage.connect()
+
+
+def test_a_port_on_which_half_a_command_stands_is_asked_after_the_controller_has_forgotten_it() -> None:
+    """As the bytes of another probe are; a silent one is asked twice."""
+    bench = bench_of(homed=False)
+    line = bench.lines[0]
+    found = find(StageKind, "standa")
+    assert found.probe is not None
+    settings = KnownBench.model_validate({"stage": {"kind": "standa"}})
+    line.host_write(b"mov")
+    assert str(found.probe(lambda port: LoopbackTransport(line, bench.clock), bench.clock, settings)).endswith(
+        "10003"
+    )
+    silent = StageBench(controller.DEVICE, connected=False)
+    silent.wire.silent = True
+    assert found.probe(silent.wire.at, silent.clock, settings) is None
+    assert silent.wire.asked == [b"z gser", b"z gser"]
 
 
 def test_two_names_of_one_controller_are_refused() -> None:
