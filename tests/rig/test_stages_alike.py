@@ -5,7 +5,7 @@ import struct
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from itertools import cycle, product
+from itertools import cycle, pairwise, product
 from types import SimpleNamespace
 from typing import Any
 
@@ -481,7 +481,7 @@ def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
     bench, devices = _bench(kind)
     bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(1.0 if end in ("halt", "stop", "connect") else 3.0)
+    bench.clock.wait_s(0.5 if end in ("halt", "stop", "connect") else 3.0)
     ENDS_OF_A_JOG[end](bench.stage)
     z = devices.z
     _moved_to_10_mm(kind, z)
@@ -622,29 +622,36 @@ def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
 
 @pytest.mark.parametrize("kind", ["standa", "tmcl"])
 @pytest.mark.parametrize(
-    ("up_mm", "switch", "most_mm"),
-    [(0.0, "", 1.0), (0.08, "", 1.0), (0.2, "", 10.0), (0.0, "home", 10.0), (0.0, "far", 1.0), (0.0, "button", 1.0)],
+    ("up_mm", "switch", "most_mm", "v_mm_s"),
+    [
+        (0.0, "", 1.0, 2.0),
+        (0.08, "", 1.0, 2.0),
+        (0.0, "far", 1.0, 2.0),
+        (0.0, "button", 1.0, 2.0),
+        (0.4, "", 10.0, 20.0),
+        (0.0, "home", 10.0, 20.0),
+    ],
 )
 def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towards_it(
-    kind: str, up_mm: float, switch: str, most_mm: float
+    kind: str, up_mm: float, switch: str, most_mm: float, v_mm_s: float
 ) -> None:
-    """At 2 mm/s, first upwards and then downwards: by 0.1 mm upwards, or by the switch, it has begun."""
+    """First upwards and then downwards: by 0.1 mm upwards, or by the switch, it has begun."""
     bench = _staying(kind, "z homes")
     write, clock = bench.wire.write, bench.clock
-    begun_s, turns_s = clock.monotonic_s(), up_mm / 2.0 + 1e-6
+    begun_s, turns_s = clock.monotonic_s(), up_mm / v_mm_s + 1e-6
 
     def writing(data: bytes, port: bytes = b"") -> None:
         t_s = clock.monotonic_s() - begun_s
         up = t_s <= turns_s
-        z_mm = -0.4 + 2.0 * (t_s if up else 2 * turns_s - t_s)
+        z_mm = -0.4 + v_mm_s * (t_s if up else 2 * turns_s - t_s)
         if bench.wire.state == "z homes":
-            bench.wire.instead.update(_homes(kind, z_mm, 2.0 if up else -2.0, switch))
+            bench.wire.instead.update(_homes(kind, z_mm, v_mm_s if up else -v_mm_s, switch))
         write(data, port)
 
     bench.wire.write = writing  # type: ignore[method-assign]
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
-    assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / 2.0 + 0.015, abs=0.02)
+    assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
     assert bench.wire.asked[-1] in (b"z stop", b"x MST 0")
     assert not bench.stage.homed
 
@@ -656,6 +663,33 @@ def test_homing_may_take_a_while(kind: str) -> None:
     bench.stage.home()
     assert bench.stage.homed
     assert bench.stage.status() == bench.device.home
+
+
+@pytest.mark.parametrize(("kind", "lasts_s"), [("zaber", 5.008), ("standa", 5.008), ("tmcl", 0.81)])
+def test_a_move_is_asked_for_at_each_look_and_fifty_times_a_second_once_it_should_be_over(
+    kind: str, lasts_s: float
+) -> None:
+    bench = _staying(kind, "moving", homed=True)
+    begun_s, seen_s = bench.clock.monotonic_s(), list[float]()
+    for _ in bench.stage.moving(**bench.device.move):
+        seen_s.append(bench.clock.monotonic_s() - begun_s)
+        if seen_s[-1] > lasts_s + 0.45:
+            break
+    assert seen_s[0] == pytest.approx(0.1, abs=0.002)
+    assert max(later - before for before, later in pairwise(seen_s)) < 0.25, "one look may be left out about the end"
+    asked_s = [at_s - begun_s for at_s, frames in bench.wire.writes if bench.device.where in frames]
+    before = [at_s for at_s in asked_s if 0.0 < at_s < lasts_s - 0.01]
+    assert len(before) == pytest.approx(lasts_s / 0.1, abs=1.5)
+    after = [later - at_s for at_s, later in pairwise(asked_s) if at_s >= lasts_s]
+    assert len(after) >= 20
+    assert after == pytest.approx([0.02] * len(after))
+
+
+@every_kind
+def test_a_move_of_little_more_than_a_look_is_looked_at_when_it_is_over(kind: str) -> None:
+    bench, _ = _bench(kind)
+    assert list(bench.stage.moving(z_mm=-0.1, speed_mm_s=1.0)) == []
+    assert bench.stage.status().z_mm == pytest.approx(-0.1, abs=1e-4)
 
 
 @every_kind

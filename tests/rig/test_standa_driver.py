@@ -355,7 +355,7 @@ def test_a_port_on_which_half_a_command_stands_is_asked_after_the_controller_has
     found = find(StageKind, "standa")
     assert found.probe is not None
     settings = KnownBench.model_validate({"stage": {"kind": "standa"}})
-    line.host_write(b"mov")
+    line.host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
     assert str(found.probe(lambda port: LoopbackTransport(line, bench.clock), bench.clock, settings)).endswith(
         "10003"
     )
