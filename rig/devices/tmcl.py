@@ -137,6 +137,7 @@ class TmclAxis(WatchedAxis[Look]):
             # By the speed: the position becomes 0 at the switch.
             up_mm = found.speed / (self.steps_per_mm * self._units.speed_unit) * took_s
             if way.is_wrong(up_mm, at_switch=found.switches[SWITCHES[self._axis.home_switch]]):
+                self._command(RFS, END_SEARCH)  # No stop ends a search.
                 raise self._homes_the_wrong_way()
             begun = begun or found.searching
             if not begun and self._clock.monotonic_s() >= begins_by_s:

@@ -216,8 +216,6 @@ class Engine:
             if interruption.force_gwt is not None:
                 self._record_sample(NO_PRESS, "moving", interruption.force_gwt)
             self.trip(recast(TripError, interruption), interruption.force_gwt)
-        finally:
-            self._each = None
 
     def _glance(self) -> None:
         """Check stop inputs and force once during a motion; do nothing during the lift after a trip."""
@@ -302,7 +300,6 @@ class Engine:
 
     def confirm_lifted(self) -> None:
         """Confirm at rest that the indentor is clear of the finger; trip if this is not confirmed."""
-        self.trips.press_on(math.inf)
         found = self.measure_contact()
         if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
             self.trip(self.not_lifted, found.force_gwt)

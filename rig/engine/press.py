@@ -163,7 +163,7 @@ class Press:
         data = {"index": self.id.index, "speed_mm_s": bound.speed_mm_s}
         limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
         engine.record(self.id.stream("ramp"), {**data, "measured_gwt": bound.force_gwt, **limits})
-        self._force_gwt = self._peak_gwt = 0.0
+        self._peak_gwt = 0.0
         self._ramp_from = (0.0, engine.clock.monotonic_s())
         engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(doi_mm, bound))
         safe_point(engine)  # A pause ends the ramp.

@@ -78,8 +78,12 @@ class ByHand:
             return Moved(at, None)
         if direction == DOWN and by_mm is not None:
             self._refuse_depth(at, by_mm)
+
+        def same() -> Direction | None:
+            return direction if held() == direction else None  # Another direction is another motion.
+
         try:
-            return self._go(held, direction, at, speed_mm_s, by_mm)
+            return self._go(same, direction, at, speed_mm_s, by_mm)
         finally:
             self._remember_contact()
 

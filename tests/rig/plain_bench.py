@@ -1,9 +1,11 @@
 """A bench without a wire: its stage is exactly where it was told to be, its sensor shows what a test says."""
 
+import math
 from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
 from typing import Any
 
-from rig.devices.base import ForceReading, StageStatus
+from rig.devices.base import LOOK_S, ForceReading, StageStatus
 from rig.engine import Engine, PressId, verbs
 from rig.engine.bench import Meanwhile, Pause
 from rig.engine.press import Press
@@ -49,10 +51,42 @@ class PlainStage(StubStage):
         yield self.status()
 
 
+class GlidingStage(PlainStage):
+    """On its way at every look, with time passing; it can make a sine, too."""
+
+    look_s = LOOK_S
+
+    def moving(self, *, look_s: float = LOOK_S, **to: float) -> Iterator[StageStatus | None]:
+        self.look_s = look_s
+        yield from super().moving(**to)
+
+    def vibrating(
+        self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float
+    ) -> Iterator[StageStatus | None]:
+        self.look_s, top_mm, begun_s = look_s, self.at_mm[2], self.clock.monotonic_s()
+        self.told.append(("sine", amplitude_mm, period_s, cycles))
+        while (gone_s := self.clock.monotonic_s() - begun_s) < cycles * period_s:
+            self.at_mm[2] = top_mm - amplitude_mm * (1 - math.cos(2 * math.pi * gone_s / period_s))
+            yield self.status()
+            self.clock.wait_s(look_s)
+        self.at_mm[2] = top_mm
+
+    def _going(self, to_mm: list[float], lasts_s: float) -> Iterator[StageStatus | None]:
+        from_mm, begun_s = list(self.at_mm), self.clock.monotonic_s()
+        while (left_s := begun_s + lasts_s - self.clock.monotonic_s()) > 1e-9:
+            self.clock.wait_s(min(self.look_s, left_s))
+            share = min((self.clock.monotonic_s() - begun_s) / lasts_s, 1.0)
+            self.at_mm = [was + share * (to - was) for was, to in zip(from_mm, to_mm, strict=True)]
+            yield self.status()
+        self.at_mm = list(to_mm)
+
+
 class PlainBench:
     """Stage, sensor, operator and journal of an engine; `felt_gwt` is what the sensor shows now."""
 
     sample_period_s = 0.05
+    make_stage = PlainStage
+    also: Mapping[str, float] = MappingProxyType({})
 
     def __init__(
         self, felt_gwt: Callable[["PlainBench"], float], settings: Mapping[str, Any], **options: Any
@@ -61,7 +95,7 @@ class PlainBench:
         self.settings = RigSettings.model_validate(settings)
         self.resolution_gwt = self.settings.force.resolution_gwt
         self.clock = VirtualClock(1.7e9)
-        self.stage = PlainStage(self.clock)
+        self.stage = self.make_stage(self.clock)
         self.force = self.operator = self
         self.wants_pause: Callable[[], bool] = lambda: False
         self.goes_on = True
@@ -103,7 +137,7 @@ class PlainBench:
     identify = connect
 
     def read(self) -> ForceReading:
-        return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s())
+        return ForceReading(self.felt_gwt(self) * GWT_N, True, self.clock.monotonic_s(), self.also)
 
     def zero(self) -> None:
         """It shows what it shows."""
@@ -118,6 +152,20 @@ class PlainBench:
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         self.events.append((stream, dict(data)))
+
+
+class GlidingBench(PlainBench):
+    """A bench whose sensor is read on the way, too. `at_event` may act, once an event is on record."""
+
+    make_stage = GlidingStage
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        self.at_event: Callable[[str, Mapping[str, Any]], object] = lambda stream, data: None
+        super().__init__(*args, **options)
+
+    def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        super().event(stream, data)
+        self.at_event(stream, data)
 
 
 def pressing(

@@ -15,6 +15,7 @@ import pytest
 
 from rig.bench.virtual import bench_around
 from rig.devices.base import ForceBusy, ForceReading, StageOverridden, StageStatus
+from rig.engine.contact import KnownContact
 from rig.engine.dead_man import Direction, dead_man_jog
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import LimitError
@@ -499,9 +500,9 @@ def test_a_key_that_is_let_go_ends_it_well(at_hand: Callable[..., AtHand], axis:
 
 def test_the_deepest_that_is_allowed_is_allowed(at_hand: Callable[..., AtHand]) -> None:
     """limits.max_doi_mm = 1.5 and not a micrometre more, by a distance; with a key as deep as whole steps go."""
-    bench = at_hand(felt=False, above_mm=0.2)
+    bench = at_hand(felt=False, above_mm=0.22)  # no whole number of increments above
     with raises(LimitError, "too_deep", depth_mm=pytest.approx(1.501, abs=0.002), limit_mm=1.5):
-        bench.jog("z", -1.701)
+        bench.jog("z", -1.721)
     beyond_mm = bench.hand.look().at.z_mm - APEX_MM + 1.5 + 1e-8  # by what floats may be off
     assert bench.jog("z", -beyond_mm).ended_by is None
     assert bench.height_mm == pytest.approx(-1.5, abs=0.003)
@@ -592,3 +593,38 @@ def test_down_to_clearance_no_touch_is_possible(
     bench.hand.keep_contact = lambda known: found.append(known.kind)
     assert bench.jog("z", -by_mm).ended_by is None
     assert found == kept
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "kind"), [(2.0, "lifted"), (1.985, "lifted"), (1.97, "unknown"), (0.05, "unknown")]
+)
+def test_up_to_clearance_the_finger_is_clear_and_where_is_on_record(
+    at_hand: Callable[..., AtHand], to_mm: float, kind: str
+) -> None:
+    bench = at_hand(above_mm=-0.05, zero=ForceZero(0.0, 0.0))
+    bench.jog("x", 0.5)
+    found: list[KnownContact] = []
+    bench.hand.may_touch, bench.hand.keep_contact = True, found.append
+    assert bench.jog("z", to_mm + 0.05).ended_by is None
+    assert (found[-1].kind, bench.hand.may_touch) == (kind, kind != "lifted")
+    assert (found[-1].x_mm, found[-1].height_mm) == pytest.approx((0.5, to_mm), abs=0.003)
+
+
+@pytest.mark.parametrize("then", [None, Direction("z", -1), Direction("x", 1)], ids=["let go", "down", "aside"])
+@pytest.mark.parametrize("after_s", [0.0, 0.3])
+def test_another_key_at_clearance_ends_the_way_up(
+    at_hand: Callable[..., AtHand], then: Direction | None, after_s: float
+) -> None:
+    """Once lifted it would go on in one motion: never down or sideways. Pressed at once, or in the measurement."""
+    bench = at_hand(above_mm=1.9, zero=ForceZero(0.0, 0.0))
+    bench.hand.may_touch = True
+    until_s: list[float] = []
+
+    def held() -> Direction | None:
+        if not until_s and bench.height_mm >= 1.99:
+            until_s.append(bench.clock.monotonic_s() + after_s)
+        return then if until_s and bench.clock.monotonic_s() >= until_s[0] else Direction("z", 1)
+
+    assert bench.hand.go(held, 0.5).ended_by is None
+    assert bench.clock.monotonic_s() < until_s[0] + after_s + 0.8  # one measurement at rest
+    assert (bench.x_mm, bench.height_mm) == pytest.approx((0.0, 2.0), abs=0.02)

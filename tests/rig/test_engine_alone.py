@@ -3,15 +3,22 @@
 Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 3 s, the soft trip 203.94 gwt.
 """
 
+import itertools
 import math
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceTimeout
+from rig.devices.base import ForceTimeout, StageError
 from rig.engine import LimitError, PressId, TripError, verbs
+from rig.engine.bench import Pause
+from rig.engine.bench_memory import LastKnown
+from rig.engine.contact import KnownContact
 from rig.engine.engine import State
+from rig.engine.sensing import ForceZero
+from rig.errors import PressPaused
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import StubBench, raising
@@ -98,7 +105,12 @@ def _read(bench: StubBench) -> None:
 @pytest.mark.parametrize("last", [_moved, _read], ids=["in motion", "at rest"])
 @pytest.mark.parametrize(
     ("shows_gwt", "zeroed", "kind", "force_gwt"),
-    [(3.0, True, "touching", 3.0), (0.04, True, "unknown", 0.04), (3.0, False, "unknown", None)],
+    [
+        (3.0, True, "touching", 3.0),
+        (-3.0, True, "touching", -3.0),
+        (0.04, True, "unknown", 0.04),
+        (3.0, False, "unknown", None),
+    ],
 )
 def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_zero(
     last: Callable[[StubBench], None], shows_gwt: float, zeroed: bool, kind: str, force_gwt: float | None
@@ -130,6 +142,98 @@ def test_after_the_lift_of_a_trip_the_finger_is_clear_if_position_and_force_say_
 def test_before_homing_no_place_is_known() -> None:
     known = StubBench().engine.measure_contact()
     assert (known.kind, known.force_gwt, known.x_mm, known.height_mm) == ("unknown", None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "homed", "shows_gwt", "kind"),
+    [
+        (10.0, True, 0.04, "lifted"),
+        (1.985, True, 0.04, "lifted"),
+        (1.97, True, 0.04, "unknown"),
+        (1.985, True, -0.06, "disagreement"),
+        (1.97, True, -0.06, "touching"),
+        (10.0, False, 0.04, "unknown"),
+        (10.0, False, 0.06, "touching"),
+    ],
+)
+def test_contact_at_rest_is_what_position_and_force_say(
+    height_mm: float, homed: bool, shows_gwt: float, kind: str
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    bench.stage.homed, bench.force.shows_gwt = homed, shows_gwt
+    assert engine.measure_contact().kind == kind
+
+
+def test_what_is_known_of_contact_is_left_to_the_next_command() -> None:
+    """Before the first motion below clearance, with the last force, and whenever it is measured; to a millionth."""
+    bench, kept = StubBench(), list[KnownContact]()
+    engine = bench.ready()
+    engine.keep_contact = kept.append
+    bench.force.shows_gwt = 0.03
+    engine.read_force_gwt(PressId(0), "clearance")
+    engine.go_to_height(1.95, 0.5)
+    engine.go_to_height(1.9, 0.5)
+    bench.force.shows_gwt = 3.0
+    begun_s = bench.clock.unix_s()
+    engine.measure_contact()
+    assert [(one.kind, one.force_gwt, one.x_mm, one.height_mm) for one in kept] == [
+        ("unknown", 0.03, 0.0, 2.0),
+        ("touching", 3.0, 0.0, 1.9),
+    ]
+    assert kept[0].unix_s < begun_s < kept[1].unix_s
+    engine.go_to_height(1.8512345678, 0.5)
+    assert (engine.measure_contact().height_mm, engine.may_touch) == (1.851235, True)
+    bench.clock.wait_s(2.0)
+    assert engine.measured_ago_s == pytest.approx(2.0)
+    assert engine.trusted
+    bench.stage.homed = False
+    assert not engine.trusted
+
+
+def test_a_new_bench_is_not_trusted_before_it_is_homed() -> None:
+    bench = StubBench()
+    bench.stage.homed = True
+    assert not bench.engine.trusted
+
+
+def test_why_the_sensor_said_nothing_is_of_the_last_measurement() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    engine.measure_contact()
+    assert engine.not_lifted.fields["unread"]
+    engine.sensing.zero = None
+    assert engine.measure_contact().kind == "raised"
+    assert "unread" not in engine.not_lifted.fields
+    assert (engine.not_lifted.fields["contact"], engine.not_lifted.fields["height_mm"]) == ("raised", 2.0)
+
+
+def test_the_stage_is_told_a_new_lowest_height_and_no_other() -> None:
+    """Rounded to a millionth, at most the travel; again if the stage may have lost it."""
+    bench = StubBench()
+    engine = bench.ready()
+    apex_mm, travel_mm, told = (
+        bench.settings.frame.apex_z_mm,
+        bench.settings.stage.travel_mm[2],
+        bench.stage.floors_mm,
+    )
+    told.clear()
+    for height_mm in (-0.1 - 0.2, -0.3, -0.3 + 1e-9, -0.4, -0.3, -1000.0):
+        engine.limit_depth(height_mm)
+    assert told == [*(round(apex_mm + mm, 6) for mm in (-0.3, -0.4, -0.3)), -travel_mm]
+    told.clear()
+    for lose in (engine.forget_depth, engine.stop):
+        lose()
+        engine.limit_depth(-1000.0)
+    assert told == [-travel_mm] * 2
+    told.clear()
+    for fails in (True, False):
+        with raises(StageError, "stage_failed") if fails else nullcontext():
+            bench.stage.limit_depth = raising(StageError("busy")) if fails else told.append  # type: ignore[method-assign]
+            engine.limit_depth(-0.5)
+    assert told == [round(apex_mm - 0.5, 6)]
 
 
 # --- readings ---
@@ -305,6 +409,37 @@ def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
     assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
 
 
+@pytest.mark.parametrize(
+    ("shows_gwt", "touch_ends_it", "goes"),
+    [(3.0, False, True), (3.0, True, False), (-3.0, True, False), (0.04, True, True)],
+)
+def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
+    shows_gwt: float, touch_ends_it: bool, goes: bool
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    engine.go_to_height(1.90, 0.05, touch_ends_it=touch_ends_it)
+    assert (bench.height_mm == pytest.approx(1.90), "halt" in bench.stage.told) == (goes, not goes)
+    assert engine.height_mm == pytest.approx(bench.height_mm)
+
+
+@pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
+def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
+    """What it slept before, and in the air, does not count; nor do naps within half a second each."""
+    bench, slept = StubBench(), [3600.0]
+    bench.clock.suspended_s = lambda: slept[0]  # type: ignore[method-assign]
+    engine = bench.ready()
+    slept[0] += 60.0
+    engine.go_to_height(1.95, 0.5)
+    for _ in range(3):
+        slept[0] += more_s
+        with raises(TripError, "suspended", for_s=pytest.approx(more_s)) if trips else nullcontext():
+            engine.reading()
+        if trips:
+            return
+
+
 # --- the heartbeat ---
 
 
@@ -408,3 +543,171 @@ def test_homing_leaves_a_finger_that_has_come_up_since_the_last_reading() -> Non
     bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", max(bench.force.shows_gwt - 150.0, 0.0))
     verbs.home(engine)
     assert (engine.state, engine.known_contact.kind) == (State.READY, "lifted")
+
+
+def test_homing_begins_anew() -> None:
+    """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    bench.clock.wait_s(10.0)
+    bench.stage.floors_mm.clear()
+    verbs.home(engine)
+    assert (engine.state, engine.placed, engine.touched.reached_at(0.0, 0.0)) == (State.READY, False, None)
+    limits, apex_mm = bench.settings.limits, bench.settings.frame.apex_z_mm
+    assert bench.stage.floors_mm == [round(apex_mm - limits.search_mm - limits.max_doi_mm, 6)]
+    assert bench.of("home")[-1]["contact"] == "lifted"
+    assert not engine.heartbeat.lost
+
+
+@pytest.mark.parametrize(
+    ("below", "shows_gwt", "code"),
+    [
+        (True, 0.06, "not_lifted"),
+        (True, -0.06, "not_lifted"),
+        (False, 0.06, None),
+        (True, 0.04, None),
+        (False, 250.0, "soft_trip"),
+        (True, 600.0, "hard_trip"),
+    ],
+)
+def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
+    below: bool, shows_gwt: float, code: str | None
+) -> None:
+    """Else the zero has drifted."""
+    bench = StubBench()
+    engine = bench.in_contact() if below else bench.ready()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.home(engine)
+    assert engine.state is (State.TRIPPED if code else State.READY)
+    assert engine.may_touch is (below and code is not None)
+    if code:
+        assert bench.of("trip")[0]["force_gwt"] == pytest.approx(shows_gwt)
+
+
+@pytest.mark.parametrize(("zeroed", "code"), [(True, "not_lifted"), (False, None)])
+def test_a_sensor_that_homing_silences_trips_where_it_was_zeroed(zeroed: bool, code: str | None) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    if not zeroed:
+        engine.sensing.zero = None
+    bench.stage.at_look = lambda: setattr(bench.force, "at_read", raising(ForceTimeout("no answer")))
+    if not zeroed:
+        bench.stage.at_look = lambda: None
+    with raises(TripError, code, contact="raised") if code else nullcontext():
+        verbs.home(engine)
+    assert engine.known_contact.kind == "raised"
+
+
+ZEROED = ForceZero(1.0 * GWT_N, 0.02)
+LEFT: dict[str, tuple[LastKnown, bool, float, bool, bool, str | None]] = {
+    # what is on record, whether the run is resumed, what the sensor shows; whether it homes, alarms or trips
+    "nothing": (LastKnown(), False, 9.0, False, False, None),
+    "a lift": (LastKnown(contact=KnownContact("lifted")), False, 9.0, False, False, None),
+    "a lift, resumed": (LastKnown(contact=KnownContact("lifted")), True, 9.0, True, False, None),
+    "a lift and a zero": (LastKnown(contact=KnownContact("lifted")), False, 1.1, False, False, None),
+    "a lift, and a push since": (LastKnown(contact=KnownContact("lifted")), False, 1.2, True, True, None),
+    "a lift, and a pull since": (LastKnown(contact=KnownContact("lifted")), False, 0.8, True, True, None),
+    "a touch": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.1, True, True, None),
+    "a touch, resumed": (LastKnown(contact=KnownContact("unknown")), True, 1.1, True, True, None),
+    "a touch that stays": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.2, True, True, "not_lifted"),
+    "a touch and no zero": (LastKnown(contact=KnownContact("touching", 3.0)), False, 9.0, True, True, None),
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_what_the_last_command_left_is_left_first(name: str) -> None:
+    """A touch is 0.12 gwt from the zero on record, by its noise; without a touch on record that may be any drift."""
+    before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
+    if shows_gwt < 9.0:
+        before = before.model_copy(update={"zero_offset_n": ZEROED.offset_n, "zero_noise_gwt": ZEROED.noise_gwt})
+    bench = StubBench()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.leave_finger(bench.engine, before, resumed=resumed)
+    assert ("home" in bench.stage.told) is homes
+    assert bool(bench.of("alarm")) is (alarms and code is None)
+    assert bench.engine.sensing.zero is None
+
+
+@pytest.mark.parametrize("forget", ["mount", "pause", "pause in contact"])
+def test_contacts_are_forgotten_where_a_person_was_at_the_finger(forget: str) -> None:
+    bench, asked = StubBench(), [True]
+    engine = bench.in_contact() if "contact" in forget else bench.ready()
+    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    assert engine.touched.reached_at(0.0, 0.0) == (0.8, 4.0)
+    if forget == "mount":
+        verbs.mount(engine, "bar:3.0")
+    else:
+        bench.pause = Pause(lambda: bool(asked), lambda meanwhile: not asked.clear())
+        with pytest.raises(PressPaused) if "contact" in forget else nullcontext():
+            verbs.safe_point(engine)
+        assert [name for name, _ in bench.events[-2:]] == ["paused", "resumed"]
+        assert bench.height_mm == pytest.approx(2.0)
+    assert engine.touched.reached_at(0.0, 0.0) is None
+    assert engine.touched.free_mm(0.0, 0.0, 0.5) == 2.0
+
+
+# --- a rest ---
+
+
+@pytest.mark.parametrize("virtual", [False, True])
+def test_a_rest_asks_the_stop_inputs_ten_times_a_second_and_the_devices_each_second(virtual: bool) -> None:
+    """Not in its last quarter of a second; and not the devices of a virtual bench."""
+    bench = StubBench()
+    engine = bench.ready()
+    bench.virtual = virtual  # type: ignore[attr-defined]
+    asked_s: list[float] = []
+    engine.stop_problem = lambda *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
+    begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
+    verbs.rest(engine, 3.8)
+    ended_s = bench.clock.monotonic_s()
+    assert ended_s - begun_s == pytest.approx(3.8, abs=0.11)
+    assert bench.of("rest") == [{"rest_s": 3.8}]
+    waits_s = [b - a for a, b in itertools.pairwise([begun_s, *dict.fromkeys(asked_s)])]
+    assert max(waits_s) < 0.2
+    assert len(waits_s) > 25
+    assert max(asked_s) < begun_s + 3.8 - 0.2
+    read_s = bench.force.read_s[read:]
+    assert len(read_s) == (0 if virtual else 3)
+    assert all(b - a == pytest.approx(1.1, abs=0.11) for a, b in itertools.pairwise([begun_s, *read_s]))
+
+
+# --- zero ---
+
+
+@pytest.mark.parametrize("fails_at", [3, 15])
+def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
+    """The third reading is one of the drift; the fifteenth is one of the new zero, and the sensor was zeroed."""
+    bench = StubBench()
+    engine = bench.ready()
+    kept, begun = list[ForceZero | None](), len(bench.force.read_s)
+    before = engine.sensing.zero
+    engine.keep_zero = kept.append
+
+    def fail() -> None:
+        if len(bench.force.read_s) - begun >= fails_at:
+            raise ForceTimeout("no answer")
+
+    bench.force.at_read = fail
+    with raises(TripError, "no_reading"):
+        verbs.zero(engine)
+    assert (engine.sensing.zero, kept) == ((before, []) if fails_at == 3 else (None, [None]))
+    assert len(bench.of("zero")) == 1
+
+
+@pytest.mark.parametrize(
+    ("drift_gwt", "heights_mm"), [(0.06, [10.0, 2.0]), (-0.06, [10.0, 2.0]), (0.04, []), (-0.04, [])]
+)
+def test_a_drift_as_large_as_a_touch_either_way_is_zeroed_in_the_air(
+    drift_gwt: float, heights_mm: list[float]
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.shows_gwt = drift_gwt
+    moves = len(bench.stage.told)
+    verbs.zero(engine)
+    apex_mm = bench.settings.frame.apex_z_mm
+    assert [told[2] - apex_mm for told in bench.stage.told[moves:]] == pytest.approx(heights_mm)
+    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(drift_gwt)

@@ -6,14 +6,46 @@ from typing import Any
 
 import pytest
 
-from rig.engine import EngineError
+from rig.engine import EngineError, indentation, verbs
+from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
-from rig.protocol.steps import Precondition, Reference
-from rig.records import Hold, Indentation, Pace, PlannedIndentation, Prediction, PressId, Target
-from rig.session.execute import Live
+from rig.protocol.steps import (
+    Checkpoint,
+    ExpectedPresses,
+    ExpectedTouch,
+    Home,
+    Indent,
+    Mount,
+    MoveTo,
+    Note,
+    Precondition,
+    Ramp,
+    Reference,
+    Rest,
+    Retract,
+    Step,
+    Touch,
+    Vibrate,
+    Zero,
+)
+from rig.records import (
+    Hold,
+    Indentation,
+    Pace,
+    PlannedIndentation,
+    Prediction,
+    PredictionBand,
+    PressId,
+    SineMotion,
+    Target,
+)
+from rig.session.execute import Live, execute
+from tests.error_codes import raises
+from tests.rig.plain_bench import PlainBench
 from tests.rig.script_walk import StandIn, Walked, ready, walked
+from tests.stub_bench import raising
 
 Make = Callable[..., Any]
 
@@ -203,3 +235,127 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
     live.handle(Reference(x_mm=1.0, doi_mm=0.2, increments=1, hold_s=0.1), owed)
     assert [(e["index"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [(1, 1.0)]
     assert [e["index"] for e in bench.of("reference")] == [1]
+
+
+ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5}
+SINE = SineMotion.of(4.0, 50.0, 2.0)
+HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
+    "indent": (
+        Indent(doi_mm=0.5, increments=3, speed_mm_s=0.25, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
+        {"increments": 3, "speed_mm_s": 0.25, "hold_s": 0.75}),
+    "indent otherwise": (
+        Indent(doi_mm=0.5, increments=3, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
+        {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}),
+    "ramp": (Ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.75), "ramp", (0.5, 0.3), {"hold_s": 0.75}),
+    "vibrate": (
+        Vibrate(frequency_hz=4.0, amplitude_um=50.0, duration_s=2.0, doi_mm=0.5), "vibrate",
+        (Target("doi_mm", 0.5), SINE), {}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HANDED_ON)
+def test_a_press_is_made_by_its_plan(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where contact is expected, on which area, under which number: all of it counts."""
+    step, function, words, more = HANDED_ON[name]
+    asked: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
+
+    def made(engine: object, *args: Any, **options: Any) -> Indentation:
+        asked.append((args, options))
+        return Indentation(7, 0.5, ())
+
+    monkeypatch.setattr(indentation, function, made)
+    planned = PlannedIndentation(
+        "bar", 0.5, Target("doi_mm", 0.5), ODD["expected_contact_mm"], 5.0, 0.5, ODD["contact_area_mm2"], 0.1,
+        increments=3, hold_s=0.75,
+    )  # fmt: skip
+    press = PressId(7, "data", {"trial": 2})
+    answer = execute(PlainBench(lambda bench: 0.0, {}).engine, step, ExpectedPresses((press,), planned))
+    assert asked == [(words, {**ODD, **more, "press_id": press})]
+    assert answer == Indentation(7, 0.5, ())
+
+
+def _planned(band: PredictionBand | None = None) -> PlannedIndentation:
+    return PlannedIndentation(
+        "bar", 0.5, Target("doi_mm", 0.5), -0.75, 5.0, 0.5, 12.5, 0.1, increments=3, hold_s=0.75, band=band
+    )
+
+
+BAND = PredictionBand((4.0, 6.0), (0.5, 0.5), 7.0)
+TWO = (PressId(3, "precondition"), PressId(4, "precondition"))
+SPEED = {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}
+OVER, PRESSED = ("be_over", (0.5,), {}), ("indent", (Target("doi_mm", 0.5),), {**ODD, **SPEED})
+COMPARED = Indentation(7, 0.5, ())
+CARRIED_OUT: dict[str, tuple[Step[Any, Any], Any, list[tuple[str, tuple[Any, ...], dict[str, Any]]]]] = {
+    "home": (Home(), None, [("home", (), {})]),
+    "mount": (Mount(indentor="bar"), None, [("mount", ("bar",), {})]),
+    "move_to": (MoveTo(x_mm=1, along_mm=-2), None, [("move_to", (1.0, -2.0), {})]),
+    "rest": (Rest(seconds=2), None, [("rest", (2.0,), {})]),
+    "retract": (Retract(), None, [("retract", (), {})]),
+    "zero": (Zero(), None, [("zero", (), {})]),
+    "checkpoint": (Checkpoint(name="half"), None, [("checkpoint", ("half",), {})]),
+    "note": (Note(text="a"), None, [("note", ("a",), {})]),
+    "touch": (Touch(), ExpectedTouch(PressId(5, "find"), -0.75), [("touch_place", (5, -0.75), {})]),
+    "precondition": (
+        Precondition(presses=2, doi_mm=0.5), ExpectedPresses(TWO, _planned()),
+        [*(OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": TWO[0]})),
+         *(OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": TWO[1]}))]),
+    **{name: (
+        Reference(x_mm=0.5, doi_mm=0.5), ExpectedPresses((PressId(7, "reference"),), _planned(band)),
+        [OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": PressId(7, "reference")}),
+         ("compare_reference", (COMPARED, None if band is None else (4.0, 6.0)), {})])
+       for name, band in (("reference", None), ("reference of an identified finger", BAND))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CARRIED_OUT)
+def test_a_step_is_carried_out_with_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    step, expected, calls = CARRIED_OUT[name]
+    made: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
+    engine = PlainBench(lambda bench: 0.0, {}).engine
+
+    def instead(function: str, answer: Any = None) -> Callable[..., Any]:
+        def call(its: object, *args: Any, **options: Any) -> Any:
+            assert its is engine
+            made.append((function, args, options))
+            return answer
+
+        return call
+
+    for verb in ("home", "mount", "move_to", "rest", "retract", "zero", "checkpoint", "note", "be_over"):
+        monkeypatch.setattr(verbs, verb, instead(verb))
+    monkeypatch.setattr(indentation, "indent", instead("indent", COMPARED))
+    monkeypatch.setattr(indentation, "touch_place", instead("touch_place", -0.7))
+    monkeypatch.setattr("rig.session.execute.compare_reference", instead("compare_reference"))
+    assert execute(engine, step, expected) == (-0.7 if name == "touch" else None)
+    assert made == calls
+
+
+def test_an_executor_that_leaves_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What a script cannot catch comes when the stage is stopped; an error does not stop it."""
+    engine = PlainBench(lambda bench: 0.0, {}).engine
+    stopped: list[bool] = []
+    monkeypatch.setattr(engine, "stop", lambda: stopped.append(True))
+
+    class Odd(Zero):
+        """A step of its own, without an executor."""
+
+    with raises(BadInputError, "no_executor", verb="zero", step="Odd"):
+        execute(engine, Odd(), None)
+    for error, stops in ((EngineError("it failed"), []), (KeyboardInterrupt(), [True])):
+        monkeypatch.setattr(verbs, "zero", raising(error))
+        with pytest.raises(type(error)):
+            execute(engine, Zero(), None)
+        assert stopped == stops
+
+
+def test_after_a_failure_that_a_script_swallowed_only_words_are_written() -> None:
+    bench = PlainBench(lambda bench: 0.0, {})
+    live = Live(bench.engine, Walk(bench.settings, StandIn()))
+    at = Spot("bar", 0.0, 0.0, ())
+    bench.engine.problem = EngineError("it failed")
+    live.handle(Note(text="a"), at)
+    live.handle(Checkpoint(name="b"), at)
+    for step in (Zero(), Retract(), Rest(seconds=1)):
+        with pytest.raises(EngineError, match="it failed"):
+            live.handle(step, at)
+    assert [stream for stream, _ in bench.events] == ["note", "checkpoint"]

@@ -836,7 +836,7 @@ def test_a_search_the_wrong_way_is_stopped(own: dict[str, Any], far: bool) -> No
     before = z.carriage_at(bench.clock.monotonic_s())
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
-    bench.stage.stop()
+    bench.clock.wait_s(1.0)
     assert 1.0 < (before - z.carriage_at(bench.clock.monotonic_s())) / per_mm < 1.7
     assert not bench.stage.homed
 
