@@ -116,6 +116,44 @@ def test_an_arrival_is_within_2_5_um(kind: str, way: int, more: int) -> None:
     assert bench.stage.homed is not more
 
 
+NO_MOVES: list[tuple[str, dict[str, float]]] = [
+    *(("set_by_hand", {"x_mm": -1.0, "y_mm": mm}) for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
+    *(("set_by_hand", {"y_mm": mm}) for mm in (-14.0, -16.0)),
+    ("not_finite", {"y_mm": math.nan}),
+    ("not_one_axis", {"x_mm": -1.0, "z_mm": -1.0}),
+    ("not_one_axis", {"x_mm": -1.0, "y_mm": -15.0, "z_mm": -1.0}),
+    ("not_one_axis", {}),
+]
+
+
+@every_kind
+def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
+    """That axis has no drive; a move to where it was set by hand is none."""
+    bench = StageBench(BYTES[kind], homed=True)
+    for code, move in NO_MOVES:
+        with raises(MoveError, code, **({"set_mm": -15.0} if code == "set_by_hand" else {})):
+            bench.stage.move_to(**move, speed_mm_s=1.0)
+    bench.stage.move_to(y_mm=-15.0, speed_mm_s=1.0)
+    for act in (lambda: bench.stage.jog("y", 1.0, 1.0), lambda: bench.stage.steps_per_mm("y")):
+        with raises(StageError, "no_drive", axis="y"):
+            act()
+    assert bench.wire.writes == []
+    assert bench.stage.homed
+
+
+@every_kind
+@pytest.mark.parametrize("homed", [True, False])
+def test_what_is_no_jog_is_refused_before_any_byte(kind: str, homed: bool) -> None:
+    bench = StageBench(BYTES[kind], homed=homed)
+    for by_mm in (math.nan, math.inf, -math.inf):
+        with raises(MoveError, "not_finite", name="by_mm"):
+            bench.stage.jog("z", by_mm, 1.0)
+    with raises(MoveError, "too_slow", speed_mm_s=1e-9):
+        bench.stage.jog("z", -0.1, 1e-9)
+    assert bench.wire.writes == []
+    assert bench.stage.homed is homed
+
+
 @every_kind
 def test_home_is_0_without_a_sign(kind: str) -> None:
     status = StageBench(BYTES[kind], homed=True).stage.status()
