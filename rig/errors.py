@@ -124,14 +124,17 @@ def plain_rule(message: str) -> str:
 
 
 def first_problem(where: str, error: ValidationError, model: type[BaseModel] | None = None) -> BadInputError:
-    """Return the first error of a validation, with its place and value.
+    """Return the first error of a validation, with its place and value; a misspelled key before the missing one.
 
     model: validated model; for an unknown key the most similar ones are suggested.
 
     Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
     Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
-    problem = error.errors()[0]
+    problems = error.errors()
+    problem = problems[0]
+    if problem["type"] == "missing":
+        problem = next((other for other in problems if other["type"] == "extra_forbidden"), problem)
     place = _short(".".join(str(part) for part in problem["loc"]))
     rule = problem["type"]
     if rule == "extra_forbidden":

@@ -18,7 +18,7 @@ HOMED, RUNNING, ALARM, DISABLED = 0x72, 0x46, 0x01, 0x30
 class Bus:
     """Drives that answer at once, or after takes_s; what is written stays, and PR0 is at its end at once.
 
-    One that is told to home shows once that it runs.
+    One that is told to home shows once that it runs, and is at 0.
     """
 
     name = "bus"
@@ -57,6 +57,7 @@ class Bus:
             self.stands(device, number([self.registers[device, PR0 + k] for k in (1, 2)]))
         if (register, list(values)) == (TRIGGER, [HOME]):
             self._homes.add(device)
+            self.stands(device, 0)
 
     def write_one(self, device: int, register: int, value: int) -> None:
         self.write(device, register, [value])
@@ -84,7 +85,7 @@ def homed_stage(
         settings = DriveSettings(device_id=device, **(drive or {}))
         bus.registers[device, 1] = settings.pulses_per_rev
         drives.append(LeadshineDrive(bus, clock, axis, settings, pulses_per_mm=per_mm, travel_mm=60.0))
-    stage = LeadshineStage(*drives, **options)
+    stage = LeadshineStage(*drives, **{"inputs_register": 0x0179, **options})
     stage.connect()
     stage.home()
     bus.asked.clear()

@@ -193,6 +193,7 @@ def command(
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True, size=len(runs)):
             found = [read_run(path) for path in runs]
+        checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
                 group,

@@ -42,7 +42,9 @@ def outcome(error: Exception) -> tuple[str, str, ExitCode] | None:
     if classes & STOPPED:
         return f"stopped: {error}", code, ExitCode.STOPPED
     if classes & UNWRITABLE:
-        return f"{error}: free disk space, then repeat the command", code, ExitCode.BAD_INPUT
+        from rig.data.folder import how_to_write  # loaded only for an error
+
+        return f"{error}: {how_to_write(error)}, then repeat the command", code, ExitCode.BAD_INPUT
     if isinstance(error, OSError):
         what = error.strerror or str(error)
         return f"{error.filename}: {what}" if error.filename else what, code, ExitCode.BAD_INPUT

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from rig.cli.options import FingertipOption, JsonOption
+from rig.cli.options import FingertipOption, JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
@@ -177,6 +177,7 @@ def export_deck_command(
                 "{option} {path}: the file already exists; choose another name",
                 code="exists_already", option="--out", path=out_file,
             )  # fmt: skip
+        checked_file("--out", out_file)
         indentor = parse_shape(shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(

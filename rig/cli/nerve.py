@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.cli.options import JsonOption
+from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.data.run import Run, read_run
 from rig.data.tables import foreign_in_one_line
@@ -43,6 +43,7 @@ def nerve_command(
         wanted = spike_request(afferents, seed, path_m)
         with busy("reading the run …", quick=True):
             found = read_run(run)
+        checked_file("RUN", found.folder.report)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)
             with busy(THE_FINGER, as_json=as_json):

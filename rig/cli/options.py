@@ -129,6 +129,7 @@ def checked_picture(picture: Path | None) -> None:
             "{option} {path}: the folder {folder} does not exist; create it first",
             code="no_such_folder", option="--picture", path=picture, folder=picture.parent,
         )  # fmt: skip
+    checked_file("--picture", picture)
 
 
 def write_picture(plot: "Plot", picture: Path) -> None:

@@ -23,6 +23,7 @@ from rig.control.client import Announcement
 from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunFolder, export_run
+from rig.data.folder import may_write_below
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
 from rig.data.tables import motions_in_contact
@@ -248,6 +249,9 @@ def new_run(out_dir: Path, subject: str | None) -> NewRun:
     """Return a new run for that folder; raise BadInputError before anything begins."""
     if out_dir.is_file():
         raise BadInputError("--out {path}: this is a file; name a folder", code="not_a_directory", path=out_dir)
+    if not may_write_below(out_dir):
+        raise BadInputError("--out {path}: must be a folder that you may write to", code="not_writable",
+                            option="--out", path=out_dir)  # fmt: skip
     return NewRun(out_dir, checked_subject(subject))
 
 

@@ -121,7 +121,7 @@ class PlausibleFingers:
             table, _, key = name.rpartition(".")
             if table:
                 tree[table] = {**tree.get(table, {}), key: value}
-        with reraised_as(self.source, FingersError):
+        with reraised_as(self.source, FingersError, FingertipConfig):
             changed = FingertipConfig.model_validate(tree)
         named = ", ".join(f"{name} = {value:g}" for name, value in values.items())
         return DesignFinger(changed, values.get(_DEPTH, depth_mm), named)
@@ -154,7 +154,7 @@ def places(along: Sequence[float], free: int) -> Array:
 def read_plausible(path: Path) -> PlausibleFingers:
     """Read a file of ranges; raise FingersError if it is invalid."""
     source = f"--fingers {path}"
-    with reraised_as(source, FingersError):
+    with reraised_as(source, FingersError, _File):
         content = read_bytes(path, MOST_TOML_BYTES)
         tables = toml_of(content.decode("utf-8-sig"))
         identified = is_finger_file(tables)

@@ -23,7 +23,7 @@ from rig_shared.user_files import read_bytes, read_text, sha256_of
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
 _DIGITS = 64
 _READ_S, _AGAIN_S = 0.5, 0.005
-_FULL = (errno.ENOSPC, errno.EDQUOT)
+_NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
 """Prefix of the copies of shape files."""
@@ -43,10 +43,12 @@ class UnwritableError(RigError, OSError):
     @classmethod
     def of(cls, path: Path, error: OSError) -> "UnwritableError":
         """Return the error for a failed write."""
-        reason, free = error.strerror or str(error), free_space(path)
-        made = cls("{path}: cannot be written: {reason}, {free}", path=str(path), reason=reason, free=free)
+        reason = error.strerror or str(error)
+        if allowed(error):
+            reason = f"{reason}, {free_space(path)}"
+        made = cls("{path}: cannot be written: {reason}", path=str(path), reason=reason)
         made.errno, made.filename = error.errno, str(path)
-        made.strerror = f"cannot be written: {reason}, {free}"
+        made.strerror = f"cannot be written: {reason}"
         return made
 
     def __str__(self) -> str:
@@ -153,7 +155,7 @@ class RunFolder:
     def owned(self) -> Iterator[None]:
         """Lock the folder against other writing processes.
 
-        Raises FolderBusyError; UnwritableError on a full disk.
+        Raises FolderBusyError; UnwritableError if no file can be written there.
         """
         lock = filelock.FileLock(self.path / _LOCK, timeout=0)
         try:
@@ -163,9 +165,7 @@ class RunFolder:
                 "run folder {run} is in use by another process; wait until it ends", run=str(self.path)
             ) from None
         except OSError as error:
-            if error.errno in _FULL:
-                raise UnwritableError.of(self.path / _LOCK, error) from error
-            raise
+            raise UnwritableError.of(self.path / _LOCK, error) from error
         try:
             yield
         finally:
@@ -188,7 +188,10 @@ def new_run_folder(
     """
     name = f"{when:%Y%m%dT%H%M%S}-{name}-{secrets.token_hex(3)}"
     partial = parent / f".{name}.part"
-    partial.mkdir(parents=True)
+    try:
+        partial.mkdir(parents=True)
+    except OSError as error:
+        raise UnwritableError.of(parent, error) from error
     try:
         replace_bytes(partial / "protocol.py", read_bytes(protocol))
         replace_text(partial / "config.toml", config_toml)
@@ -239,6 +242,22 @@ def _written(path: Path, contents: Mapping[str, bytes]) -> RunFolder:
     folder = RunFolder(path)
     folder.write_checksums()
     return folder
+
+
+def may_write_below(folder: Path) -> bool:
+    """Return whether files can be written into a folder, which may have to be made first."""
+    there = next((one for one in (folder, *folder.absolute().parents) if one.exists()), folder)
+    return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
+
+
+def allowed(error: BaseException | None) -> bool:
+    """Return whether a write failed although this account may write there, as on a full disk."""
+    return not (isinstance(error, OSError) and error.errno in _NOT_ALLOWED)
+
+
+def how_to_write(error: BaseException | None) -> str:
+    """Return what the operator does about a file that cannot be written."""
+    return "free disk space" if allowed(error) else "make the folder writable for your account"
 
 
 def free_space(path: Path) -> str:

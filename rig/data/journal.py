@@ -196,8 +196,12 @@ class ByteLog:
             if isinstance(self.problem, LostFileError):
                 raise LostRecordError("{path}: {error}", path=str(self.path), error=str(self.problem))
             if self.problem is not None:
-                raise RecordError("{path}: cannot be written: {error}", code="cannot_be_written",
-                                  path=str(self.path), error=str(self.problem.strerror))  # fmt: skip
+                raise RecordError(
+                    "{path}: cannot be written: {error}",
+                    code="cannot_be_written",
+                    path=str(self.path),
+                    error=str(self.problem.strerror),
+                ) from self.problem
             watch(stream, data)
 
         return checked

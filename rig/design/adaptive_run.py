@@ -37,9 +37,8 @@ A = TypeVar("A")
 
 LOOK_S = 0.005
 
-COUNT_WITHIN_S = 30.0
 CHOICE_WITHIN_S = 10.0
-"""Longest wait for a count, by default, and for a choice without one (s)."""
+"""Longest wait for a choice that needs no count (s)."""
 
 
 @dataclass(frozen=True, kw_only=True)

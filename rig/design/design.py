@@ -12,7 +12,6 @@ from threadpoolctl import threadpool_limits
 
 from rig.compare.place_grid import nodes
 from rig.compare.plausible_fingers import PlausibleFingers
-from rig.design.adaptive import AdaptiveRule
 from rig.design.choose import QUICK, ChosenPresses, Effort, PressChooser, some_of
 from rig.design.confusion import Confusion, OrderedDesign, expected_confusion
 from rig.design.counts import CountModel
@@ -229,22 +228,6 @@ def judged(
         progress("session compared with the candidates", 0, 1)
         model = CountModel(request.hold_s, request.unknowns)
         return session_verdict(table, times, request.candidates, model, counted, _SIZES.draws, request.seed)
-
-
-def adaptive_rule(
-    request: DesignRequest,
-    config: Config,
-    finger: Finger,
-    plausible: PlausibleFingers | None,
-    count: Counted,
-    progress: Progress,
-) -> AdaptiveRule:
-    """Return the rule that chooses press by press, for the same request that designed the session."""
-    with threadpool_limits(1):
-        table, times, _ = bench_of(request, config, finger, plausible, count, progress)
-        progress("fibers of the candidates", 0, 1)
-        model = CountModel(request.hold_s, request.unknowns)
-        return AdaptiveRule.of(table, request.candidates, model, times, request.minutes, seed=request.seed)
 
 
 def finger_of(request: DesignRequest, config: FingertipConfig) -> Fingertip:

@@ -542,7 +542,7 @@ def next_look_s(last_s: float, over_s: float, look_s: float) -> float:
     2.1
     """
     due_s = last_s + look_s
-    in_time = last_s >= over_s or over_s - due_s >= look_s / 2
+    in_time = over_s - due_s >= look_s / 2
     return due_s if in_time else max(due_s, over_s + look_s)
 
 

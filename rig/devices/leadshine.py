@@ -36,7 +36,7 @@ class LeadshineStage(Stage):
         x_backlash_mm: float = 0.0,
         z_backlash_mm: float = 0.0,
         output: SyncSettings | None = None,
-        inputs_register: int = reg.INPUTS,
+        inputs_register: int,
     ) -> None:
         self._drives = {"x": x, "z": z}
         self._overrun_mm = {"x": 2 * x_backlash_mm, "z": 2 * z_backlash_mm}

@@ -22,7 +22,6 @@ from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusError, ModbusMaster, ModbusTimeout
 
 STATUS, ALARM, CONTROL, TRIGGER = 0x1003, 0x2203, 0x1801, 0x6002
-INPUTS = 0x0179  # Second-hand; [stop] inputs_register replaces it.
 INPUT_NAMES = tuple(f"di{n}" for n in range(1, 8))
 COMMANDED, FEEDBACK = 0x602C, 0x1014  # 32 bits each
 PR0 = 0x6200  # mode, position (32 bits), rpm, ramp up, ramp down, pause, and the trigger, which is never written

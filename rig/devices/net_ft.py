@@ -20,7 +20,6 @@ from rig.devices.base import (
     ForceError,
     ForceOverload,
     ForceReading,
-    ForceSensor,
     ForceTimeout,
     ForceUnderload,
 )
@@ -32,7 +31,7 @@ from rig.units import GWT_N
 MAX_AGE_S = 0.02
 """Longest time from the request for a reading to a new record (s)."""
 LOWEST_HZ = 100
-"""Lowest rate of records, so that two of them fit into MAX_AGE_S (1/s)."""
+"""Lowest rate of records (1/s): two of them fit into MAX_AGE_S, and one into each sample period that is allowed."""
 PAGE_S, START_S, SETTLE_S = 1.0, 0.5, 10.0
 """Longest time until the page arrives, until a started stream runs, and until a load is steady (s)."""
 _PAUSE_S = 1.0  # After a longer pause without a read, records that were dropped meanwhile are not counted as lost.
@@ -50,10 +49,9 @@ SATURATED, MONITOR = 1 << 17, 1 << 16
 _MEANINGS = {
     30: "processor or memory", 29: "digital board", 28: "analog board", 27: "link between the boards",
     26: "program memory", 25: "halted by command", 24: "invalid settings", 23: "calibration does not match",
-    22: "network", 20: "RDT", 17: "saturation or converter", 16: "monitor condition", 14: "watchdog",
-    13: "stack", 12: "EEPROM", 11: "flash memory",
+    22: "network", 20: "RDT", 14: "watchdog", 13: "stack", 12: "EEPROM", 11: "flash memory",
 }  # fmt: skip
-"""Bits of the status; lower ones are of the analog board: supply, gauge current, temperature."""
+"""Bits of errors in the status; lower ones are of the analog board: supply, gauge current, temperature."""
 _CUTOFFS_HZ = (None, 838, 326, 152, 73, 35, 18, 8, 5)
 """Cutoff frequencies of the low-pass filter by its number; 0 is none."""
 
@@ -166,10 +164,10 @@ class NetFtForce:
         clock: Clock,
         settings: NetFtSettings,
         *,
-        sample_period_s: float = 0.05,
-        latency_s: float = 0.0,
-        resolution_gwt: float = 0.01,
-        scale: float = 1.0,
+        sample_period_s: float,
+        latency_s: float,
+        resolution_gwt: float,
+        scale: float,
     ) -> None:
         self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
         self._records, self._open_page, self._clock, self._settings = records, page, clock, settings
@@ -302,14 +300,13 @@ class NetFtForce:
         return page
 
     def _refuse_slow(self, page: SensorPage) -> None:
-        lowest_hz = max(LOWEST_HZ, round(1 / self.sample_period_s))
-        if page.rate_hz is not None and page.rate_hz < lowest_hz:
+        if page.rate_hz is not None and page.rate_hz < LOWEST_HZ:
             raise ForceError(
                 "{port}: the sensor sends {rate_hz} records/s; set its RDT output rate to at least {lowest_hz}",
                 code="slow_records",
                 port=self._records.name,
                 rate_hz=page.rate_hz,
-                lowest_hz=lowest_hz,
+                lowest_hz=LOWEST_HZ,
             )
         cutoff_hz = _CUTOFFS_HZ[page.filter_number] if page.filter_number in range(len(_CUTOFFS_HZ)) else 1
         if cutoff_hz is not None and 1 / cutoff_hz > self.sample_period_s + self._latency_s:
@@ -432,11 +429,16 @@ class NetFtForce:
         )
 
 
-def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:
+def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> NetFtForce:
+    force = settings.force
+    return _sensor(opener(force.port), lambda: opener(page_port(force)), clock, settings)
+
+
+def _sensor(records: Transport, page: Callable[[], Transport], clock: Clock, settings: BenchSettings) -> NetFtForce:
     force = settings.force
     return NetFtForce(
-        opener(force.port),
-        lambda: opener(page_port(force)),
+        records,
+        page,
         clock,
         force.own(NetFtSettings),
         sample_period_s=force.sample_period_s,
@@ -459,7 +461,7 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         return None
     page = opener(page_port(force))
     try:
-        return NetFtForce(page, lambda: page, clock, force.own(NetFtSettings)).identify()
+        return _sensor(page, lambda: page, clock, settings).identify()
     except ForceTimeout:
         return None
     except ForceError as error:

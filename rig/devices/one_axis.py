@@ -78,6 +78,14 @@ class _Look(Protocol):
 Look = TypeVar("Look", bound=_Look)
 
 
+def travel_s(mm: float, speed_mm_s: float, acceleration_mm_s2: float) -> float:
+    """Return the duration of a move from rest to rest; an infinite acceleration is that of no ramp."""
+    ramp_s = speed_mm_s / acceleration_mm_s2
+    if mm <= speed_mm_s * ramp_s:
+        return 2 * math.sqrt(mm / acceleration_mm_s2)
+    return mm / speed_mm_s + ramp_s
+
+
 class WayHome:
     """Way of an axis that searches its home switch: towards home, and back from the switch by a little."""
 

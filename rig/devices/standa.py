@@ -26,7 +26,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -58,7 +58,9 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 STOP_S, HALT_S = 1.0, 2.0
 TOLERANCE_MM = 2.5e-3
 
-ERROR_REPLIES, EEPROM, HOMED, ALARM = 0x07, 0x10, 0x20, 0x40
+HOMED = 0x20
+HARMLESS = HOMED | 0x17
+"""Also the bits of earlier error replies and of a memory in the stage."""
 ALARMS = {
     0x00000040: "ALARM",
     0x00000080: "CTP_ERROR",
@@ -78,7 +80,6 @@ ALARMS = {
     0x01000000: "EXTIO_ALARM",
 }
 """Names of the status flags without `STATE_`."""
-HARMLESS = ERROR_REPLIES | EEPROM | HOMED
 EDGE = {"right": 0x1, "left": 0x2}
 BUTTONS = 0xC
 STOPS_AT_EDGES, EDGES_ARE_POSITIONS = 0x6, 0x1
@@ -117,7 +118,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def connect(self) -> str:
         """Compare the controller with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = self._ramps = None
+        self._ramps = None
         (serial,) = self._link.ask("gser", SERIAL)
         self.serial = serial
         self._refuse_another(serial)
@@ -140,9 +141,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             if found != expected:
                 self._refuse_setting(name, found, expected)
         for name, steps_s2 in zip(("Accel", "Decel"), self._ramp(), strict=True):
-            least = math.ceil(self._least_acceleration_mm_s2 * self._counts_per_mm / microsteps)
+            least = self._least_acceleration_mm_s2 * self._counts_per_mm / microsteps
             if steps_s2 < least:
-                self._refuse_setting(name, steps_s2, f"at least {least} (stage.acceleration_mm_s2)")
+                self._refuse_setting(name, steps_s2, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
         return f"{self.name}: Standa controller {serial}, firmware {major}.{minor}.{release}"
 
     # --- motion ---
@@ -150,9 +151,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
     def homing(self, keep_on: Callable[[], bool]) -> Iterator[AxisStatus]:
         """Find the home position, which is 0 from then on; yield at each look. Raises StageError."""
         self._jogs_to = None
+        before = self._at(self.look())
         if not keep_on():
             raise self._stopped()
-        before = self._at(self.look())
         self._link.command("home")
         way = WayHome()
 
@@ -206,7 +207,8 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             return status, not status.busy
 
         mm = abs(target - start) / self._counts_per_mm
-        expected_s = self._travel_s(mm, speed_mm_s)
+        acceleration_mm_s2 = min(self._ramp()) * self.microsteps / self._counts_per_mm or math.inf
+        expected_s = travel_s(mm, speed_mm_s, acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         for left in (1, 0):  # A late reply may be an old one.
@@ -393,13 +395,6 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             _, _, up, down, *_ = self._link.ask("gmov", SPEED)
             self._ramps = up, down
         return self._ramps
-
-    def _travel_s(self, mm: float, speed_mm_s: float) -> float:
-        slowest = min(self._ramp()) * self.microsteps / self._counts_per_mm
-        ramp_s = speed_mm_s / slowest if slowest else 0.0
-        if slowest and mm <= speed_mm_s * ramp_s:
-            return 2 * math.sqrt(mm / slowest)
-        return mm / speed_mm_s + ramp_s
 
     @property
     def _tolerance(self) -> float:

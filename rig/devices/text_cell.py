@@ -5,6 +5,7 @@ A board sends what its program prints, so the format of a line is configured.
 """
 
 import re
+from contextlib import suppress
 from functools import cached_property
 from typing import ClassVar, Literal
 
@@ -128,9 +129,9 @@ class TextCellForce:
         clock: Clock,
         settings: TextCellSettings,
         *,
-        sample_period_s: float = 0.1,
-        resolution_gwt: float = 0.01,
-        scale: float = 1.0,
+        sample_period_s: float,
+        resolution_gwt: float,
+        scale: float,
     ) -> None:
         self.sample_period_s, self.resolution_gwt = sample_period_s, scale * resolution_gwt
         self._transport, self._clock, self._settings, self._scale = transport, clock, settings, scale
@@ -148,10 +149,8 @@ class TextCellForce:
         deadline_s = self._clock.monotonic_s() + settings.start_s
         last = ""
         while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
-            try:
+            with suppress(ForceTimeout):
                 last = self._line(min(self._silence_s, left_s))
-            except ForceTimeout:
-                continue
             value = self._value(last)
             if value is not None and (_NUMBER.fullmatch(value) or _NO_NUMBER.fullmatch(value)):
                 return f"text cell, {settings.line} in {settings.unit}"

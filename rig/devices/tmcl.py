@@ -24,7 +24,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.tmcl_link import ABSOLUTE, END_SEARCH, MST, MVP, RFS, SAP, SEARCH, Motor, TmclLink
 from rig.settings import BenchSettings, StageSettings, TmclAxisSettings, TmclSettings
@@ -138,7 +138,7 @@ class TmclAxis(WatchedAxis[Look]):
             # By the speed: the position becomes 0 at the switch.
             up_mm = found.speed / (self.steps_per_mm * self._units.speed_unit) * took_s
             if way.is_wrong(up_mm, at_switch=found.switches[SWITCHES[self._axis.home_switch]]):
-                self._link.send_now([self.motor])
+                self._command(RFS, END_SEARCH)  # No stop ends a search.
                 raise self._homes_the_wrong_way()
             begun = begun or found.searching
             if not begun and self._clock.monotonic_s() >= begins_by_s:
@@ -212,7 +212,7 @@ class TmclAxis(WatchedAxis[Look]):
             return found, True
 
         mm = abs((target - start) / self.steps_per_mm)
-        expected_s = self._travel_s(mm, speed_mm_s)
+        expected_s = travel_s(mm, speed_mm_s, self._acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self.disarm()
@@ -409,12 +409,6 @@ class TmclAxis(WatchedAxis[Look]):
                 **self._names,
             )
         return again
-
-    def _travel_s(self, mm: float, speed_mm_s: float) -> float:
-        ramp_s = speed_mm_s / self._acceleration_mm_s2
-        if mm <= speed_mm_s * ramp_s:
-            return 2 * math.sqrt(mm / self._acceleration_mm_s2)
-        return mm / speed_mm_s + ramp_s
 
     @property
     def _tolerance(self) -> float:

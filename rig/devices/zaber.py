@@ -28,7 +28,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, travel_s
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
@@ -89,20 +89,21 @@ class _SineInTime:
     tolerance: float
 
     def misses(self, at: int, asked_s: float, heard_s: float) -> bool:
-        """Return whether the sine does not pass `at` between two times; false if they are half a cycle apart."""
+        """Return whether the sine does not pass `at` between two times; beyond its ends it is off its way instead."""
         late_s = SINE_LATE_S + (1 - SINE_IN_TIME) * (heard_s - self.begun_s)
-        first = max(asked_s - self.known_s - late_s, 0.0) / self.period_s
+        first = (asked_s - self.known_s - late_s) / self.period_s
         last = (heard_s - self.begun_s + late_s) / self.period_s
-        if last - first >= 0.5:
-            return False
         ends = [self.amplitude * (1 - math.cos(2 * math.pi * share)) for share in (first, last)]
-        low = 0.0 if math.floor(last) > math.floor(first) else min(ends)
-        high = 2.0 * self.amplitude if math.floor(last + 0.5) > math.floor(first + 0.5) else max(ends)
+        low = -math.inf if math.floor(last) > first else min(ends)
+        high = math.inf if math.floor(last + 0.5) > first + 0.5 else max(ends)
         return not low - self.tolerance <= at - self.start <= high + self.tolerance
 
 
 class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
+
+    warned: frozenset[str]
+    """Warnings when they were last asked for."""
 
     def __init__(
         self,
@@ -125,7 +126,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to: int | None = None
         # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
         self._swings = name == "z"
-        self.warned = frozenset[str]()  # warnings when they were last asked for
         self._narrow = False  # whether limit.max may be that of a sine
 
     @property
@@ -135,7 +135,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def connect(self) -> str:
         """Compare the device with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = None
         link, address = self._link, self._address.address
         device_id = link.ask(address, 0, "get deviceid").data
         version = link.ask(address, 0, "get version").data
@@ -146,10 +145,11 @@ class ZaberAxis(WatchedAxis[Reply]):
         if resolution != self._address.resolution:
             self._refuse_setting("resolution", resolution, self._address.resolution)
         acceleration = self._number("get accel")
-        self._acceleration_mm_s2 = acceleration / self._units.acceleration_unit / self._counts_per_mm or math.inf
+        unit = self._counts_per_mm * self._units.acceleration_unit
+        self._acceleration_mm_s2 = acceleration / unit or math.inf
         if self._acceleration_mm_s2 < self._least_acceleration_mm_s2:
-            least = self._least_acceleration_mm_s2 * self._counts_per_mm * self._units.acceleration_unit
-            self._refuse_setting("accel", acceleration, f"at least {math.ceil(least)} (stage.acceleration_mm_s2)")
+            least = f"at least {math.ceil(self._least_acceleration_mm_s2 * unit)} (stage.acceleration_mm_s2)"
+            self._refuse_setting("accel", acceleration, least)
         longest = self._number("get limit.max")
         if not self._swings:
             self._refuse_short_travel(longest)
@@ -240,7 +240,7 @@ class ZaberAxis(WatchedAxis[Reply]):
             return reply, not reply.busy
 
         mm = abs(target - start) / self._counts_per_mm
-        expected_s = self._travel_s(mm, speed_mm_s)
+        expected_s = travel_s(mm, speed_mm_s, self._acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self._be_at(target)
@@ -294,7 +294,7 @@ class ZaberAxis(WatchedAxis[Reply]):
                 raise self._stopped()
             self._refuse_interference(reply)
             self._refuse_off_its_way(reply, start, start + 2 * amplitude)
-            if reply.busy and self._out_of_time(sine, reply, asked_s) and self._out_of_time(sine):
+            if self._out_of_time(sine, reply, asked_s) and self._out_of_time(sine):
                 self._end_sine(what, period_s)
             return reply, not reply.busy
 
@@ -511,12 +511,6 @@ class ZaberAxis(WatchedAxis[Reply]):
                 **self._names,
             )
         return again
-
-    def _travel_s(self, mm: float, speed_mm_s: float) -> float:
-        ramp_s = speed_mm_s / self._acceleration_mm_s2
-        if mm <= speed_mm_s * ramp_s:
-            return 2 * math.sqrt(mm / self._acceleration_mm_s2)
-        return mm / speed_mm_s + ramp_s
 
     @property
     def _travel(self) -> int:

@@ -1,7 +1,7 @@
 """The whole configuration: its tables, its keys, and errors in its file."""
 
 import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date
@@ -14,7 +14,7 @@ from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationE
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import BUILT_IN, KINDS, KnownBench, find, names, with_kind_tables
-from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem, plain_rule
+from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
 from rig.plan.finger_file import (
     IdentifiedFinger,
     checked_relaxation,
@@ -330,8 +330,11 @@ def as_toml(value: Any) -> str:
 
 
 @contextmanager
-def reraised_as(where: str, error: Callable[..., RigError]) -> Iterator[None]:
-    """Re-raise errors of reading and validating a TOML file as `error`, with `where` in front."""
+def reraised_as(where: str, error: type[RigError], model: type[BaseModel] | None = None) -> Iterator[None]:
+    """Re-raise errors of reading and validating a TOML file as `error`, with `where` in front.
+
+    model: validated model; for an unknown key the most similar ones are suggested.
+    """
     try:
         yield
     except OSError as problem:
@@ -340,12 +343,4 @@ def reraised_as(where: str, error: Callable[..., RigError]) -> Iterator[None]:
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise error("{where}: not valid TOML: {problem}", code="no_toml", where=where, problem=str(problem)) from None
     except ValidationError as problem:
-        first = problem.errors()[0]
-        raise error(
-            "{where}: {key}: {problem}",
-            code="invalid_value",
-            where=where,
-            key=".".join(map(str, first["loc"])),
-            rule=first["type"],
-            problem=plain_rule(first["msg"]),
-        ) from None
+        raise around(error, "{problem}", first_problem(where, problem, model)) from None

@@ -121,7 +121,7 @@ def where_in_script(path: Path, error: BaseException) -> str:
     return f"{path}, line {frames[-1].lineno}" if frames else str(path)
 
 
-def failed_in_script(error: BaseException) -> BadInputError:
+def failed_in_script(path: Path, error: BaseException) -> BadInputError:
     """Return the error for an exception in a script; it corrects a misspelled or wrongly called verb."""
     fields = {"exception": type(error).__name__, "problem": str(error)}
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
@@ -139,7 +139,19 @@ def failed_in_script(error: BaseException) -> BadInputError:
     if isinstance(error, FileNotFoundError):
         advice = 'name the file in METADATA["files"] and open it as Path(__file__).parent / NAME'
         return BadInputError("{exception}: {problem}; {advice}", code="exception_in_script", advice=advice, **fields)
+    if isinstance(error, ModuleNotFoundError) and (advice := _module_advice(path.parent, str(error.name))):
+        return BadInputError("{exception}: {problem}; {advice}", code="module_beside_script", advice=advice, **fields)
     return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
+
+
+def _module_advice(folder: Path, name: str) -> str:
+    """Return what to do about a module that lies beside the script and was not found, or an empty text."""
+    name = name.partition(".")[0]
+    if (folder / f"{name}.py").is_file():
+        return f"import {name} at the top of the script, so that the run keeps a copy"
+    if (folder / name).is_dir():
+        return f"{name} is a folder; put what the script needs into one .py file beside the script"
+    return ""
 
 
 def script_error(
@@ -158,7 +170,7 @@ def script_error(
     verbatim : tuple of types
         Classes whose sentence is enough; for others the class is named.
     """
-    problem = error if isinstance(error, verbatim) else failed_in_script(error)
+    problem = error if isinstance(error, verbatim) else failed_in_script(path, error)
     return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 
 
@@ -219,12 +231,9 @@ def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
             problem=error.msg,
         ) from None
     except (Exception, SystemExit) as error:
-        raise BadInputError(
-            "protocol {place}: {exception}: {problem}",
-            code="exception_in_script",
-            place=where_in_script(path, error),
-            exception=type(error).__name__,
-            problem=str(error),
+        found = failed_in_script(path, error)
+        raise around(
+            BadInputError, "protocol {place}: {problem}", found, place=where_in_script(path, error)
         ) from None
     finally:
         sys.meta_path.remove(finder)

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from rig.data import Run
-from rig.data.folder import free_space
+from rig.data.folder import allowed, free_space, how_to_write
 from rig.data.tables import ENDED_EARLY
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
 from rig.engine.contact import ContactKind, KnownContact
@@ -26,9 +26,7 @@ _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (LimitError, "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"),
     (CountError, "correct the counts, then resume"),
     (ScriptError, "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"),
-    (OSError, "free disk space, then resume"),
     (LostRecordError, "find out who moved or deleted the files of the run, then resume"),
-    (RecordError, "free disk space, then resume"),
     (FingerLostError, "check whether the computer ran out of memory, then resume"),
 )
 NO_END = "the run has no end record: its program was killed or the power failed"
@@ -146,17 +144,22 @@ def _reason(problem: Exception, folder: Path) -> str:
     reason = " ".join(str(problem).split())
     if isinstance(problem, LostRecordError):
         return f"{reason}; the recorded data are in {folder.resolve()}; resume with {resume_line(folder)}"
-    if isinstance(problem, RecordError):
+    if isinstance(problem, RecordError) and allowed(problem.__cause__):
         reason = f"{reason}, {free_space(folder)}"
     if isinstance(problem, RecordError | OSError):
-        reason = f"{reason}; free disk space, then resume with {resume_line(folder)}"
+        reason = f"{reason}; {_how_to_write(problem)}, then resume with {resume_line(folder)}"
     return reason
+
+
+def _how_to_write(problem: Exception) -> str:
+    return how_to_write(problem.__cause__ if isinstance(problem, RecordError) else problem)
 
 
 def _next(problem: Exception, at: FinalPosition) -> str:
     """Return the next action for the operator; resuming homes, which lifts first."""
     known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
-    see_to = next(known, _SEE_TO_THE_DEVICE)
+    unwritable = isinstance(problem, RecordError | OSError)
+    see_to = next(known, f"{_how_to_write(problem)}, then resume" if unwritable else _SEE_TO_THE_DEVICE)
     return see_to if at.to_do is None else f"{at.to_do}; then {see_to}"
 
 

@@ -151,8 +151,9 @@ Row = dict[str, Any]
 
 def read_study(path: Path) -> list[Case]:
     """Return every combination, grouped by finger; raise StudyError if the file is invalid."""
-    with reraised_as(f"study {path}", StudyError):
+    with reraised_as(f"study {path}", StudyError, StudyFile):
         study = StudyFile.model_validate(toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES)))
+    with reraised_as(f"study {path}: [finger]", StudyError, FingertipConfig):
         return list(_cases(study, path.parent))
 
 

@@ -287,7 +287,7 @@ def checked_pressures(values: ArrayLike) -> Array:
     wrong = pressure[~(np.isfinite(pressure) & (pressure >= 0))]
     if len(wrong):
         raise CodingError(
-            "{pressure} {value:g}: pressures must not be negative",
+            "{pressure} {value:g}: pressures must be finite, and 0 or more",
             code="negative", pressure="pressure", value=float(wrong[0]),
         )  # fmt: skip
     return pressure

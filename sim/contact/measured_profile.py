@@ -20,6 +20,7 @@ Array = NDArray[np.float64]
 
 COLUMNS = ("x_mm", "height_mm")
 LINEAR = ",linear"
+_SHOWN = 60
 _FILLET_MM = 0.02
 WIDEST_MM = 200.0
 """Width of the widest profile; a wider one is in another unit."""
@@ -240,11 +241,12 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
         ) from None
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         raise ProfileError(
-            "profile {name}, line {line}: must have the columns {columns}",
+            "profile {name}, line {line}: must be {columns}, separated by a comma, not {header!r}",
             code="profile_columns",
             name=path,
             line=1,
             columns=",".join(COLUMNS),
+            header=",".join(rows[0])[:_SHOWN] if rows else "",
         )
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
     return MeasuredProfile._checked(path, points, linear)

@@ -54,8 +54,6 @@ _OTHER_VELOCITY_M_S = (53.0, 8.0, 36.0, 73.0)
 
 PATH_M = 0.2
 """Nerve between the fingertip and the electrode (m): from a monkey's fingertip to its forearm."""
-HUMAN_PATH_M = 0.65
-"""From a human fingertip to the upper arm (m)."""
 AT_THE_RECEPTOR_S = (0.001, 0.002)
 """Range of the delay between the membrane of the receptor and its fiber (s)."""
 

@@ -20,6 +20,7 @@ import numpy as np
 from rig.clock import WallClock
 from rig.devices.base import ForceError
 from rig.devices.net_ft import GET_PAGE, MAX_AGE_S, NetFtForce, NetFtSettings
+from rig.settings import ForceSettings
 from rig.transport import UdpTransport
 from studies.registry import show
 
@@ -84,7 +85,17 @@ def measured(rate_hz: int, busy: int, seconds: float) -> list[str]:
     for one in (*others, sender):
         one.start()
     ages_s, waits_s, errors, last = list[float](), list[float](), 0, {"packets_lost": 0.0}
-    force = NetFtForce(UdpTransport(f"udp://127.0.0.1:{near.recv()}"), _Page, WallClock(), NetFtSettings())
+    wire, instrument = UdpTransport(f"udp://127.0.0.1:{near.recv()}"), ForceSettings()
+    force = NetFtForce(
+        wire,
+        _Page,
+        WallClock(),
+        NetFtSettings(),
+        sample_period_s=instrument.sample_period_s,
+        latency_s=instrument.latency_s,
+        resolution_gwt=instrument.resolution_gwt,
+        scale=1.0,
+    )
     try:
         force.connect()
         until_s = time.monotonic() + seconds

@@ -160,15 +160,19 @@ class FarEnd:
 
 
 class Connected:
-    """A driver of the catalogue that has just connected to its device, at a late hour of the clock."""
+    """A driver of the catalogue that has just connected to its device, at a late hour of the clock.
 
-    def __init__(self, device: ForceBytes, *, scale: float = 1.0) -> None:
+    scale: as measured; where nothing was measured it is 1.
+    """
+
+    def __init__(self, device: ForceBytes, *, scale: float | None = None) -> None:
         self.device = device
         self.clock = VirtualClock(1.7e9, BEGUN_S)
         self.wire = FarEnd(device, self.clock)
         measured = {"value": scale, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
+        calibration = {} if scale is None else {"force_scale": measured}
         bench = KnownBench.model_validate(
-            {"force": {"kind": device.kind, **device.table}, "calibration": {"force_scale": measured}}
+            {"force": {"kind": device.kind, **device.table}, "calibration": calibration}
         )
         self.driver: ForceSensor = find(ForceKind, device.kind).driver(lambda port: self.wire, self.clock, bench)
         self.driver.connect()
@@ -241,26 +245,26 @@ class ForceContract:
         assert there.driver.read().force_n == pytest.approx(_usual_n(device))
 
     @pytest.mark.parametrize(("sample_period_s", "resolution_gwt"), [(0.04, 0.02), (0.08, 0.5)])
-    @pytest.mark.parametrize("scale", [1.0, 1.25])
+    @pytest.mark.parametrize("scale", [None, 1.25])
     def test_it_has_the_sample_period_and_the_resolution_of_its_configuration(
-        self, device: ForceBytes, sample_period_s: float, resolution_gwt: float, scale: float
+        self, device: ForceBytes, sample_period_s: float, resolution_gwt: float, scale: float | None
     ) -> None:
         """By these the rig waits for a new sample, and tells a touch from noise."""
         table = {**device.table, "sample_period_s": sample_period_s, "resolution_gwt": resolution_gwt}
         driver = Connected(replace(device, table=table), scale=scale).driver
         assert driver.sample_period_s == sample_period_s
-        assert driver.resolution_gwt == pytest.approx(scale * resolution_gwt)
+        assert driver.resolution_gwt == pytest.approx((scale or 1.0) * resolution_gwt)
 
     # --- readings ---
 
-    @pytest.mark.parametrize("scale", [1.0, 1.25])
-    def test_a_reading_in_newton_with_its_time(self, device: ForceBytes, weight: Weight, scale: float) -> None:
+    @pytest.mark.parametrize("scale", [None, 1.25])
+    def test_a_reading_in_newton_with_its_time(self, device: ForceBytes, weight: Weight, scale: float | None) -> None:
         there = Connected(device, scale=scale)
         there.hears(weight.reply)
         there.clock.wait_s(3.0)
         there.wire.after_s = 0.02
         found = there.driver.read()
-        force_n = pytest.approx(scale * weight.grams * GWT_N, rel=1e-12, abs=1e-15)
+        force_n = pytest.approx((scale or 1.0) * weight.grams * GWT_N, rel=1e-12, abs=1e-15)
         assert found == ForceReading(force_n, weight.stable, pytest.approx(there.clock.monotonic_s()))
         assert 3.0 <= found.t_s - there.begun_s < 3.1
         assert there.wire.asked == device.questions(1)

@@ -1,16 +1,18 @@
 """What `rig init` sends to a port: questions from a list per device, all of them read only, and nothing else."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import pytest
 
+from rig.clock import Clock
 from rig.devices import make_drivers
 from rig.devices.base import ForceError, StageError
-from rig.devices.make_drivers import PROBE_S, probe
-from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, find
+from rig.devices.make_drivers import probe
+from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, Opener, find
 from rig.errors import RigError
+from rig.settings import BenchSettings
 from rig.transport import TransportError
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -208,10 +210,11 @@ def ask(monkeypatch: pytest.MonkeyPatch) -> Ask:
 
         monkeypatch.setattr(make_drivers, "open_port", open_port)
         try:
-            return port, 0.0, probe(_kind(table), table.port, clock)
+            identity = probe(_kind(table), table.port, clock)
+            return port, clock.monotonic_s() - 100.0, identity
         finally:
             assert port.closed
-            assert clock.monotonic_s() - 100.0 <= PROBE_S + 0.5
+            assert clock.monotonic_s() - 100.0 <= 6.5
 
     return asked
 
@@ -237,9 +240,10 @@ def test_a_device_names_itself_and_every_question_of_the_list_is_used(table: Rea
 
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
 def test_a_silent_port_is_no_device_and_takes_a_bounded_time(table: ReadOnly, ask: Ask) -> None:
-    port, _, identity = ask(table, {})
+    port, lasts_s, identity = ask(table, {})
     assert identity is None
     assert port.sent
+    assert 0.5 < lasts_s < 3.0
 
 
 @pytest.mark.parametrize(("deaf_s", "reply_s"), [(0.5, 0.0), (2.0, 0.0), (2.3, 0.2)])
@@ -264,6 +268,24 @@ def test_a_port_that_never_stops_talking_takes_a_bounded_time(table: ReadOnly, c
     assert identity is None
 
 
+def test_a_probe_without_an_end_has_six_seconds(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a package, say."""
+    clock = VirtualClock(0.0, 100.0)
+    port = Port(MTSICS, clock, {})
+    monkeypatch.setattr(make_drivers, "open_port", lambda *_, **__: port)
+
+    def endless(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
+        wire = opener(settings.force.port)
+        while True:
+            wire.read(0.1)
+
+    assert probe(replace(_kind(MTSICS), probe=endless), SERIAL, clock) is None
+    assert clock.monotonic_s() == pytest.approx(106.0, abs=0.1)
+    assert port.closed
+    assert probe(replace(_kind(MTSICS), probe=None), SERIAL, clock) is None
+    assert port.sent == []
+
+
 @pytest.mark.parametrize("table", TABLES.values(), ids=TABLES)
 def test_another_answer_to_every_question_is_no_device(table: ReadOnly, ask: Ask) -> None:
     """An echo, the refusal of a balance, the error of a board."""
@@ -280,6 +302,21 @@ def test_a_device_that_cannot_be_used_is_there_and_says_why(table: ReadOnly, cod
     kind: type[RigError] = StageError if table.kind in BUILT_IN["stage"] else ForceError
     with raises(kind, code):
         ask(table, {**table.questions, **table.unusable[code]})
+
+
+@pytest.mark.parametrize(
+    ("table", "question", "reply", "identity"),
+    [
+        *((MTSICS, b"SI\r\n", reply, MTSICS.identity) for reply in (b"S I\r\n", b"S +\r\n", b"x\r\n", SILENCE)),
+        *((GRBL, b"$I\n", reply, "GRBL board") for reply in (b"error:9\r\n", SILENCE, b"ALARM:1\r\n")),
+    ],
+)
+def test_a_device_that_has_named_its_kind_is_found_though_it_refuses_the_rest(
+    table: ReadOnly, question: bytes, reply: bytes, identity: str, ask: Ask
+) -> None:
+    """An overloaded balance, a board that is locked."""
+    _, _, found = ask(table, {**table.questions, question: reply})
+    assert found == identity
 
 
 HALVES: list[tuple[str, str, bytes, object]] = [

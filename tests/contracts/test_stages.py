@@ -1,6 +1,7 @@
 """Every registered stage keeps the contract, and has said all that it asks of its controller."""
 
 import importlib
+import math
 import os
 import pickle
 import pkgutil
@@ -8,8 +9,21 @@ from pathlib import Path
 
 import pytest
 
-from rig.devices.base import MoveError, StageError, StageNotHomed, StageOverridden, StageReset, StageTimeout, arrive
-from rig.devices.registry import BUILT_IN
+from rig.bench.virtual import stage_opener, virtual_line, virtual_stage
+from rig.devices.base import (
+    MoveError,
+    StageError,
+    StageNotHomed,
+    StageOverridden,
+    StageReset,
+    StageTimeout,
+    arrive,
+    next_look_s,
+)
+from rig.devices.make_drivers import stage_driver
+from rig.devices.registry import BUILT_IN, StageKind, find
+from rig.plan.config import Config
+from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from tests.contracts.stage import StageBytes, StageContract, StageEnd, sentences
 from tests.error_codes import has_code, raises
@@ -56,6 +70,50 @@ def test_what_a_user_reads_is_as_it_stands() -> None:
     if os.environ.get("GOLDEN") == "write":
         SENTENCES.write_text(found, encoding="utf-8")
     assert found == SENTENCES.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("last_s", "over_s", "look_s", "next_s"),
+    [
+        (1.0, 5.0, 0.5, 1.5), (1.0, 1.75, 0.5, 1.5), (1.0, 1.74, 0.5, 2.24), (1.0, 1.5, 0.5, 2.0),
+        (1.0, 1.25, 0.5, 1.75), (1.0, 1.0, 0.5, 1.5), (2.0, 1.0, 0.5, 2.5), (2.0, 1.875, 0.5, 2.5),
+        (1.0, 5.0, math.inf, math.inf),
+    ],
+)  # fmt: skip
+def test_a_look_is_never_just_before_or_just_after_the_end_of_a_motion(
+    last_s: float, over_s: float, look_s: float, next_s: float
+) -> None:
+    """Half of the time between two looks is near."""
+    assert next_look_s(last_s, over_s, look_s) == pytest.approx(next_s)
+
+
+# --- on its virtual twin ---
+
+AXES = [(kind, axis) for kind in BUILT_IN["stage"] for axis in find(StageKind, kind).axes]
+WAYS = [(0.025, -1.0, -0.95), (0.025, -0.02, 0.0), (0.025, -2.5, -2.0), (0.0, -1.0, -1.0)]
+
+
+@pytest.mark.parametrize(("kind", "axis"), AXES)
+@pytest.mark.parametrize(("backlash_mm", "to_mm", "highest_mm"), WAYS)
+def test_measured_backlash_is_taken_up_on_the_way_up_and_where_none_is_measured_there_is_none(
+    kind: str, axis: str, backlash_mm: float, to_mm: float, highest_mm: float
+) -> None:
+    """Twice as far beyond the target, but not beyond the top; the way begins at −2 mm."""
+    measured = {"value": backlash_mm, "date": "2026-01-05", "expires": "2126-01-05"}
+    calibration = {f"{axis}_backlash_mm": measured} if backlash_mm else {}
+    config, clock = Config.model_validate({"stage": {"kind": kind}, "calibration": calibration}), VirtualClock()
+    line = virtual_line(clock, config.stage)
+    virtual_stage(clock, line, config)
+    stage = stage_driver(
+        stage_opener(config, line, lambda at, name: LoopbackTransport(at, clock, name)), clock, config
+    )
+    stage.connect()
+    stage.home()
+    stage.move_to(**{f"{axis}_mm": -2.0}, speed_mm_s=10.0)
+    looks = stage.moving(**{f"{axis}_mm": to_mm}, speed_mm_s=0.5, look_s=0.01)
+    seen_mm = [getattr(look, f"{axis}_mm") for look in (stage.status(), *looks, stage.status())]
+    assert seen_mm[-1] == pytest.approx(to_mm, abs=0.003)
+    assert max(seen_mm) == pytest.approx(highest_mm, abs=0.008)
 
 
 # --- a driver that raises plain text ---

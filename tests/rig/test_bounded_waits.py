@@ -272,7 +272,7 @@ def _drive(clock: VirtualClock, rtu: Callable[[str], bytes], status: int) -> tup
         LeadshineDrive(bus, clock, axis, DriveSettings(device_id=n), pulses_per_mm=400.0, travel_mm=60.0)
         for n, axis in ((1, "x"), (2, "z"))
     )
-    stage = LeadshineStage(x, z)
+    stage = LeadshineStage(x, z, inputs_register=0x0179)
     stage._trusted = True
     return wire, stage
 

@@ -171,6 +171,28 @@ def test_the_command_tells_what_an_entry_says_and_claims_no_more(
     assert max(map(len, as_text().splitlines())) <= 100
 
 
+STAGES_CAN = {
+    "grbl": ("xyz", ["ramps"], ["manual", "firmware"]),
+    "leadshine": ("xz", ["ramps"], ["manual", "client"]),
+    "zaber": ("xz", ["ramps", "vibrates"], ["manual", "client"]),
+    "standa": ("xz", ["ramps"], ["manual", "client"]),
+    "tmcl": ("xz", ["ramps"], ["manual", "client"]),
+}
+"""Driven axes, motions, and what the tests of the driver compare with."""
+
+
+def test_what_each_stage_can_and_what_it_was_tried_with() -> None:
+    found = {name: find(StageKind, name) for name in registry.BUILT_IN["stage"]}
+    assert {
+        name: (
+            one.axes,
+            [can for can in ("ramps", "vibrates") if getattr(one, can)],
+            [what for what, text in asdict(one.evidence).items() if text],
+        )
+        for name, one in found.items()
+    } == STAGES_CAN
+
+
 def test_every_measured_kind_is_one_of_ours_and_has_both_wires_in_ms() -> None:
     head, *rows = read_table("devices/measured")
     assert tuple(head) == COLUMNS

@@ -132,17 +132,54 @@ def test_an_offset_of_an_earlier_motion_is_not_a_confirmation(board: Board) -> N
     assert not [data for data in board.said if data.startswith(b"G1")]
 
 
-@pytest.mark.parametrize(
-    ("shown", "fine"), [("60", True), ("59.5", True), ("60.5", True), ("59", False), ("61", False), ("600", False)]
-)
-def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(board: Board, shown: str, fine: bool) -> None:
-    """It may print whole mm/min: half of one is no difference."""
+def test_an_offset_that_the_board_reports_before_it_has_obeyed_is_not_a_confirmation(clock: VirtualClock) -> None:
+    """Of an earlier motion to the same target: it is reported while the line is owed an ok, and not after that."""
+    board = Slow(clock)
     stage = connected(board)
-    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F{shown} S0]\r\nok\r\n".encode()
-    if fine:
+    stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+    earlier = b"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0|WCO:-1.000,-2.000,-3.000>\r\n"
+    board.heard.clear()
+
+    def answer(data: bytes) -> bytes | list[At]:
+        if data.startswith(b"G92"):
+            return [(0.15, b"ok\r\n")]
+        asked = len(board.times(b"?"))
+        return (earlier if asked == 1 else at("Idle")) if data == b"?" else Board._answer(board, data)
+
+    board._answer = answer  # type: ignore[method-assign]
+    with raises(StageError, "not_confirmed", doubt_code="no_offset"):
+        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+    assert board.times(b"?")[0] < board.heard[0][0] + 0.15
+    assert not [data for data in board.said if data.startswith(b"G1")]
+
+
+@pytest.mark.parametrize(("wrong", "missing"), [("G91", "G90"), ("G20", "G21"), ("G93", "G94"), ("", "G90")])
+def test_the_modes_of_a_long_motion_are_confirmed(board: Board, wrong: str, missing: str) -> None:
+    """Absolute, in millimetres, by feed per minute; a short one is over before they matter."""
+    stage = connected(board)
+    modes = "G1 G54 G17 G21 G90 G94 M5 M9 T0 F60 S0".replace(missing, wrong)
+    board.answers[b"$G\n"] = f"[GC:{modes}]\r\nok\r\n".encode()
+    with raises(StageError, "not_confirmed", doubt_code="modes_missing", missing=[missing]):
+        stage.move_to(x_mm=-1.2, speed_mm_s=1.0)
+    assert not [data for data in board.said if data.startswith(b"G1")]
+    with raises(StageError, "not_there"):  # this board stays where it is
+        stage.move_to(x_mm=-1.1, speed_mm_s=1.0)
+
+
+@pytest.mark.parametrize(
+    ("shown", "found_mm_min"),
+    [("F60", 60), ("F59.5", 59.5), ("F60.5", 60.5), ("F59", 59.0), ("F61", 61.0), ("F600", 600.0), ("", None)],
+)
+def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
+    board: Board, shown: str, found_mm_min: float | None
+) -> None:
+    """It may print whole mm/min: half of one is no difference. No feed at all is none."""
+    stage = connected(board)
+    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 {shown} S0]\r\nok\r\n".encode()
+    if found_mm_min is not None and abs(found_mm_min - 60.0) <= 0.5:
         stage.jog("x", -0.5, 1.0)
     else:
-        doubt = {"doubt_code": "wrong_feed", "found_mm_min": float(shown), "meant_mm_min": 60.0}
+        doubt = {"doubt_code": "wrong_feed", "found_mm_min": found_mm_min, "meant_mm_min": 60.0}
         with raises(StageError, "not_confirmed", **doubt):
             stage.jog("x", -0.5, 1.0)
         assert not [data for data in board.said if data.startswith(b"$J=")]

@@ -127,4 +127,4 @@ def test_of_a_server_that_is_not_there(program: Program, listener: int, tmp_path
 @pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() == 0, reason="root may write anywhere")
 def test_of_a_folder_that_may_not_be_written_to(program: Program, tmp_path: Path) -> None:
     (tmp_path / "shut").mkdir(mode=0o500)
-    assert "may be written to" in _one_line(program, "identify", "--to", "shut/finger.toml")
+    assert "--to shut/finger.toml: " in _one_line(program, "identify", "--to", "shut/finger.toml")

@@ -1,7 +1,7 @@
 """How a Leadshine drive is moved, jogged and stopped: what it is asked and told, and when."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
 from typing import Any
@@ -10,11 +10,25 @@ import pytest
 
 from rig.devices.base import StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import LeadshineDrive, Status
+from rig.devices.leadshine_drive import LeadshineDrive, Status, words
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import CONTROL, HOME, HOMED, RUN_PR0, RUNNING, STATUS, TRIGGER, Bus, X, Z, homed_stage
+from tests.drives_as_registers import (
+    CONTROL,
+    FEEDBACK,
+    HOME,
+    HOMED,
+    PR0,
+    RUN_PR0,
+    RUNNING,
+    STATUS,
+    TRIGGER,
+    Bus,
+    X,
+    Z,
+    homed_stage,
+)
 from tests.error_codes import raises
 
 QUICK_STOP = 0x40
@@ -107,6 +121,43 @@ def test_a_drive_is_homed_when_it_stands_and_says_so_and_is_at_0(
     assert begun_s + 1.0 <= clock.monotonic_s() < begun_s + 1.2
 
 
+def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile(
+    bench: Make, clock: VirtualClock
+) -> None:
+    """It searches for less than the 50 ms in which it is not asked, and for one look longer it is not homed."""
+    bus, stage = bench()
+    said = {device: iter([HOMED, HOMED, 0x32]) for device in (X, Z)}  # two looks before it begins
+    bus.status = lambda device, t_s: next(said[device], HOMED)
+    write = bus.write
+
+    def homes_unseen(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus._homes.clear()
+
+    bus.write = homes_unseen  # type: ignore[method-assign]
+    stage.home()
+    assert stage.homed
+
+
+@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
+def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
+    """By its encoder; −1.0004 mm is pulse −1000."""
+    bus, stage = bench(per_mm=1000.0)
+    read = bus.read
+
+    def off_target(device: int, register: int, count: int = 1) -> list[int]:
+        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
+
+    bus.read = off_target  # type: ignore[method-assign]
+    if fine:
+        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    else:
+        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
+        with raises(StageError, "not_there", axis="x", drive=1, **at):
+            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    assert stage.homed is fine
+
+
 def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
     """It has 50 ms from the trigger on to show that it runs."""
     bus, stage = bench()
@@ -127,11 +178,12 @@ def test_homing_is_given_three_minutes(bench: Make) -> None:
 
 @pytest.mark.parametrize(("bit", "name"), [(2, "RUNNING"), (4, "COMMAND_DONE")])
 def test_a_timeout_tells_what_the_drive_says_of_itself(bench: Make, clock: VirtualClock, bit: int, name: str) -> None:
-    """Bits by the manual; bit 1 is enabled, bit 6 homed."""
+    """Bits by the manual; bit 1 is enabled, bit 6 homed. It comes after half as much time again and 5 s."""
     bus, stage = bench()
     begun_s = clock.monotonic_s()
     bus.status = lambda device, t_s: 0x42 | 1 << bit if t_s > begun_s else HOMED
-    with raises(StageTimeout, "not_over", status=Status.ENABLED | Status[name] | Status.HOMED):
+    most_s = pytest.approx(1.5 * (400 / 2000 + 0.0999) + 5.0)
+    with raises(StageTimeout, "not_over", status=Status.ENABLED | Status[name] | Status.HOMED, timeout_s=most_s):
         stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
 
 
@@ -212,6 +264,27 @@ def test_a_jog_of_a_drive_that_somebody_else_runs_begins_where_it_is(bench: Make
     assert bus.paths() == [(Z, -1900)]
 
 
+ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
+    "halt": lambda stage: stage.halt(),
+    "stop": lambda stage: stage.stop(),
+    "home": lambda stage: stage.home(),
+    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
+    "jog_while": lambda stage: stage.jog_while("x", 1, lambda: False, 1.0),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
+    """Somebody else runs the drive when the next jog comes."""
+    bus, stage = bench()
+    stage.jog("x", -2.0, 1.0)
+    ENDS_OF_A_JOG[end](stage)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -4000)
+    stage.jog("x", -0.5, 1.0)
+    assert bus.paths()[-1] == (X, -4200)
+
+
 # --- stopping ---
 
 
@@ -223,6 +296,31 @@ def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clo
     told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
     assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
     assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+@pytest.mark.parametrize("arrived", [True, False, None], ids=["arrived", "under way", "homed since"])
+def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
+    bench: Make, clock: VirtualClock, arrived: bool | None
+) -> None:
+    """Else a bit error of a stop, which is written with the register of the trigger, could start it again."""
+    bus, stage = bench()
+    looks = stage.moving(z_mm=-10.0, speed_mm_s=1.0)
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 9.0 else HOMED
+    next(looks)
+    if arrived:
+        list(looks)
+    else:
+        bus.status = lambda device, t_s: HOMED
+    if arrived is None:
+        stage.home()
+    bus.told.clear()
+    stage.halt()
+    nulled = [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)]
+    assert nulled == [[0]] * (arrived is False)
+    bus.told.clear()
+    stage.halt()
+    assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
 
 
 def test_a_drive_that_takes_no_stop_is_told_of_in_its_own_words(bench: Make) -> None:
@@ -259,7 +357,7 @@ def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(c
         return HOMED
 
     one.status = two.status = status
-    stage = LeadshineStage(x, z)
+    stage = LeadshineStage(x, z, inputs_register=0x0179)
     stage.stop()
     assert told_before_asked[0] == (1, 2)
     assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}

@@ -119,7 +119,7 @@ def stage(clock: VirtualClock, scripted: Callable[[list[Any]], Any], rtu: Callab
             settings = DriveSettings(device_id=device)
             return LeadshineDrive(bus, clock, axis, settings, pulses_per_mm=per_mm, travel_mm=travel_mm)
 
-        return LeadshineStage(drive("x", 1, 60.0), drive("z", 2, 40.0), y_mm=-15.0, **options)
+        return LeadshineStage(drive("x", 1, 60.0), drive("z", 2, 40.0), y_mm=-15.0, inputs_register=0x0179, **options)
 
     return make
 

@@ -3,14 +3,18 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageNotHomed
+from rig.devices.base import MoveError, StageAlarm, StageError, StageNotHomed, StageTimeout
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import number, words
+from rig.devices.registry import KnownBench, StageKind, find
 from rig.settings import SyncSettings
+from rig.transport import TransportError
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
 from tests.error_codes import raises
@@ -90,6 +94,27 @@ def test_what_is_no_move_is_refused_before_any_word(bench: Make, code: str, move
         stage.move_to(**{"speed_mm_s": 1.0, **move})
     assert (bus.asked, bus.told) == ([], [])
     assert stage.homed
+
+
+@pytest.mark.parametrize("homed", [True, False])
+@pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
+def test_a_speed_below_a_turn_a_minute_is_refused_before_any_word(bench: Make, verb: str, homed: bool) -> None:
+    """Also where the place must be asked first, since backlash is taken up, and where drives are not disarmed."""
+    bus, stage = bench(x_backlash_mm=0.025)
+    if not homed:
+        bus.status = lambda device, t_s: HOMED & ~0x40
+        with raises(StageError, "lost_home"):
+            stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
+        bus.asked.clear()
+        bus.told.clear()
+    slow: dict[str, Callable[[], object]] = {
+        "move_to": lambda: stage.move_to(x_mm=-1.0, speed_mm_s=0.0166),
+        "jog": lambda: stage.jog("x", 1.0, 0.0166),
+        "jog_while": lambda: stage.jog_while("x", 1, lambda: True, 0.0166),
+    }
+    with raises(MoveError, "too_slow"):
+        slow[verb]()
+    assert (bus.asked, bus.told) == ([], [])
 
 
 def test_to_stay_where_it_was_set_by_hand_is_no_move(bench: Make) -> None:
@@ -184,6 +209,55 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     ]
 
 
+@pytest.mark.parametrize("trouble", [ModbusTimeout, ModbusGarbled])
+def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves(
+    bench: Make, trouble: type[ModbusError]
+) -> None:
+    """The drive may have been switched off and on, and has its own paths again."""
+    bus, stage = bench()
+    bus.trouble = trouble("no answer")
+    with raises(StageTimeout if trouble is ModbusTimeout else StageError, trouble.default_code, axis="z"):
+        stage.halt()
+    bus.trouble = None
+    bus.registers[X, 0x6208] = 0x41
+    bus.told.clear()
+    stage.jog("x", -1.0, 1.0)
+    told = [what[1:] for what in bus.told]
+    assert (X, 0x6208, [0]) in told[:-2], "the last two are the path of the jog and its trigger"
+
+
+def test_homing_makes_paths_null_even_if_nothing_failed(bench: Make) -> None:
+    bus, stage = bench()
+    bus.registers[X, 0x6278] = bus.registers[Z, 0x6278] = 0x41
+    stage.home()
+    assert [what[1:] for what in bus.told][:2] == [(Z, 0x6278, [0]), (Z, 0x600F, [1, 1, 333, 333])]
+    assert (X, 0x6278, [0]) in [what[1:] for what in bus.told]
+
+
+@pytest.mark.parametrize("device", [X, Z])
+def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
+    bus, stage = bench()
+    bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
+    seen = stage.look()
+    assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
+
+
+def test_a_port_that_does_not_open_leaves_the_other_one_closed() -> None:
+    config = KnownBench.model_validate(
+        {"stage": {"kind": "leadshine", "drives": {"z": {"device_id": 2, "port": "tcp://b:1"}}}}
+    )
+    closed = list[str]()
+
+    def opener(port: str) -> Any:
+        if port == "tcp://b:1":
+            raise TransportError("no such port")
+        return SimpleNamespace(name=port, close=lambda: closed.append(port))
+
+    with pytest.raises(TransportError):
+        find(StageKind, "leadshine").driver(opener, VirtualClock(), config)
+    assert closed == [config.stage.port]
+
+
 def test_while_it_homes_the_position_is_not_trusted(bench: Make, clock: VirtualClock) -> None:
     bus, stage = bench()
     begun_s = clock.monotonic_s()
@@ -257,6 +331,15 @@ def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up(
 
 
 # --- the rest ---
+
+
+@pytest.mark.parametrize("register", [0x0179, 0x017A])
+def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, register: int) -> None:
+    bus, stage = bench(inputs_register=register)
+    for word, inputs in ((0, set()), (1, {"di1"}), (64, {"di7"}), (0b0101_0010, {"di2", "di5", "di7"}), (128, set())):
+        bus.registers[Z, register] = word
+        assert stage.active_inputs() == inputs
+    assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
 
 
 @pytest.mark.parametrize("output", [None, SyncSettings(), SyncSettings(output="drive", register_address=1)])

@@ -1,10 +1,12 @@
 """The Modbus master as pairs of bytes, RTU and TCP, on the virtual clock."""
 
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from rig.transport import modbus
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -91,6 +93,7 @@ def test_a_bus_of_which_nothing_is_said_has_115200_baud(clock: VirtualClock, scr
 def test_frames_are_three_and_a_half_characters_apart(
     clock: VirtualClock, scripted: Script, rtu: Rtu, baud: int, pause_s: float
 ) -> None:
+    clock.wait_s(1000.0)
     wire = scripted([(GOLDEN_SAVE, GOLDEN_SAVE), (GOLDEN_SAVE, GOLDEN_SAVE)])
     sent_s: list[float] = []
     write = wire.write
@@ -106,10 +109,11 @@ def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(
     clock: VirtualClock, scripted: Script, rtu: Rtu
 ) -> None:
     bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (GOLDEN_SAVE, GOLDEN_SAVE)]), clock, baud=9600)
+    clock.wait_s(10.0)
     bus.send_now([1, 2], 0x6002, 0x40)
-    assert clock.monotonic_s() == 0.0
+    assert clock.monotonic_s() == 10.0
     bus.write_one(1, 0x1801, 0x2244)
-    assert clock.monotonic_s() == pytest.approx(8 * 10 / 9600 + 3.5 * 11 / 9600)
+    assert clock.monotonic_s() == pytest.approx(10.0 + 8 * 10 / 9600 + 3.5 * 11 / 9600)
 
 
 # --- what goes wrong ---
@@ -264,17 +268,63 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     assert len(wire.sent_s) == 4
 
 
-def test_rtu_listens_longer_only_after_a_silence(clock: VirtualClock, rtu: Rtu) -> None:
+@pytest.mark.parametrize("baud", [9600, 115200])
+def test_rtu_listens_longer_for_three_seconds_after_a_silence(clock: VirtualClock, rtu: Rtu, baud: int) -> None:
+    """For 20 ms and 40 characters; the silence between two frames comes before and after a reply that is missing."""
     answer = rtu("01 03 04 00 00 00 02")
-    wire = LateTransport(clock, [[(0.005, answer)], [], *[[(0.005, answer)]] * 3])
-    bus = ModbusMaster(wire, clock)
+    wire = LateTransport(clock, [[(0.005, answer)], [], *[[(0.005, answer)]] * 4])
+    bus = ModbusMaster(wire, clock, baud=baud)
     lasts_s = []
-    for pause_s in (0.0, 0.0, 0.0, 3.1):
-        clock.wait_s(pause_s)
-        begun_s = clock.monotonic_s()
+    for begins_s in (0.1, 0.2, 1.0, 3.3, 3.5):  # nothing came until 0.4
+        clock.wait_s(begins_s - clock.monotonic_s())
         bus.read(1, 7, 2)
-        lasts_s.append(clock.monotonic_s() - begun_s)
-    assert lasts_s == pytest.approx([0.005, 0.2 + 0.005 + 0.0235, 0.005 + 0.0235, 0.005], abs=0.005)
+        lasts_s.append(clock.monotonic_s() - begins_s)
+    listens_s = 0.02 + 40 * 10 / baud
+    quiet_s = max(10 * 10 / baud, silence_s(baud))
+    missing_s = 0.2 + quiet_s
+    assert lasts_s == pytest.approx([0.005, missing_s + 0.005 + listens_s, *[0.005 + listens_s] * 2, 0.005])
+
+
+def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
+    master: Any, rtu: Rtu, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """For the time of two replies; then it goes out all the same."""
+    waited_s = list[float]()
+
+    class HangingLock:
+        def acquire(self, timeout: float) -> bool:
+            waited_s.append(timeout)
+            return False
+
+    monkeypatch.setattr(modbus, "threading", SimpleNamespace(Lock=HangingLock))
+    bus = master([(READ_2, b""), (READ_2, rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)], reply_s=0.15)
+    assert bus.read(1, 7, 2) == [1, 0x86A0]
+    bus.write_one(1, 0x1801, 0x2244)
+    assert waited_s == [0.3] * 4, "two questions, what comes late, and the write"
+
+
+@pytest.mark.parametrize(
+    ("port", "framing", "sent"),
+    [
+        ("/dev/ttyUSB0", None, "01 06 00 07 00 01 F9 CB"),
+        ("tcp://10.0.0.7:502", None, "80 01 00 00 00 06 01 06 00 07 00 01"),
+        ("/dev/ttyUSB0", "tcp", "80 01 00 00 00 06 01 06 00 07 00 01"),
+        ("tcp://10.0.0.7:502", "rtu", "01 06 00 07 00 01 F9 CB"),
+    ],
+)
+def test_the_framing_is_that_of_the_port_unless_it_is_configured(
+    clock: VirtualClock, scripted: Script, port: str, framing: Any, sent: str
+) -> None:
+    """A gateway may pass frames of RTU through."""
+    wire = scripted([(bytes.fromhex(sent), b"")] * 2)
+    bus = ModbusMaster.on_port(wire, clock, port, framing=framing, baud=9600)
+    bus.send_now([1], 7, 1)
+    assert clock.monotonic_s() == 0.0
+    bus._transaction = 0
+    with raises(ModbusTimeout, "no_reply"):
+        bus.write_one(1, 7, 1)
+    pause_s = 8 * 10 / 9600 + 38.5 / 9600 if len(sent) < 24 else 0.0
+    assert clock.monotonic_s() == pytest.approx(pause_s + 0.2)
 
 
 @pytest.mark.parametrize(("late_s", "count"), [(9.0, 1), (0.25, 2)], ids=["another kind", "it came meanwhile"])

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceError, ForceOverload, ForceTimeout
+from rig.devices.base import ForceBroken, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from rig.devices.net_ft import GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings, Sequence
 from rig.devices.registry import ForceKind, KnownBench, find
 from rig.plan.config import Config
@@ -39,7 +39,8 @@ class Wire:
         self.clock, self.sent, self.page = VirtualClock(0.0, 100.0), list[bytes](), page
         self.begin = begin
         self.coming: list[tuple[float, bytes]] = []
-        force = {key: table.pop(key) for key in ("sample_period_s", "latency_s") if key in table}
+        force = {"sample_period_s": 0.05, "latency_s": 0.0, "resolution_gwt": 0.01, "scale": 1.0}
+        force |= {key: table.pop(key) for key in force if key in table}
         self.driver = NetFtForce(self, lambda: self, self.clock, NetFtSettings(**table), **force)
         if connect:
             self.driver.connect()
@@ -219,9 +220,42 @@ def test_the_latency_is_that_of_the_configuration(latency_s: float, fine: bool) 
             driver.identify()
 
 
-def test_without_a_filter_no_latency_is_needed() -> None:
-    Wire(_page(setuserfilter="0"), sample_period_s=0.01)
-    Wire(_page(setuserfilter=None), sample_period_s=0.01)
+@pytest.mark.parametrize("number", ["0", None])
+def test_without_a_filter_no_latency_is_needed(number: str | None) -> None:
+    """Not even that of the fastest one."""
+    Wire(_page(setuserfilter=number), sample_period_s=0.001)
+
+
+@pytest.mark.parametrize(("period_s", "fine"), [(1.0, True), (0.999, False)])
+def test_a_filter_that_is_not_known_may_take_a_second(period_s: float, fine: bool) -> None:
+    page = _page(setuserfilter="9")
+    if fine:
+        Wire(page, sample_period_s=period_s)
+    else:
+        with raises(ForceError, "slow_filter", cutoff_hz=1, latency_s=1.0):
+            Wire(page, sample_period_s=period_s)
+
+
+@pytest.mark.parametrize(("rate", "fine"), [("100", True), ("99", False), ("0", True), (None, True)])
+def test_records_come_at_100_a_second_at_least_whatever_the_sample_period(rate: str | None, fine: bool) -> None:
+    """So that two of them come within the maximum age; a sensor that does not tell its rate is taken at its word."""
+    for period_s in (0.01, 0.05, 1.0):
+        if fine:
+            Wire(_page(comrdtrate=rate), sample_period_s=period_s)
+        else:
+            with raises(ForceError, "slow_records", rate_hz=99, lowest_hz=100):
+                Wire(_page(comrdtrate=rate), sample_period_s=period_s)
+
+
+def test_a_page_has_a_second_and_a_stream_half_of_one_to_come() -> None:
+    for page, code, lasts_s in ((b"", "no_device", 1.0), (PAGE, "no_reply", 0.5)):
+        there = Wire(page, connect=False)
+        write = there.write
+        there.write = lambda data, write=write: write(data) if data == GET_PAGE else None  # type: ignore[method-assign]
+        begun_s = there.clock.monotonic_s()
+        with raises(ForceTimeout, code, port="wire", timeout_s=lasts_s):
+            there.driver.connect()
+        assert there.clock.monotonic_s() - begun_s == pytest.approx(lasts_s)
 
 
 KGF, LBF, INCH_M = 9.80665, 0.45359237 * 9.80665, 0.0254
@@ -277,6 +311,20 @@ def test_the_axis_of_a_press_and_all_six_beside_it(press: str) -> None:
     assert set(reading.also) == set(find(ForceKind, "net_ft").also)
 
 
+def test_the_mean_of_three_readings_within_the_range_is_subtracted() -> None:
+    """A sample period apart."""
+    there = Wire(steady_gwt=1.0, sample_period_s=0.1)
+    there.coming, begun_s = [], there.clock.monotonic_s()
+    for n, gwt in enumerate((20.0, 5.0, 5.4, 5.9, 7.0)):
+        counts = round(-gwt * GWT_N * 1e6)
+        there.coming.append((begun_s + 0.101 * n + STEP_S, record(n + 1, axes=(0, 0, counts, 0, 0, 0))))
+    there.driver.zero()
+    assert there.clock.monotonic_s() - begun_s == pytest.approx(3 * 0.101 + STEP_S)
+    assert there.driver.subtracted_n == pytest.approx((5.0 + 5.4 + 5.9) / 3 * GWT_N, rel=1e-3)
+    there.clock.wait_s(0.1)
+    assert there.driver.read().force_n == pytest.approx((7.0 - 16.3 / 3) * GWT_N, rel=1e-3)
+
+
 def test_a_status_between_two_readings_is_reported_once() -> None:
     """A saturation of milliseconds is not missed, and an old one does not hide that the indentor is clear."""
     there = Wire()
@@ -289,6 +337,38 @@ def test_a_status_between_two_readings_is_reported_once() -> None:
     there.coming = [(there.clock.monotonic_s(), record(4, status=0x80020000))]
     there.come(record(5))
     assert there.driver.read().force_n == 0
+
+
+MEANINGS = {
+    30: "processor or memory", 29: "digital board", 28: "analog board", 27: "link between the boards",
+    26: "program memory", 25: "halted by command", 24: "invalid settings", 23: "calibration does not match",
+    22: "network", 21: "analog board", 20: "RDT", 14: "watchdog", 13: "stack", 12: "EEPROM", 11: "flash memory",
+    10: "analog board", 0: "analog board",
+}  # fmt: skip
+"""Where a bit of the status says the error is; one without a name is of the analog board."""
+
+
+@pytest.mark.parametrize(("bits", "meaning"), [*(((bit,), text) for bit, text in MEANINGS.items()),
+                                               ((12, 27, 3), "link between the boards, EEPROM")])  # fmt: skip
+def test_each_bit_of_an_error_has_its_meaning(bits: tuple[int, ...], meaning: str) -> None:
+    """Whatever else is set: saturation, a monitor condition."""
+    for beside in (0, 1 << 17, 1 << 16):
+        there = Wire()
+        status = 1 << 31 | beside | sum(1 << bit for bit in bits)
+        there.come(record(1, status=status))
+        with raises(ForceBroken, "sensor_error", port="wire", meaning=meaning, status=f"{status:08X}"):
+            there.driver.read()
+
+
+@pytest.mark.parametrize(("axis", "kind"), [(-1, ForceOverload), (0, ForceOverload), (1, ForceUnderload)])
+def test_a_saturated_sensor_is_over_or_underloaded_by_the_sign_of_its_force(
+    axis: int, kind: type[ForceError]
+) -> None:
+    there = Wire(press="-z")
+    there.come(record(1, status=1 << 17 | 1 << 16, axes=(0, 0, axis, 0, 0, 0)))
+    with raises(kind, "saturated", status="00030000") as caught:
+        there.driver.read()
+    assert type(caught.value) is kind
 
 
 # --- odd datagrams ---

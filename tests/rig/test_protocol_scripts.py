@@ -178,6 +178,23 @@ def test_a_file_beside_a_script_that_a_run_cannot_copy(tmp_path: Path, text: str
     has_code(_not_loaded(_write(tmp_path, text + RUN)), code)
 
 
+@pytest.mark.parametrize("planned", [False, True], ids=["at its top", "within run"])
+@pytest.mark.parametrize(("name", "code"), [("lab", "module_beside_script"), ("pynotthere", "exception_in_script")])
+def test_a_module_that_is_not_found(
+    tmp_path: Path, finger: Fingertip, name: str, code: str, *, planned: bool
+) -> None:
+    (tmp_path / "lab").mkdir()
+    if planned:
+        has_code(_not_planned(tmp_path, finger, f"import {name}.depths"), code)
+    else:
+        has_code(_not_loaded(_write(tmp_path, f"import {name}.depths\n{RUN}")), code)
+
+
+def test_a_module_beside_a_script_is_imported_at_its_top(tmp_path: Path, finger: Fingertip) -> None:
+    _write(tmp_path, "DOI_MM = 0.5\n", "depths.py")
+    has_code(_not_planned(tmp_path, finger, "import depths"), "module_beside_script")
+
+
 # --- parameters ---
 
 

@@ -5,6 +5,7 @@ import struct
 from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import pytest
@@ -29,6 +30,7 @@ from rig.devices.standa_link import (
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
+from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
 from sim.devices.standa import StandaPair, VirtualStandaController
 from tests.contracts.bytes import standa as controller
@@ -232,9 +234,23 @@ def bench_of(*, homed: bool = True, connected: bool = True, **tables: Any) -> Be
     if connected:
         stage.connect()
     if homed:
+        for axis in (pair.x, pair.z):
+            start = -round(NEAR_MM * 2 * axis._beyond)
+            axis._axis, axis._zero = DriveAxis(start), start
+            axis._home = partial(_home, axis)
         stage.home()
+        del pair.x._home, pair.z._home
     sent.clear()
     return Bench(clock, pair, stage, (line, *line.further), sent)
+
+
+NEAR_MM = 0.05
+"""So far from home an axis of a homed bench begins, so that its test spends little time on the way."""
+
+
+def _home(axis: Any) -> None:
+    axis._homing, axis.flags = True, axis.flags & ~0x20
+    axis._go([(0.0, 2 * axis._beyond)], [60000, 60000])
 
 
 def test_a_move_has_its_speed_and_the_ramp_of_the_controller() -> None:
@@ -259,21 +275,31 @@ def _changed(name: str, layout: str, place: int, value: int) -> Callable[[Virtua
 
 
 ENGINE, SPEEDS, HOMING = "<HHIBHhBH12x", "<IBHHIBB9x", "<IBIBihH9x"
+EDGES, POWER = "<BBihih6x", "<BHHHB6x"
 OTHERWISE = [
     (_changed("eng", ENGINE, 6, 8), "MicrostepMode"),
     (_changed("eng", ENGINE, 4, 0), "ENGINE_ACCEL_ON"),
     (_changed("eng", ENGINE, 4, 0x18), "ENGINE_ANTIPLAY"),
-    (_changed("eds", "<BBihih6x", 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
-    (_changed("eds", "<BBihih6x", 0, 7), "BORDER_IS_ENCODER"),
+    (_changed("eds", EDGES, 0, 2), "BORDER_STOP_LEFT and _RIGHT"),
+    (_changed("eds", EDGES, 0, 7), "BORDER_IS_ENCODER"),
     (_changed("hom", HOMING, 6, 0x31), "HOME_DIR_FIRST"),
     (_changed("hom", HOMING, 6, 0x10), "HOME_STOP_FIRST_BITS"),
-    (_changed("pwr", "<BHHHB6x", 4, 2), "POWER_OFF_ENABLED"),
+    (_changed("pwr", POWER, 4, 2), "POWER_OFF_ENABLED"),
+    *((_changed("eng", ENGINE, 4, bits), "ENGINE_ACCEL_ON") for bits in (0xFFE7, 0xFFEF)),
+    (_changed("eng", ENGINE, 4, 0xFFFF), "ENGINE_ANTIPLAY"),
+    *((_changed("eds", EDGES, 0, bits), "BORDER_STOP_LEFT and _RIGHT") for bits in (4, 0, 0xF8, 0xFA, 0xFC)),
+    (_changed("eds", EDGES, 0, 0xFF), "BORDER_IS_ENCODER"),
+    (_changed("hom", HOMING, 6, 0xFFFF), "HOME_DIR_FIRST"),
+    *((_changed("hom", HOMING, 6, bits), "HOME_STOP_FIRST_BITS") for bits in (0x20, 0, 0xFFCE, 0xFFDE, 0xFFEE)),
+    (_changed("pwr", POWER, 4, 0xFF), "POWER_OFF_ENABLED"),
     (_changed("mov", SPEEDS, 2, 4000), "Accel"),
     (_changed("mov", SPEEDS, 3, 4000), "Decel"),
 ]
 
 
-@pytest.mark.parametrize(("change", "setting"), OTHERWISE, ids=[setting for _, setting in OTHERWISE])
+@pytest.mark.parametrize(
+    ("change", "setting"), OTHERWISE, ids=[f"{setting}-{n}" for n, (_, setting) in enumerate(OTHERWISE)]
+)
 def test_a_controller_that_is_set_otherwise_is_refused(
     change: Callable[[VirtualStandaController], None], setting: str
 ) -> None:
@@ -283,6 +309,31 @@ def test_a_controller_that_is_set_otherwise_is_refused(
     with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
         bench.stage.connect()
     assert fresh.stage.connect()
+
+
+def test_what_else_a_controller_is_set_to_is_its_owners() -> None:
+    """Every bit but those that the driver relies on."""
+    bench = bench_of(homed=False)
+    for name, layout, place, bits in (
+        ("eng", ENGINE, 4, 0xFFF7),
+        ("eds", EDGES, 0, 0xFE),
+        ("hom", HOMING, 6, 0xFFFE),
+        ("pwr", POWER, 4, 0xFD),
+    ):
+        _changed(name, layout, place, bits)(bench.pair.z)
+    assert bench.stage.connect()
+
+
+@pytest.mark.parametrize("mode", range(11))
+def test_a_mode_of_the_motor_is_that_of_its_microsteps(mode: int) -> None:
+    """1 is full steps, 9 is 256 microsteps; 0 and 10 are none."""
+    microsteps = 2 ** (mode - 1) if 1 <= mode <= 9 else 0
+    bench = bench_of(homed=False, stage={"standa": {"z": {"microsteps": microsteps or 256}}})
+    assert bench.stage.connect()
+    if not microsteps:
+        _changed("eng", ENGINE, 6, mode)(bench.pair.z)
+        with raises(StageError, "not_as_configured", setting="MicrostepMode", found=0, expected=256):
+            bench.stage.connect()
 
 
 @pytest.mark.parametrize("serial", [10003, 10001])
@@ -318,16 +369,18 @@ def test_a_port_whose_name_may_change_needs_a_serial_number(port: str, serial: i
         bench.stage.connect()
 
 
-@pytest.mark.parametrize("start_mm", [-10.0, -0.2])
-def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float) -> None:
-    """A millimeter, and as far as the stage needs to stop, whatever it was told."""
+@pytest.mark.parametrize(("start_mm", "inputs"), [(-10.0, 0), (-0.2, 0), (-10.0, 1)])
+def test_homing_that_goes_the_wrong_way_is_stopped(start_mm: float, inputs: int) -> None:
+    """A millimeter, and as far as the stage needs to stop, whatever it was told; also where the other switch is."""
     bench = bench_of()
     bench.stage.move_to(z_mm=start_mm, speed_mm_s=5.0)
     z: Any = bench.pair.z
+    z.inputs = inputs
     z._home = lambda: z._go([(z._lowest, 5.0 * abs(bench.stage.steps_per_mm("z")))], [60000, 60000])
     before = z.carriage_at(bench.clock.monotonic_s())
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
+    bench.clock.wait_s(1.0)
     gone_mm = (before - z.carriage_at(bench.clock.monotonic_s())) / abs(bench.stage.steps_per_mm("z"))
     assert 1.0 < gone_mm < 1.3
     assert not bench.stage.homed
@@ -340,15 +393,20 @@ def test_homing_that_goes_far_back_from_the_switch_is_stopped() -> None:
     _changed("hom", HOMING, 4, 5000)(bench.pair.z)
     with raises(StageError, "homes_the_wrong_way", axis="z"):
         bench.stage.home()
+    bench.clock.wait_s(1.0)
     assert -10.0 < bench.pair.z.carriage_at(bench.clock.monotonic_s()) / per_mm < -9.0
 
 
-NOT_HOMED: dict[str, tuple[str, bytes]] = {
+TURNS = b"gets\x01" + controller.status(controller.HOME, 50, controller.HOMED)[5:]
+NOT_HOMED: dict[str, tuple[str, bytes | tuple[bytes, str]]] = {
+    "turning again": ("z is home", (controller.status(controller.HOME, 50, controller.HOMED), "turns again")),
     "failed": ("z is home", controller.status(controller.HOME | 0x40, 50, controller.HOMED)),
     "ended by another command": ("z is home", controller.status(controller.SSTP, 50, controller.HOMED)),
     "without its flag": ("z is home", controller.status(controller.HOME, 50, 0)),
+    "with all flags but its own": ("z is home", controller.status(controller.HOME, 50, 0x17)),
     "a step from the zero": ("z is zero", controller.status(controller.HOME, 1, controller.HOMED)),
     "a microstep from the zero": ("z is zero", controller.status(controller.HOME, 0, controller.HOMED, 1)),
+    "with all flags but its own after the zero": ("z is zero", controller.status(controller.HOME, 0, 0x17)),
     "without its flag after the zero": ("z is zero", controller.status(controller.HOME, 0, 0)),
 }
 
@@ -357,6 +415,7 @@ NOT_HOMED: dict[str, tuple[str, bytes]] = {
 def test_homing_that_ends_otherwise_than_at_home_is_no_homing(how: str) -> None:
     state, said = NOT_HOMED[how]
     states = {**controller.DEVICE.states, state: {**controller.DEVICE.states[state], b"z gets": said}}
+    states["turns again"] = {**states["z is home"], b"z gets": TURNS}
     bench = StageBench(replace(controller.DEVICE, states=states))
     with raises(StageError, "did_not_home", axis="z"):
         bench.stage.home()
@@ -529,6 +588,7 @@ def test_a_stop_goes_to_both_controllers_at_one_instant_and_is_confirmed() -> No
     asked_s = bench.clock.monotonic_s()
     bench.stage.stop()
     assert bench.sent[:2] == [(asked_s, "z", b"stop"), (asked_s, "x", b"stop")]
+    assert [bench.letters(axis).count("stop") for axis in "xz"] == [1, 1]
     assert not bench.stage.homed
     before = bench.pair.carriage_steps_at(bench.clock.monotonic_s())
     bench.clock.wait_s(1.0)

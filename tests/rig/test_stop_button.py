@@ -3,6 +3,7 @@
 import json
 import os
 import struct
+import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -263,21 +264,39 @@ def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], obj
     key.close()
 
 
+def test_a_key_that_is_closed_leaves_nothing_open_and_one_that_is_not_holds_up_no_exit(
+    pipe: tuple[Path, Callable[[bytes], object]],
+) -> None:
+    path, _ = pipe
+    before = os.listdir("/dev/fd")
+    key = StopKey(path)
+    (thread,) = (thread for thread in threading.enumerate() if thread.name == "stop button")
+    assert thread.daemon
+    key.close()
+    assert not thread.is_alive()
+    assert os.listdir("/dev/fd") == before
+
+
+@pytest.mark.parametrize(
+    ("read", "code"), [(OSError(19, "No such device"), "gone"), (b"", "no_key_events")], ids=["unplugged", "closed"]
+)
 def test_a_key_that_goes_away_is_known_to_be_gone(
-    pipe: tuple[Path, Callable[[bytes], object]], monkeypatch: pytest.MonkeyPatch
+    pipe: tuple[Path, Callable[[bytes], object]], monkeypatch: pytest.MonkeyPatch, read: bytes | OSError, code: str
 ) -> None:
     path, send = pipe
-    key, read = StopKey(path), os.read
+    key, usual = StopKey(path), os.read
 
-    def unplugged(fd: int, count: int) -> bytes:
-        if count > 1000:
-            raise OSError(19, "No such device")
-        return read(fd, count)
+    def gone(fd: int, count: int) -> bytes:
+        if count <= 1000:
+            return usual(fd, count)
+        if isinstance(read, OSError):
+            raise read
+        return read
 
-    monkeypatch.setattr(os, "read", unplugged)
+    monkeypatch.setattr(os, "read", gone)
     send(event(A, 1))
     until(lambda: key.problem)
-    with raises(StopKeyError, "gone", path=str(path)):
+    with raises(StopKeyError, code, path=str(path)):
         _ = key.pressed
     key.close()
 

@@ -133,7 +133,7 @@ class Drive:
 def test_drives_that_were_stopped_while_they_homed_are_not_homed(stopped: bool) -> None:
     events: list[str] = []
     x, z = Drive(events), Drive(events)
-    stage = LeadshineStage(x, z)  # type: ignore[arg-type]
+    stage = LeadshineStage(x, z, inputs_register=0x0179)  # type: ignore[arg-type]
     if stopped:
         x.while_homing = stage.stop
     stage.home()

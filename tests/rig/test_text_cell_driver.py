@@ -1,6 +1,7 @@
 """A load cell that sends lines of text: their format, lines that are old or incomplete, and its twin, in bytes."""
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -18,6 +19,7 @@ from sim.devices.text_cell import text_twin
 from tests.error_codes import raises
 
 PERIOD_S = 0.1
+INSTRUMENT = {"sample_period_s": PERIOD_S, "resolution_gwt": 0.01, "scale": 1.0}
 
 
 class Board:
@@ -27,7 +29,7 @@ class Board:
 
     def __init__(self, *coming: tuple[float, bytes], **table: Any) -> None:
         self.clock, self.coming, self.sent = VirtualClock(), list(coming), b""
-        self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), sample_period_s=PERIOD_S)
+        self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), **INSTRUMENT)
 
     def write(self, data: bytes) -> None:
         self.sent += data
@@ -136,6 +138,18 @@ def test_lines_that_waited_are_old() -> None:
     assert board.gwt() == 18.0
 
 
+@pytest.mark.parametrize(("pause_s", "gwt"), [(0.6, 7.5), (0.8, 18.0), (5.0, 18.0)])
+def test_after_a_pause_of_the_longest_wait_for_a_line_the_first_one_may_be_cut_off(
+    pause_s: float, gwt: float
+) -> None:
+    """0.5 s and two sample periods; 7.50 may be the end of 17.50."""
+    board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"))
+    assert board.gwt() == 10.0
+    board.coming = [(0.1 + pause_s + 0.1 * n, line) for n, line in enumerate((b"7.50\r\n", b"18.00\r\n"), 1)]
+    board.clock.wait_s(pause_s)
+    assert board.gwt() == gwt
+
+
 def test_a_line_that_has_begun_is_completed() -> None:
     board = Board((0.05, b"9.00\r\n"), (0.1, b"10.00\r\n"), (0.2, b"11.00\r\n12"), (0.3, b".00\r\n"))
     assert board.gwt() == 10.0
@@ -199,6 +213,110 @@ def test_a_board_whose_lines_are_no_readings_is_there_and_its_last_line_is_told(
     assert board.clock.monotonic_s() == pytest.approx(1.05)
 
 
+def test_a_silent_board_has_its_time_to_start_and_no_more() -> None:
+    for start_s in (0.3, 3.0):  # less than the longest wait for a line, and more
+        board = Board(start_s=start_s)
+        board.clock.wait_s(1000.0)
+        with raises(ForceTimeout, "no_device", port="wire", timeout_s=start_s):
+            board.driver.connect()
+        assert board.clock.monotonic_s() == pytest.approx(1000.0 + start_s)
+
+
+class Polled(Board):
+    """A board that replies 10 ms after each request, from a time on."""
+
+    def __init__(self, reply: bytes, from_s: float = 0.0, **table: Any) -> None:
+        super().__init__(**{"poll": "r", "silence_s": 0.3, **table})
+        self.reply, self.from_s, self.asked_s = reply, from_s, list[float]()
+
+    def write(self, data: bytes) -> None:
+        super().write(data)
+        if data == b"r":
+            self.asked_s.append(self.clock.monotonic_s())
+            if self.asked_s[-1] >= self.from_s:
+                self.coming.append((self.asked_s[-1] + 0.01, self.reply))
+
+
+def test_a_polled_board_that_is_still_starting_is_asked_again() -> None:
+    """What it did not reply to within the longest wait it never heard; then its line is waited for as long again."""
+    board = Polled(b"5.00\r\n", from_s=2.2)
+    assert board.driver.connect() == "text cell, {value} in g"
+    assert board.asked_s == pytest.approx([0.5, 1.5, 2.5])
+    assert board.gwt() == 5.0
+    assert len(board.asked_s) == 4
+
+
+@pytest.mark.parametrize(("zero", "code"), [("", "no_stable_load"), ("t", "not_zeroed")])
+def test_while_it_is_zeroed_a_polled_board_is_asked_once_a_sample(zero: str, code: str) -> None:
+    board = Polled(b"9.00\r\n", zero=zero)
+    board.clock.wait_s(1000.0)
+    swing = iter(range(10000))
+    write = board.write
+
+    def swinging(data: bytes) -> None:
+        board.reply = f"{9 + next(swing) % 2}.00\r\n".encode()
+        write(data)
+        if data == b"t":
+            board.coming.append((board.clock.monotonic_s() + 0.01, b"done\r\n"))
+
+    board.write = swinging  # type: ignore[method-assign]
+    with raises(ForceBusy, code, port="wire"):
+        board.driver.zero()
+    waits_s = [after - before for before, after in pairwise(board.asked_s)]
+    assert waits_s == pytest.approx([PERIOD_S + 0.01] * len(waits_s))
+    assert board.clock.monotonic_s() == pytest.approx(1010.0, abs=PERIOD_S + 0.02)
+
+
+def test_the_mean_of_three_readings_within_the_range_is_subtracted() -> None:
+    shown = [b"7.00", b"5.00", b"5.06", b"5.18", b"5.18", b"7.00"]
+    board = Board((0.05, b"1\r\n"), *((0.15 * n, line + b"\r\n") for n, line in enumerate(shown, 1)), steady_gwt=0.2)
+    board.driver.zero()
+    assert board.driver.subtracted_n == pytest.approx(5.08 * GWT_N)
+    assert board.gwt() == pytest.approx(7.00 - 5.08)
+
+
+def test_a_board_is_not_zeroed_by_what_it_said_before() -> None:
+    """Two lines of an earlier zero, of which one was heard half, and a load that is no longer 0 when it is asked."""
+    board = Board((0.05, b"1\r\n"), (0.1, b"0.00\r\n"), zero="t", zero_done="Tare")
+    board.driver.read()
+    board.coming = [(0.2, b"Tare\r\nTare\r\n"), (0.6, b"x\r\nTare\r\n"), (0.7, b"9\r\n"), (0.8, b"0.00\r\n")]
+    board.clock.wait_s(0.3)
+    board.driver.zero()
+    assert board.clock.monotonic_s() == pytest.approx(0.8)
+
+
+def test_a_board_that_does_not_confirm_its_zero_has_ten_seconds() -> None:
+    board = Board(*((1000.0 + 0.5 * n, b"7.00\r\n") for n in range(100)), zero="t", zero_done="Tare")
+    board.clock.wait_s(1000.0)
+    with raises(ForceTimeout, "no_reply", port="wire", timeout_s=10.0):
+        board.driver.zero()
+    assert board.clock.monotonic_s() == pytest.approx(1010.0)
+
+
+@pytest.mark.parametrize(
+    ("shown", "code"), [("0.6", "overload"), ("-0.6", "underload"), ("0.5", "overload"), ("-0.5", "underload")]
+)
+def test_a_reading_of_full_scale_is_an_overload_by_its_sign(shown: str, code: str) -> None:
+    board = Board((0.05, b"1\r\n"), (0.1, shown.encode() + b"\r\n"), full_scale_gwt=0.5)
+    with raises(ForceError, code, port="wire", shown_gwt=float(shown)):
+        board.driver.read()
+    assert Board((0.05, b"1\r\n"), (0.1, b"0.49\r\n"), full_scale_gwt=0.5).gwt() == pytest.approx(0.49)
+
+
+def test_what_came_before_a_request_is_no_reply_to_it() -> None:
+    board = Polled(b"5.00\r\n")
+    assert board.gwt() == 5.0
+    for late in (b"1\r\n", b"1"):
+        board.coming.append((board.clock.monotonic_s(), late))
+        board.clock.wait_s(0.1)
+        assert board.gwt() == 5.0
+
+
+def test_a_line_of_500_characters_is_read() -> None:
+    board = Board((0.05, b"of a line\r\n"), (0.1, b"12.5 " + b"g" * 495 + b"\r\n"), line="{value}{skip}")
+    assert board.gwt() == 12.5
+
+
 def test_a_reply_to_an_earlier_request_does_not_verify_a_zero() -> None:
     """Polled in vain, the board still owes a reply: it comes when the zero has been confirmed, and the load stays."""
     late, still = [(1.1, b"Tare\r\n"), (1.2, b"0.10\r\n")], [(1.9 + 0.2 * n, b"50.00\r\n") for n in range(60)]
@@ -211,10 +329,12 @@ def test_a_reply_to_an_earlier_request_does_not_verify_a_zero() -> None:
 
 
 def test_a_board_that_sends_unasked_is_not_polled() -> None:
-    board = Board(*((0.1 * n, b"10.00\r\n") for n in range(300)), poll="r")
+    board = Board(*((1000.0 + 0.1 * n, b"10.00\r\n") for n in range(300)), poll="r")
+    board.clock.wait_s(1000.0)
     with raises(ForceError, "not_polled", port="wire"):
         board.driver.read()
     assert board.sent == b""
+    assert board.clock.monotonic_s() == pytest.approx(1010.0, abs=0.11)
 
 
 # --- its twin ---
@@ -257,6 +377,6 @@ def test_the_twin_answers_a_poll_in_its_unit(unit: str, shown: bytes) -> None:
 
 def test_a_broken_cell_is_nan() -> None:
     clock, line = _twin(lambda t_s: float("nan"))
-    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), sample_period_s=PERIOD_S)
+    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), **INSTRUMENT)
     with raises(ForceError, "no_number", value="nan"):
         driver.read()

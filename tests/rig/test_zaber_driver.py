@@ -3,7 +3,7 @@
 import math
 import random
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -19,14 +19,16 @@ from rig.devices.base import (
     StageHeld,
     StageNotHomed,
     StageOverridden,
+    StageReset,
     StageTimeout,
 )
 from rig.devices.make_drivers import stage_driver
-from rig.devices.zaber import highest_hz
-from rig.devices.zaber_link import READ_TRIES, REPLY_S, ZaberLink, checksum, frame, parse_reply, unsealed
+from rig.devices.zaber import ZaberAxis, highest_hz
+from rig.devices.zaber_link import READ_TRIES, REPLY_S, Reply, ZaberLink, checksum, frame, parse_reply, unsealed
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
+from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
 from sim.devices.zaber import CommandRejected, ZaberChain
 from tests.contracts.bytes import zaber as chain
@@ -243,9 +245,23 @@ def bench_of(*, homed: bool = True, baud: int = 115200, **tables: Any) -> Bench:
     stage_: Stage = stage_driver(lambda _: wire, clock, config)
     stage_.connect()
     if homed:
+        for axis in (chain.x, chain.z):
+            start = -round(NEAR_MM * axis._counts_per_mm)
+            axis._axis, axis._zero = DriveAxis(start), start
+            axis._home = partial(_home, axis)
         stage_.home()
+        del chain.x._home, chain.z._home
     sent.clear()
     return Bench(clock, chain, stage_, sent)
+
+
+NEAR_MM = 0.05
+"""So far from home an axis of a homed bench begins, so that its test spends little time on the way."""
+
+
+def _home(axis: Any) -> None:
+    axis._go([(0.0, axis._counts_per_mm)], 1e6)
+    axis._homing = True
 
 
 FINE = {"zaber": {"x": {"address": 1, "microstep_um": 0.047625}, "z": {"address": 2, "microstep_um": 0.09525}}}
@@ -280,6 +296,8 @@ def test_homing_makes_the_limits_those_of_the_travel_and_writes_them_once() -> N
         (lambda chain: chain.x.settings.update({"limit.max": 100}), "limit.max"),
         (lambda chain: chain.devices[1].settings.update(version="7.20"), "firmware"),
         (lambda chain: chain.devices[1].settings.update(version="6.28"), "firmware"),
+        (lambda chain: chain.devices[1].settings.update(version="beta"), "firmware"),
+        (lambda chain: chain.devices[2].settings.update(version="7.24"), "firmware"),
     ],
 )
 def test_a_device_that_is_set_otherwise_is_refused(change: Callable[[ZaberChain], Any], setting: str) -> None:
@@ -297,15 +315,42 @@ def test_firmware_from_7_25_on_is_accepted(version: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("shows", "position"), [("IDLE NI", 0), ("IDLE WR", 0), ("IDLE WH", 0), ("IDLE --", 2), ("IDLE --", -2)]
-)
-def test_homing_that_ends_otherwise_than_at_home_is_no_homing(shows: str, position: int) -> None:
+    ("flag", "position", "homed"),
+    [
+        ("NI", 0, False), ("WR", 0, False), ("WH", 0, False), ("--", 2, False), ("--", -2, False),
+        ("WV", 0, True), ("NC", 0, True), ("--", 1, True), ("--", -1, True),
+    ],
+)  # fmt: skip
+def test_homing_that_ends_otherwise_than_at_home_is_no_homing(flag: str, position: int, homed: bool) -> None:
     """Interrupted, without a home position, or more than a microstep from it."""
-    ends = chain.DEVICE.states["z is home"] | chain.axis(2, shows, position)
+    ends = {**chain.DEVICE.states["z is home"], **chain.axis(2, f"IDLE {flag}", position)}
     bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z is home": ends}))
-    with raises(StageError, "did_not_home", axis="z", position=position):
+    with nullcontext() if homed else raises(StageError, "did_not_home", axis="z", position=position):
         bench.stage.home()
-    assert not bench.stage.homed
+    assert bench.stage.homed is homed
+
+
+@pytest.mark.parametrize("flag", ["WM", "FS"])
+def test_a_stage_that_was_moved_while_it_stood_may_say_so_while_it_homes(flag: str) -> None:
+    """The warning lasts until the axis has moved; any other ends homing."""
+    homes = chain.axis(2, f"BUSY {flag}", 4000) | {
+        b"2 1 get pos": (b"@02 1 OK BUSY %s 4000" % flag.encode(), "z is home")
+    }
+    bench = StageBench(replace(chain.DEVICE, states={**chain.DEVICE.states, "z homes": homes}))
+    with nullcontext() if flag == "WM" else raises(StageAlarm, "alarm", number=flag, axis="z"):
+        bench.stage.home()
+    assert bench.stage.homed is (flag == "WM")
+
+
+@pytest.mark.parametrize("more", [0, -1])
+def test_a_travel_of_z_that_is_too_short_is_refused_when_it_homes(more: int) -> None:
+    """Its limit may be that of a sine before, as a program leaves it that is killed."""
+    bench = bench_of(homed=False)
+    bench.chain.z.settings["limit.max"] = 16000 + more
+    assert bench.stage.connect()
+    with raises(StageError, "not_as_configured", setting="limit.max") if more else nullcontext():
+        bench.stage.home()
+    assert bench.stage.homed is not more
 
 
 @pytest.mark.parametrize("listed", [b"02 NI", b"00 NI", b"01 NI NC", b"x NI"])
@@ -383,11 +428,39 @@ def test_a_limit_that_a_device_does_not_set_under_way_is_set_once_at_rest() -> N
 
     z._set = at_rest
     list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    sine = [words.split()[2:4] for words in bench.commands()]
+    assert sine[sine.index(["move", "sin"]) + 1 :][:2] == [["set", "limit.max"], ["get", "pos"]], "it is tried once"
     for z_mm, sets in ((-2.6, ["2 1 set limit.max 16000"]), (-2.7, [])):
         bench.sent.clear()
         bench.stage.move_to(z_mm=z_mm, speed_mm_s=5.0)
         assert [words for words in bench.commands() if " set " in words] == sets
         assert bool([words for words in bench.commands() if "limit" in words]) is bool(sets)
+
+
+def test_a_limit_that_a_device_never_sets_again_lets_it_move_up_alone() -> None:
+    bench = at_2_5_mm()
+    z: Any = bench.chain.z
+    set_ = z._set
+
+    def once(setting: str, value: str) -> str:
+        if value == "16000":
+            raise CommandRejected("BADDATA")
+        said: str = set_(setting, value)
+        return said
+
+    z._set = once
+    list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    bench.sent.clear()
+    with raises(StageError, "line_refused"):
+        bench.stage.move_to(z_mm=-2.55, speed_mm_s=5.0)
+    assert not [words for words in bench.commands() if "move" in words]
+    z._set = set_
+    bench.stage.home()
+    bench.stage.move_to(z_mm=-2.5, speed_mm_s=5.0)
+    z._set = once
+    list(bench.stage.vibrating(amplitude_mm=0.05, period_s=0.25, cycles=2))
+    bench.stage.move_to(z_mm=-2.4, speed_mm_s=5.0)
+    assert bench.stage.status().z_mm == -2.4
 
 
 def test_the_device_follows_the_sine_and_ends_it_without_the_program() -> None:
@@ -482,6 +555,183 @@ def test_two_digits_that_change_places_in_a_sine_are_noticed(
     with raises(StageError, code, **fields):
         list(bench.stage.vibrating(amplitude_mm=0.035, period_s=int(period_ms) / 1000, cycles=int(cycles)))
     assert not bench.stage.homed
+
+
+class Swinging:
+    """A bench on bytes whose z axis swings in a sine of 400 microsteps and three cycles as a test wants it.
+
+    shift_s: it begins so long after the command. factor: its period is longer. reply_s: duration of each exchange.
+    heard: it reports the position at the end of the exchange. share: of its cycles after which it rests, at `ends`.
+    odd: changes the nth report.
+    """
+
+    def __init__(
+        self,
+        *,
+        period_s: float = 4.0,
+        shift_s: float = 0.0,
+        factor: float = 1.0,
+        reply_s: float = 0.0,
+        heard: bool = False,
+        share: float = 1.0,
+        ends: int = 0,
+        odd: Callable[[int, int], int] = lambda nth, at: at,
+    ) -> None:
+        self.command = f"2 1 move sin 400 {period_s * 1000:g} 3".encode("ascii")
+        ok, busy = b"@02 1 OK IDLE -- 0", b"@02 1 OK BUSY -- 0"
+        usual = {
+            b"2 1 set limit.max 800": (ok, "limited"),
+            b"2 1 set limit.max 16000": busy,
+            self.command: (busy, "swings"),
+            b"2 1 move sin stop": busy,
+        }
+        limited = {b"2 1 get limit.max": b"@02 1 OK IDLE -- 800"}
+        table = {"usual": {**chain.DEVICE.usual, **usual}, "states": {**chain.DEVICE.states, "swings": {}}}
+        table["states"]["limited"] = limited  # type: ignore[index]
+        self.bench = StageBench(replace(chain.DEVICE, **table), homed=True)  # type: ignore[arg-type]
+        self.period_s, self.shift_s, self.real_s, self.share = period_s, shift_s, factor * period_s, share
+        self.late_s, self.ends, self.odd = reply_s if heard else 0.0, ends, odd
+        self.begun_s, self.reports = math.inf, 0
+        wire = self.bench.wire
+        write, read = wire.write, wire.read
+
+        def writing(data: bytes, port: bytes = b"") -> None:
+            if chain.content(data) == self.command:
+                self.begun_s = self.bench.clock.monotonic_s()
+            if wire.state == "swings" and chain.content(data) == b"2 1 get pos":
+                wire.instead[b"2 1 get pos"] = self.report()
+            write(data, port)
+
+        def reading(timeout_s: float, port: bytes = b"") -> bytes:
+            self.bench.clock.wait_s(reply_s)
+            return read(timeout_s, port)
+
+        wire.write, wire.read = writing, reading  # type: ignore[method-assign]
+
+    def report(self) -> bytes:
+        """What the device reports now."""
+        cycles = (self.bench.clock.monotonic_s() + self.late_s - self.begun_s - self.shift_s) / self.real_s
+        if cycles >= 3 * self.share:
+            return b"@02 1 OK IDLE -- %d" % self.ends
+        at = round(400 * (1 - math.cos(2 * math.pi * max(cycles, 0.0))))
+        self.reports += 1
+        return b"@02 1 OK BUSY -- %d" % self.odd(self.reports, at)
+
+    def run(self) -> None:
+        """The whole vibration."""
+        list(self.bench.stage.vibrating(amplitude_mm=1.0, period_s=self.period_s, cycles=3))
+
+
+IN_TIME: dict[str, dict[str, Any]] = {
+    "as commanded": {},
+    "begins late": {"shift_s": 0.019},
+    "begins early": {"shift_s": -0.019},
+    "slower": {"factor": 1.019},
+    "faster": {"factor": 0.981},
+    "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.068},
+    "replies late, begins early": {"reply_s": 0.05, "shift_s": -0.018, "heard": True},
+    "fast": {"period_s": 0.2},
+    "fast, begins late": {"period_s": 0.3, "shift_s": 0.019},
+    "fast, begins early": {"period_s": 0.3, "shift_s": -0.019},
+    "ends a microstep below": {"ends": 1},
+    "over a little early": {"share": 0.982},
+    "one wrong report": {"odd": lambda nth, at: 500 if nth == 9 else at},
+    "a microstep above": {"odd": lambda nth, at: at or -1},
+    "a microstep below": {"odd": lambda nth, at: at + at // 800},
+}
+OUT_OF_TIME: dict[str, dict[str, Any]] = {
+    "begins late": {"shift_s": 0.035},
+    "begins early": {"shift_s": -0.035},
+    "fast, begins late": {"period_s": 0.3, "shift_s": 0.026},
+    "fast, begins early": {"period_s": 0.3, "shift_s": -0.026},
+    "slower": {"factor": 1.04},
+    "faster": {"factor": 0.96},
+    "replies late, begins late": {"reply_s": 0.05, "shift_s": 0.09},
+    "replies late, begins early": {"reply_s": 0.05, "shift_s": -0.04, "heard": True},
+    "two wrong reports": {"odd": lambda nth, at: 500 if nth in (9, 10) else at},
+}
+
+
+@pytest.mark.parametrize("how", IN_TIME)
+def test_a_sine_may_be_20_ms_and_2_percent_early_or_late(how: str) -> None:
+    """Besides the time of its command and of a report; and one report may be wrong."""
+    swings = Swinging(**IN_TIME[how])
+    swings.run()
+    assert swings.bench.stage.homed
+    assert b"2 1 move sin stop" not in swings.bench.wire.asked
+
+
+@pytest.mark.parametrize("how", OUT_OF_TIME)
+def test_a_sine_that_is_earlier_or_later_is_ended_with_its_cycle(how: str) -> None:
+    swings = Swinging(**OUT_OF_TIME[how])
+    with raises(StageError, "out_of_time", axis="z"):
+        swings.run()
+    assert swings.bench.wire.asked.count(b"2 1 move sin stop") == 1
+    assert not swings.bench.stage.homed
+
+
+@pytest.mark.parametrize(("period_s", "most_s"), [(4.0, 0.3), (0.16, 0.16)])
+def test_a_sine_of_another_period_may_end_for_a_cycle_and_0_3_s_at_most(period_s: float, most_s: float) -> None:
+    """It stands at its upper end, and is busy."""
+    swings = Swinging(period_s=period_s, odd=lambda nth, at: 0)
+    with raises(StageError, "out_of_time"):
+        swings.run()
+    wire = swings.bench.wire
+    ends_s = next(at_s for at_s, (frame, *_) in wire.writes if frame == b"2 1 move sin stop")
+    assert most_s <= swings.bench.clock.monotonic_s() - ends_s < most_s + 0.03
+
+
+def test_a_sine_that_is_over_early_or_never_is_an_error() -> None:
+    with raises(StageError, "over_early", axis="z", expected_s=12.0):
+        Swinging(share=0.975).run()
+    with raises(StageTimeout, "not_over", axis="z", timeout_s=12.0 / 0.98 + 1.0):
+        Swinging(share=2.0).run()
+    with raises(StageError, "not_there", axis="z", at_mm=-2 / 400):
+        Swinging(ends=2).run()
+
+
+@pytest.mark.parametrize(
+    ("flag", "kind", "code"),
+    [
+        ("FS", StageAlarm, "alarm"), ("WR", StageReset, "was_reset"), ("NC", StageHeld, "held"),
+        ("NI", StageOverridden, "overridden"), ("WV", None, ""),
+    ],
+)  # fmt: skip
+def test_what_ends_a_move_ends_a_sine(flag: str, kind: type[StageError] | None, code: str) -> None:
+    swings, told = Swinging(), flag.encode("ascii")
+    report = swings.report
+    swings.report = lambda: report().replace(b"--", told if swings.reports > 5 else b"--")  # type: ignore[method-assign]
+    swings.bench.wire.instead[b"2 1 warnings"] = b"@02 1 OK BUSY %s 01 %s" % (told, told)
+    with raises(kind, code) if kind else nullcontext():
+        swings.run()
+    assert kind is None or swings.reports == 6
+
+
+@pytest.mark.parametrize("nth", [0, 1])
+def test_a_stop_that_overtakes_a_sine_starts_nothing(nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    swings, look, left = Swinging(), ZaberAxis.look, [nth]
+
+    def overtaken(axis: ZaberAxis) -> Reply:
+        found = look(axis)
+        left[0] -= 1
+        if left[0] == -1:
+            swings.bench.stage.stop()
+            swings.bench.wire.state = "home"
+        return found
+
+    monkeypatch.setattr(ZaberAxis, "look", overtaken)
+    with raises(StageError, "stopped", axis="z"):
+        swings.run()
+    assert swings.command not in swings.bench.wire.asked
+    assert swings.bench.wire.asked[-2:] == [b"2 1 set limit.max 16000", b"2 1 get limit.max"]
+
+
+@pytest.mark.parametrize("at", [-2, 802])
+def test_a_sine_that_leaves_its_way_by_more_than_a_microstep_is_stopped(at: int) -> None:
+    swings = Swinging(odd=lambda nth, found: at if nth > 5 else found)
+    with raises(StageError, "not_there", axis="z"):
+        swings.run()
+    assert b"0 0 stop" in swings.bench.wire.asked
 
 
 @pytest.mark.parametrize("cycle", [0, 1])

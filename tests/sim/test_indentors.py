@@ -264,6 +264,7 @@ def test_beyond_its_ends_a_profile_is_a_wall(tmp_path: Path) -> None:
         (("x_mm,height_mm", "0,0", "1,1", "0.5,2"), "x_not_rising", {"x_mm": 1.0}),
         (("x_mm,height_mm", "0,0"), "too_few_points", {"points": 1}),
         (("x,h", "0,0", "1,1"), "profile_columns", {"line": 1, "columns": "x_mm,height_mm"}),
+        (("x_mm;height_mm", "0;0", "1;1"), "profile_columns", {"header": "x_mm;height_mm"}),
         ((), "profile_unreadable", {"problem": os.strerror(errno.ENOENT)}),
     ],
 )

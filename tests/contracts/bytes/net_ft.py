@@ -43,7 +43,7 @@ def _zeroing(*replies: bytes) -> dict[bytes, Sequence[bytes]]:
     return {UNASKED: list(replies)}
 
 
-_NOT_STEADY = [record(-2_000 * (n * 37 % 101)) for n in range(4000)]
+_NOT_STEADY = [record(-6_000 * (n % 5)) for n in range(4000)]  # three of them by 1.2 gwt at least, and 2.4 at most
 
 NET_FT = ForceBytes(
     name="net_ft",

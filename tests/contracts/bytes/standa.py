@@ -101,6 +101,7 @@ DEVICE = StageBytes(
         b"z move 250 0": (b"move", "moving"),
         b"z smov 100 0 6000 6000 0 0 0": b"smov",
         b"z move 10 0": b"move",  # a jog, 0.1 mm at 1 mm/s
+        b"z movr 10 0": b"movr",  # the same, not homed
         b"z stop": (b"stop", "rested"),
     },
     states={

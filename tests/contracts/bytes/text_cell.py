@@ -55,7 +55,7 @@ def _garbled(line: str) -> Mapping[str, NoWeight]:
     }
 
 
-_NOT_STEADY = [str(2 + n % 7) for n in range(600)]
+_NOT_STEADY = [f"{2 + n % 7 / 8}" for n in range(600)]  # three of them by 0.25 at least, and 0.75 at most
 
 
 def _zeroing_by_the_program(line: str) -> Mapping[str, Zeroing]:
@@ -110,6 +110,8 @@ HX711_ADC = _device(
         "at rest": Zeroing({UNASKED: _shown(VAL, "0.05")}),
         "it takes a while": Zeroing({UNASKED: _shown(VAL, *["7.00"] * 40, "0.00")}),
         "never at rest": Zeroing({UNASKED: _shown(VAL, "7.00")}, ForceBusy, "not_zeroed"),
+        "a little is left": Zeroing({UNASKED: _shown(VAL, "0.25")}, ForceBusy, "not_zeroed"),
+        "a little pull is left": Zeroing({UNASKED: _shown(VAL, "-0.25")}, ForceBusy, "not_zeroed"),
         "overloaded": Zeroing({UNASKED: _shown(VAL, TOO_MUCH)}, ForceOverload, "overload"),
         "silent": Zeroing({UNASKED: [SILENCE]}, ForceTimeout, "no_reply"),
         "not confirmed": Zeroing({b"t": [SILENCE]}, ForceTimeout, "no_reply"),

@@ -53,11 +53,16 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "code", "fields"),
     [
-        ("epidermis_mm", "epidermis", "invalid_value", {"key": "tissue.epidermis", "rule": "extra_forbidden"}),
+        (
+            "epidermis_mm",
+            "epidermis",
+            "unknown_key",
+            {"key": "tissue.epidermis", "near": ["epidermis_mm", "e_dermis"]},
+        ),
         ("[0.3, 0.5]", "[0.3, 9]", "invalid_value", {"key": "tissue.epidermis_mm", "rule": "less_than"}),
-        ('"bar:3.0"', '"tube"', "invalid_value", {"key": "press.1", "rule": "value_error"}),
-        ("force_gwt = [1.0]", "", "invalid_value", {"key": "press.0", "rule": "value_error"}),
-        ("[[press]]", "[[pres]]", "invalid_value", {"rule": "missing"}),
+        ('"bar:3.0"', '"tube"', "no_such", {"key": "press.1", "shape": "tube"}),
+        ("force_gwt = [1.0]", "", "invalid_table", {"key": "press.0", "rule": "value_error"}),
+        ("[[press]]", "[[pres]]", "unknown_key", {"key": "pres", "near": ["press"]}),
         (
             "force_gwt = [1.0]",
             "force_gwt = [inf]",
@@ -75,8 +80,9 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
 )
 def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, code: str, fields: dict[str, str]) -> None:
     coarse.write_text(coarse.read_text(encoding="utf-8").replace(old, new), encoding="utf-8")
-    with raises(StudyError, code, where=f"study {coarse}", **fields) as caught:
+    with raises(StudyError, code, **fields) as caught:
         read_study(coarse)
+    assert str(caught.value.fields["where"]).startswith(f"study {coarse}")
     assert "\n" not in str(caught.value)
 
 
