@@ -19,14 +19,14 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, tables_of, visits_of
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, stream_of, tables_of, visits_of
 from rig.report.nerve_figures import nerve_figures
 from rig.units import GWT_N
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
-from sim.nerve.population import AfferentPopulation
+from sim.nerve.population import PATH_M, AfferentPopulation
 from sim.nerve.skin import SkinUnderIndentor
 from sim.nerve.spike_stream import SpikeStream
 from sim.nerve.staircase import Staircase, Swing
@@ -215,7 +215,8 @@ def _of(name: str, t_s: float, **data: Any) -> tuple[str, dict[str, Any]]:
 
 
 LONG: list[tuple[str, dict[str, Any]]] = [
-    _of("vibrate", 0.5, amplitude_um=40.0, frequency_hz=2.0, cycles=4),  # of nothing
+    _of("vibrate", 0.1, amplitude_um=40.0, frequency_hz=2.0, cycles=4),  # of nothing
+    _of("retract", 0.2, height_mm=2.0),
     *BEGUN[:3],
     _sample(6.0, 0.1, 0.02, "approach"),
     _of("sample", 6.5, x_mm=None, height_mm=0.0, force_gwt=9.0, phase="press"),
@@ -239,6 +240,7 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _sample(61.0, 2.0, phase="approach", x_mm=4.0),  # elsewhere, without a move on record
     _of("find_touch", 62.0, contact_height_mm=0.0),
     _sample(63.0, -0.2, x_mm=4.0),
+    _sample(63.8, 2.0, phase="approach", x_mm=6.0),  # and again
     _of("mount", 64.0, indentor="step"),
     _of("move", 70.0, x_mm=0.0, height_mm=2.0),
     _of("touch", 71.0, contact_height_mm=0.0),
@@ -251,6 +253,8 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _of("vibrate", 89.0, amplitude_um=40.0, frequency_hz=2.0, cycles=4),
     _sample(89.5, -0.14, 9.0, "vibrate", x_mm=0.0),
     _sample(95.0, -0.1, phase="hold", x_mm=0.0),
+    _sample(96.0, -0.2, 3.0, x_mm=7.0),  # nobody knows how it came there
+    _of("touch", 97.0, contact_height_mm=0.0),
 ]
 
 
@@ -258,7 +262,7 @@ def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> N
     """Depth is contact less height less what the rig gives, and more by what the truth adds where it is known."""
     config = Config.model_validate({"calibration": GIVES})
     found = visits_of(replace(run, in_order=LONG), config)
-    assert found.left_out == 1
+    assert found.left_out == 2
     expected = [
         ("bar:3.0", 1.02, 0.25, [1, 6, 8, 20], [-1.98, -0.08 - 0.02 * GWT_N, 0.53 - 11 * GWT_N, -1.98]),
         ("bar:3.0", 1.0, 0.25, [20, 30, 32, 35], [-2.1, -0.15, 0.2 - GWT_N, -2.1]),
@@ -356,6 +360,20 @@ def test_each_afferent_feels_its_own_organs_through_the_whole_run(
         assert (train.sensitivity, train.delay_s) == (one.sensitivity, delay_s)
         assert train.depth_mm == afferents.models[one.model].depth_mm
         assert train.spike_s == pytest.approx(np.arange(1, count + 1) + delay_s)
+
+
+def test_each_afferent_has_its_own_seed_and_sensitivity(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr("rig.plan.nerve.SpikeStream", lambda *args: made.append(args) or len(made))
+    request = SpikeRequest("SA1@0:0.5,SA1@1")
+    assert (request.seed, request.path_m) == (0, PATH_M)
+    afferents = request.drawn(finger)
+    model = afferents.models["SA1"]
+    assert [stream_of(model, afferents), stream_of(model, afferents[1:], 0.01)] == [1, 2]
+    seeds = [[one.seed, 0] for one in afferents]
+    sensitivities = [one.sensitivity for one in afferents]
+    assert len({one.seed for one in afferents}) == len({*sensitivities, 0.0}) - 1 == 2
+    assert made == [(model, MOST_STEP_S, sensitivities, seeds), (model, 0.01, sensitivities[1:], seeds[1:])]
 
 
 def test_a_table_goes_as_deep_as_the_deepest_visit_of_its_place(
