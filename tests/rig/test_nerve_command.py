@@ -230,6 +230,7 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _of("reference_touch", 31.0, contact_height_mm=-0.1),
     ("reference_sample", _sample(32.0, -0.3, 1.0, "hold")[1]),
     _of("trip", 35.0),
+    _sample(38.0, 2.0, phase="clearance"),
     _of("home", 40.0),
     _of("move", 41.0, x_mm=-2.0, height_mm=2.0),
     _sample(45.0, 1.9, 0.05, x_mm=-2.0),  # a touch whose height was not measured
