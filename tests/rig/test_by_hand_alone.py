@@ -5,6 +5,7 @@ finger is F = 6 gwt/mm^1.5 below the nominal apex.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -326,6 +327,119 @@ def test_another_direction_ends_a_motion(first: Direction, then: Direction | Non
         assert all(axis == first.axis and mm * first.sign > 0 for axis, mm in moved), times
         if asked[0] <= times:
             return
+
+
+def test_from_no_touch_up_is_one_motion() -> None:
+    bench = Hand(1.5)
+    assert bench.jog("z", 1.0, 1.0).ended_by is None
+    assert bench.steps_mm == pytest.approx([0.1] * 10)
+    for axis in ("x", "z"):  # farther than the finger is deep
+        assert bench.jog(axis, 6.0, 10.0).ended_by is None
+
+
+def test_it_is_shown_while_it_moves() -> None:
+    bench = Hand()
+    bench.jog("x", 1.0, 1.0)
+    assert len({at.x_mm for at, _ in bench.shown}) > 5
+    assert {gwt for _, gwt in bench.shown} == {0.0}
+
+
+@pytest.mark.parametrize("then", [None, DOWN, RIGHT], ids=["let go", "down", "aside"])
+def test_a_key_that_is_let_go_at_clearance_is_answered_after_one_measurement(then: Direction | None) -> None:
+    bench = Hand(1.9, may_touch=True)
+    let_go_s: list[float] = []
+
+    def held() -> Direction | None:
+        if not let_go_s and bench.height_mm >= 1.99:
+            let_go_s.append(bench.clock.monotonic_s())
+        return then if let_go_s else UP
+
+    assert bench.hand.go(held, 0.5).ended_by is None
+    assert bench.clock.monotonic_s() - let_go_s[0] < 0.8
+    assert (bench.kept[-1].kind, bench.height_mm) == ("lifted", pytest.approx(2.0))
+    whole = Hand(1.5, may_touch=True)
+    begun_s = whole.clock.monotonic_s()
+    whole.jog("z", 0.5, 1.0)
+    assert whole.clock.monotonic_s() - begun_s < 1.5  # so is a way that ends there
+
+
+# --- what is on record ---
+
+
+def test_a_new_hand_has_touched_nothing() -> None:
+    bench = Hand()
+    hand = ByHand(bench.settings, bench.stage, bench.clock, bench.guard, lambda *_: None, placed=True)  # type: ignore[arg-type]
+    assert hand.may_touch is False
+    for placed, may_touch in ((True, False), (False, True), (True, True)):
+        hand.set_placed(placed=placed)
+        assert (hand.placed, hand.may_touch) == (placed, may_touch)
+    other = Hand(placed=False).hand
+    other.set_placed(placed=False)
+    assert other.may_touch is False
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_a_stage_that_lost_its_reference_has_lost_its_place(placed: bool) -> None:
+    """Only once: where it was not known before, a touch is still remembered."""
+    bench = Hand(0.3, placed=placed)
+    status = bench.stage.status
+    bench.stage.status = lambda: replace(status(), referenced=False)  # type: ignore[method-assign]
+    bench.hand.go(lambda: None, 2.0)
+    assert (bench.hand.placed, bench.hand.may_touch) == (False, placed)
+    codes = []
+    for _ in range(2):
+        problem = bench.jog("z", -0.5).problem
+        codes.append(None if problem is None else problem.code)
+    assert codes == ["touched", None]
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "options", "kept"),
+    [
+        (0.5, {}, []),
+        (1.0, {}, []),
+        (1.015, {}, []),
+        (1.03, {}, ["unknown", "unknown"]),
+        (0.1, {"placed": False}, ["unknown", "unknown"]),
+        (0.1, {"may_touch": True}, ["lifted"]),
+        (1.1, {"may_touch": True}, ["unknown"]),
+        (None, {}, ["unknown", "lifted"]),
+    ],
+)
+def test_down_to_clearance_no_touch_is_possible(
+    by_mm: float | None, options: dict[str, Any], kept: list[str]
+) -> None:
+    """From 3 mm; with a key it may go on below clearance. A doubt is on record before the motion."""
+    bench = Hand(3.0, **options)
+    until_s = bench.clock.monotonic_s() + 0.2
+    by_key = lambda: DOWN if bench.clock.monotonic_s() < until_s else None  # noqa: E731
+    bench.hand.go((lambda: DOWN) if by_mm is not None else by_key, 2.0, by_mm)
+    assert [one.kind for one in bench.kept] == kept
+    if kept[:1] == ["unknown"] and not options.get("may_touch"):
+        assert bench.kept[0].height_mm == (3.0 if options.get("placed", True) else None)
+
+
+def test_at_clearance_the_force_is_measured_at_rest_and_below_it_is_read_once() -> None:
+    """A touch that a slow cell still shows vanishes; below clearance the finger itself may be felt."""
+    bench = Hand(2.5, may_touch=True)
+    until_s = bench.clock.monotonic_s() + 1.0
+    bench.sensor.felt = lambda: 0.06 if bench.clock.monotonic_s() < until_s else 0.0
+    bench.jog("z", 0.01)
+    assert (bench.kept[-1].kind, bench.kept[-1].force_gwt) == ("lifted", 0.0)
+    assert bench.clock.monotonic_s() > until_s
+    below = Hand(0.5, may_touch=True)
+    below.sensor.felt = lambda: 3.0 if below.height_mm >= 0.509 else 0.04
+    begun_s = below.clock.monotonic_s()
+    below.jog("z", 0.01)
+    assert (below.kept[-1].kind, below.kept[-1].force_gwt) == ("touching", pytest.approx(3.0))
+    assert below.clock.monotonic_s() - begun_s < 0.5
+
+
+def test_the_place_on_record_is_rounded_to_a_millionth() -> None:
+    bench = Hand(may_touch=True)
+    bench.stage.at_mm[0] += 0.1234567
+    bench.jog("z", 0.1)
+    assert bench.kept[-1].x_mm == 0.123457
 
 
 # --- what may go wrong ---
