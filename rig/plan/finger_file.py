@@ -102,8 +102,8 @@ class Draw(Settings):
     """One of several equally likely fingers."""
 
     stiffness: float = Field(gt=0)
-    e_dermis: float
-    e_fat: float
+    e_dermis: float = Field(gt=0)
+    e_fat: float = Field(gt=0)
     stiffening: float = Field(0.0, ge=0)
     relaxation: Relaxation = ()
 

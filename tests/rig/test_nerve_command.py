@@ -1,10 +1,12 @@
 """Spikes of simulated afferents beside a run: from its journal to files, report and `rig compare`."""
 
 import csv
+import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,16 +19,17 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, visits_of
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, stream_of, tables_of, visits_of
 from rig.report.nerve_figures import nerve_figures
 from rig.units import GWT_N
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
-from sim.nerve.population import AfferentPopulation
+from sim.nerve.population import PATH_M, AfferentPopulation
+from sim.nerve.skin import SkinUnderIndentor
 from sim.nerve.spike_stream import SpikeStream
-from sim.nerve.staircase import Swing
+from sim.nerve.staircase import Staircase, Swing
 from tests.error_codes import raises
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -212,7 +215,8 @@ def _of(name: str, t_s: float, **data: Any) -> tuple[str, dict[str, Any]]:
 
 
 LONG: list[tuple[str, dict[str, Any]]] = [
-    _of("vibrate", 0.5, amplitude_um=40.0, frequency_hz=2.0, cycles=4),  # of nothing
+    _of("vibrate", 0.1, amplitude_um=40.0, frequency_hz=2.0, cycles=4),  # of nothing
+    _of("retract", 0.2, height_mm=2.0),
     *BEGUN[:3],
     _sample(6.0, 0.1, 0.02, "approach"),
     _of("sample", 6.5, x_mm=None, height_mm=0.0, force_gwt=9.0, phase="press"),
@@ -226,6 +230,7 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _of("reference_touch", 31.0, contact_height_mm=-0.1),
     ("reference_sample", _sample(32.0, -0.3, 1.0, "hold")[1]),
     _of("trip", 35.0),
+    _sample(38.0, 2.0, phase="clearance"),
     _of("home", 40.0),
     _of("move", 41.0, x_mm=-2.0, height_mm=2.0),
     _sample(45.0, 1.9, 0.05, x_mm=-2.0),  # a touch whose height was not measured
@@ -236,6 +241,7 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _sample(61.0, 2.0, phase="approach", x_mm=4.0),  # elsewhere, without a move on record
     _of("find_touch", 62.0, contact_height_mm=0.0),
     _sample(63.0, -0.2, x_mm=4.0),
+    _sample(63.8, 2.0, phase="approach", x_mm=6.0),  # and again
     _of("mount", 64.0, indentor="step"),
     _of("move", 70.0, x_mm=0.0, height_mm=2.0),
     _of("touch", 71.0, contact_height_mm=0.0),
@@ -248,6 +254,8 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _of("vibrate", 89.0, amplitude_um=40.0, frequency_hz=2.0, cycles=4),
     _sample(89.5, -0.14, 9.0, "vibrate", x_mm=0.0),
     _sample(95.0, -0.1, phase="hold", x_mm=0.0),
+    _sample(96.0, -0.2, 3.0, x_mm=7.0),  # nobody knows how it came there
+    _of("touch", 97.0, contact_height_mm=0.0),
 ]
 
 
@@ -255,7 +263,7 @@ def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> N
     """Depth is contact less height less what the rig gives, and more by what the truth adds where it is known."""
     config = Config.model_validate({"calibration": GIVES})
     found = visits_of(replace(run, in_order=LONG), config)
-    assert found.left_out == 1
+    assert found.left_out == 2
     expected = [
         ("bar:3.0", 1.02, 0.25, [1, 6, 8, 20], [-1.98, -0.08 - 0.02 * GWT_N, 0.53 - 11 * GWT_N, -1.98]),
         ("bar:3.0", 1.0, 0.25, [20, 30, 32, 35], [-2.1, -0.15, 0.2 - GWT_N, -2.1]),
@@ -268,6 +276,141 @@ def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> N
         assert visit.path.depths_mm == pytest.approx(depths_mm, abs=1e-9)
     assert [len(one.path.swings) for one in found.visits] == [0, 0, 0, 1]
     assert found.visits[3].path.swings == (Swing(89.0, 0.5, 4.0, 0.04),)
+
+
+# --- the signal of an afferent, and the table that it is read from ---
+
+
+def _walks(*visits: tuple[str, float, float, list[float], list[float]]) -> Visits:
+    return Visits(
+        tuple(
+            Visit(name, x_mm, along_mm, Staircase(times_s, depths_mm, [1.0] * len(times_s), 50.0))
+            for name, x_mm, along_mm, times_s, depths_mm in visits
+        ),
+        0,
+    )
+
+
+@pytest.mark.parametrize("piece_s", [0.5, 1.3, 100.0])
+def test_each_afferent_feels_its_own_organs_through_the_whole_run(
+    run: Run, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, piece_s: float
+) -> None:
+    """Whatever the pieces: the value of the table at the depth of each sample, and 0 elsewhere, to a second later."""
+    step_s, end_s = 0.01, 3.021
+    found = _walks(
+        ("bar:3.0", 0.0, 0.0, [0.205, 0.6, 1.2], [-0.1, 0.4, -0.1]),
+        ("bar:3.0", 1.0, 0.0, [1.2, 1.5, 2.5], [0.0, 0.9, 0.1]),
+    )
+    afferents = SpikeRequest("SA1@0:0.5,SA1@1", 3).drawn(finger)
+    organs = [list(each) for each in afferents.organs]
+    assert sum(map(len, organs)) >= 2
+    each = np.arange(1, sum(map(len, organs)) + 1)
+    wide = {
+        visit.place: MeasureTable(np.array([0.25, 0.5, 0.75]), np.outer([1.0, 2.0, 3.0], factor * each))
+        for visit, factor in zip(found.visits, (1.0, 2.0), strict=True)
+    }
+    fed: list[list[Any]] = []
+
+    class Stream:
+        def __init__(self) -> None:
+            self.values: list[Any] = []
+            fed.append(self.values)
+
+        def advance(self, value: Any) -> tuple[None, Any]:
+            self.values.append(value)
+            return None, np.array([float(len(self.values))])
+
+    steps: list[Any] = []
+
+    def stream_of(model: AfferentModel, of: Any, step_s: float) -> Stream:
+        steps.append((model.name, [one.name for one in of], step_s))
+        return Stream()
+
+    told: list[tuple[int, int]] = []
+    monkeypatch.setattr("rig.plan.nerve.PIECE_S", piece_s)
+    monkeypatch.setattr("rig.plan.nerve.tables_of", lambda *_: wide)
+    monkeypatch.setattr("rig.plan.nerve.stream_of", stream_of)
+    record = run_spikes(
+        replace(run, end_s=end_s), found, finger, afferents, seed=3, path_m=0.5, step_s=step_s,
+        show_progress=lambda done, of: told.append((done, of)),
+    )  # fmt: skip
+    samples = 403  # to 4.021 s
+    count = math.ceil(samples / round(piece_s / step_s))
+    assert told == [(n, count) for n in range(count + 1)]
+    assert steps == [(one.model, [one.name], step_s) for one in afferents]
+    for mine, values in zip(organs, fed, strict=True):
+        whole = np.concatenate(values, axis=2)
+        expected = np.zeros((1, len(mine), samples))
+        for visit in found.visits:
+            table = wide[visit.place]
+            begin, end = (math.ceil(visit.path.times_s[k] / step_s) for k in (0, -1))
+            depth = np.clip(visit.path.depth_mm(step_s * np.arange(begin, end)), 0.0, 0.75)
+            skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, mine])
+            expected[0, :, begin:end] = skin.value(depth).T
+        assert whole.shape == expected.shape
+        assert whole == pytest.approx(expected, abs=1e-9)
+    assert (record.seed, record.path_m) == (3, 0.5)
+    for train, one in zip(record.trains, afferents, strict=True):
+        delay_s = one.delay_s(0.5)
+        assert (train.afferent, train.model, train.x_mm, train.along_mm) == (
+            one.name,
+            one.model,
+            one.x_mm,
+            one.along_mm,
+        )
+        assert (train.sensitivity, train.delay_s) == (one.sensitivity, delay_s)
+        assert train.depth_mm == afferents.models[one.model].depth_mm
+        assert train.spike_s == pytest.approx(np.arange(1, count + 1) + delay_s)
+
+
+def test_each_afferent_has_its_own_seed_and_sensitivity(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+    monkeypatch.setattr("rig.plan.nerve.SpikeStream", lambda *args: made.append(args) or len(made))
+    request = SpikeRequest("SA1@0:0.5,SA1@1")
+    assert (request.seed, request.path_m) == (0, PATH_M)
+    afferents = request.drawn(finger)
+    model = afferents.models["SA1"]
+    assert [stream_of(model, afferents), stream_of(model, afferents[1:], 0.01)] == [1, 2]
+    seeds = [[one.seed, 0] for one in afferents]
+    sensitivities = [one.sensitivity for one in afferents]
+    assert len({one.seed for one in afferents}) == len({*sensitivities, 0.0}) - 1 == 2
+    assert made == [(model, MOST_STEP_S, sensitivities, seeds), (model, 0.01, sensitivities[1:], seeds[1:])]
+
+
+def test_a_table_goes_as_deep_as_the_deepest_visit_of_its_place(
+    run: Run, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Along the finger only for a shape that has an end there."""
+    found = _walks(
+        ("bar:3.0", 0.0, 0.0, [0.0, 1.0, 2.0], [-0.1, 0.4, -0.1]),
+        ("bar:3.0", 0.00004, 0.0, [3.0, 4.0, 5.0], [-0.1, 0.6, -0.1]),
+        ("bar:3.0", 1.0, -1.5, [6.0, 7.0], [-0.1, 0.2]),
+        ("sphere:2", 1.0, -1.5, [6.0, 7.0], [-0.1, 0.005]),
+        ("sphere:2", 2.0, 0.0, [6.0, 7.0], [-0.1, 0.3]),
+    )
+    asked: list[Any] = []
+    told: list[Any] = []
+
+    def table(finger: Fingertip, shape: str, deepest_mm: float, x_mm: float, z_mm: float | None) -> Any:
+        asked.append((shape, pytest.approx(deepest_mm), x_mm, z_mm))
+        return [SimpleNamespace(doi_mm=0.25 * n) for n in range(3)]
+
+    monkeypatch.setattr("rig.plan.nerve.table_of_presses", table)
+    monkeypatch.setattr(
+        Fingertip, "fields", lambda self, presses, points: [SimpleNamespace(measures=p) for p in presses]
+    )
+    monkeypatch.setattr(AfferentPopulation, "measure", lambda self, press: np.array([press.doi_mm, 1.0]))
+    tables = tables_of(run, found, finger, SpikeRequest(AFFERENTS).drawn(finger), lambda *now: told.append(now))
+    plane_mm = finger.config.receptor_plane_mm
+    assert asked == [
+        ("bar:3.0", 0.6, 0.0, None), ("bar:3.0", 0.2, 1.0, None),
+        ("sphere:2", 0.01, 1.0, plane_mm - 1.5), ("sphere:2", 0.3, 2.0, None),
+    ]  # fmt: skip
+    assert told == [(n, 4) for n in range(4)]
+    assert list(tables) == list(dict.fromkeys(visit.place for visit in found.visits))
+    for table_ in tables.values():
+        assert table_.depths_mm.tolist() == [0.0, 0.25, 0.5]
+        assert table_.values.tolist() == [[0.0, 1.0], [0.25, 1.0], [0.5, 1.0]]
 
 
 # --- spikes ---

@@ -195,6 +195,13 @@ def test_a_number_is_accepted_up_to_its_bounds(path: str) -> None:
             _with(path, value)
 
 
+@pytest.mark.parametrize("key", ["stiffness", "e_dermis", "e_fat"])
+def test_a_modulus_of_a_draw_is_positive_before_it_is_within_the_model(key: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        _with(f"draw.0.{key}", 0.0)
+    has_code(first_problem("", caught.value), "invalid_value", key=f"draw.0.{key}", rule="greater_than")
+
+
 def test_an_identification_has_a_run() -> None:
     tables = identified_file().identified.model_dump()
     with pytest.raises(ValidationError):

@@ -1,0 +1,562 @@
+"""Motions by hand over a stage and a sensor without a wire: each step that is told, what is felt, what is on record.
+
+Clearance is 2 mm, an increment 0.05 mm, a step of the descent 0.5 mm, a touch 0.05 gwt, the deepest 1.5 mm. The
+finger is F = 6 gwt/mm^1.5 below the nominal apex.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from rig.devices.base import ForceOverload, ForceReading, ForceTimeout, StageError, StageOverridden, StageStatus
+from rig.engine.contact import KnownContact
+from rig.engine.dead_man import DOWN, UP, Direction
+from rig.engine.sensing import ForceZero, Sensing
+from rig.errors import LimitError
+from rig.manual.guard import Guard
+from rig.manual.jog import ByHand, HeldDirection, Moved
+from rig.settings import RigSettings
+from rig.units import GWT_N
+from sim.devices.clock import VirtualClock
+from tests.error_codes import raises
+from tests.stub_bench import StubSensor, StubStage
+
+ZERO = ForceZero(0.0, 0.0)
+LEFT, RIGHT = Direction("x", -1), Direction("x", +1)
+
+
+class Sensor(StubSensor):
+    """Shows what `felt` says; fails with what `fails` is."""
+
+    felt: Callable[[], float]
+    fails: Exception | None = None
+
+    def read(self) -> ForceReading:
+        if self.fails is not None:
+            raise self.fails
+        self.shows_gwt = self.felt()
+        return super().read()
+
+
+class Hand:
+    """A person's motions over a finger, from so far above the nominal apex; `kept` is what is left on record."""
+
+    def __init__(
+        self,
+        above_mm: float = 3.0,
+        *,
+        placed: bool = True,
+        guarded: bool = True,
+        zero: ForceZero | None = ZERO,
+        may_touch: bool = False,
+        **limits: Any,
+    ) -> None:
+        self.settings = RigSettings.model_validate({"limits": limits})
+        self.clock = VirtualClock(1.7e9, 100.0)
+        self.stage, self.sensor = StubStage(self.clock), Sensor(self.clock)
+        frame = self.settings.frame
+        self.stage.at_mm = [frame.pad_centre_x_mm, frame.pad_y_mm, frame.apex_z_mm + above_mm]
+        self.stage.homed = True
+        self.sensor.felt = self.law
+        self.sensing = Sensing(self.settings, self.clock, self.sensor)
+        self.sensing.zero = zero
+        self.guard = Guard(self.settings, self.sensing) if guarded else None
+        self.shown: list[tuple[StageStatus, float | None]] = []
+        self.kept: list[KnownContact] = []
+        self.hand = ByHand(
+            self.settings,
+            self.stage,
+            self.clock,
+            self.guard,
+            lambda at, gwt: self.shown.append((at, gwt)),
+            placed=placed,
+        )  # type: ignore[arg-type]
+        self.hand.may_touch, self.hand.keep_contact = may_touch, self.kept.append
+
+    def law(self) -> float:
+        return float(6.0 * max(-self.height_mm, 0.0) ** 1.5)
+
+    @property
+    def height_mm(self) -> float:
+        return self.stage.at_mm[2] - self.settings.frame.apex_z_mm
+
+    @property
+    def x_mm(self) -> float:
+        return self.stage.at_mm[0] - self.settings.frame.pad_centre_x_mm
+
+    def jog(self, axis: Any, by_mm: float, speed_mm_s: float = 2.0) -> Moved:
+        way = Direction(axis, 1 if by_mm > 0 else -1)
+        return self.hand.go(lambda: way, speed_mm_s, abs(by_mm))
+
+    @property
+    def steps_mm(self) -> list[float]:
+        """What the stage was told to jog along z."""
+        return [told[2] for told in self.stage.told if told[:2] == ("jog", "z")]
+
+
+# --- down ---
+
+
+@pytest.mark.parametrize(
+    ("above_mm", "by_mm", "steps_mm"),
+    [
+        (3.1, 1.22, [0.5, 0.5, 0.1, 0.05, 0.05, 0.02]),
+        (3.0, 0.3, [0.3]),
+        (3.0, 1.0, [0.5, 0.5]),
+        (2.0, 0.12, [0.05, 0.05, 0.02]),
+        (0.5, 0.03, [0.03]),
+    ],
+)
+@pytest.mark.parametrize("speed_mm_s", [1.0, 20.0])
+def test_down_goes_in_steps_each_from_a_reading_at_rest(
+    above_mm: float, by_mm: float, steps_mm: list[float], speed_mm_s: float
+) -> None:
+    """In slices of a tenth of a second, at limits.max_press_speed_mm_s at most."""
+    bench = Hand(above_mm)
+    begun_s = bench.clock.monotonic_s()
+    moved = bench.jog("z", -by_mm, speed_mm_s)
+    assert (moved.ended_by, moved.force_gwt) == (None, 0.0)
+    rests = [at.z_mm - bench.settings.frame.apex_z_mm for at, _ in bench.shown]
+    ends, height_mm = [], above_mm
+    for step_mm in steps_mm:
+        ends.append(height_mm := height_mm - step_mm)
+    assert [mm for mm in ends if not any(mm == pytest.approx(rest, abs=1e-4) for rest in rests)] == []
+    fastest_mm_s = min(speed_mm_s, bench.settings.limits.max_press_speed_mm_s)
+    assert max(map(abs, bench.steps_mm)) <= max(fastest_mm_s * 0.1 + 1e-9, 0.0025)
+    assert sum(bench.steps_mm) == pytest.approx(-by_mm, abs=1e-4)
+    assert bench.clock.monotonic_s() - begun_s > by_mm / fastest_mm_s
+
+
+@pytest.mark.parametrize("speed_mm_s", [0.1, 2.0])
+def test_down_ends_at_the_first_touch_and_goes_on_in_a_new_motion(speed_mm_s: float) -> None:
+    bench = Hand(0.22)
+    moved = bench.jog("z", -1.0, speed_mm_s)
+    assert moved.problem is not None
+    assert moved.problem.code == "touched"
+    assert moved.force_gwt == pytest.approx(bench.law())
+    first_mm = bench.height_mm
+    assert -0.041 - 0.05 <= first_mm <= -0.041
+    assert bench.jog("z", -0.1).ended_by is None
+    assert bench.height_mm == pytest.approx(first_mm - 0.1, abs=1e-4)
+    bench.hand.set_placed(placed=True)  # homed: what was touched is forgotten
+    moved = bench.jog("z", -0.2)
+    assert moved.problem is not None
+    assert moved.problem.code == "touched"
+
+
+def test_down_ends_where_the_next_step_would_pass_nine_tenths_of_the_trip() -> None:
+    bench = Hand(0.1, soft_trip_n=0.05)
+    codes = []
+    for _ in range(3):
+        problem = bench.hand.go(lambda: DOWN, 2.0).problem
+        codes.append(None if problem is None else problem.code)
+    assert codes == ["touched", *["next_step_past_soft_trip"] * 2]
+    assert 0.88 * 0.05 / GWT_N < bench.law() < 0.92 * 0.05 / GWT_N
+
+
+@pytest.mark.parametrize("above_mm", [0.22, 0.2])
+def test_down_goes_as_deep_as_the_limit(above_mm: float) -> None:
+    """By a distance exactly, with a key by whole steps; without a known height nothing says how deep it is."""
+    bench = Hand(above_mm, guarded=False)
+    with raises(LimitError, "too_deep", depth_mm=pytest.approx(1.500002), limit_mm=1.5, apex_z_mm=-25.0):
+        bench.jog("z", -above_mm - 1.500002)
+    assert bench.steps_mm == []
+    assert bench.jog("z", -above_mm - 1.5 - 5e-7).ended_by is None
+    assert bench.height_mm == pytest.approx(-1.5, abs=1e-4)
+    key = Hand(above_mm, guarded=False)
+    problem = key.hand.go(lambda: DOWN, 2.0).problem
+    assert problem is not None
+    assert (problem.code, problem.fields["limit_mm"]) == ("too_deep", 1.5)
+    assert -1.5 - 1e-4 <= key.height_mm < -1.45
+    unknown = Hand(above_mm, guarded=False, placed=False)
+    assert unknown.jog("z", -above_mm - 1.6).ended_by is None
+    assert max(map(abs, unknown.steps_mm)) <= 0.05 + 1e-9
+
+
+@pytest.mark.parametrize(
+    ("on_trip", "above_mm", "lifted_mm"),
+    [("retract", 0.52, 0.57), ("park", 0.52, 0.57), ("stop", 0.52, None), ("retract", 3.0, 2.0)],
+)
+def test_above_a_trip_it_is_lifted_to_where_it_began_or_by_clearance(
+    on_trip: str, above_mm: float, lifted_mm: float | None
+) -> None:
+    """A block, met by one increment."""
+    bench = Hand(above_mm, soft_trip_n=0.1, on_trip=on_trip)
+    bench.sensor.felt = lambda: 30.0 if bench.height_mm < 0.0 else 0.0
+    moved = bench.jog("z", -above_mm - 1.0)
+    assert moved.problem is not None
+    assert moved.problem.code == "soft_trip"
+    assert moved.problem.fields.get("lifted_mm") == (
+        None if lifted_mm is None else pytest.approx(lifted_mm, abs=0.05)
+    )
+    assert "then" not in moved.problem.fields
+    end_mm = -0.05 if lifted_mm is None else min(above_mm, 1.95)
+    assert bench.height_mm == pytest.approx(end_mm, abs=0.051)
+    assert moved.at == bench.stage.status()
+    assert bench.shown[-1] == (moved.at, moved.force_gwt)
+
+
+def test_what_is_felt_after_it_came_to_rest_is_told_and_lifted_from() -> None:
+    """A touch ends the motion, and at rest the force is above the trip."""
+    bench = Hand(0.5, soft_trip_n=0.1)
+    touched: list[bool] = []
+
+    def felt() -> float:
+        if bench.height_mm >= -0.06:
+            return 0.0
+        touched.append(True)
+        return 1.0 if len(touched) == 1 else 20.0
+
+    bench.sensor.felt = felt
+    problem = bench.jog("z", -1.0).problem
+    assert problem is not None
+    assert (problem.code, problem.fields["then_code"]) == ("touched", "soft_trip")
+    assert problem.fields["reason"] != problem.fields["then"]
+    assert problem.fields["lifted_mm"] == pytest.approx(0.6, abs=0.06)
+    assert bench.height_mm == pytest.approx(0.5, abs=1e-3)
+
+
+# --- sideways and up ---
+
+
+def test_beside_something_it_stops_and_is_not_lifted() -> None:
+    bench = Hand(3.0, soft_trip_n=0.1)
+    bench.sensor.felt = lambda: 30.0 if bench.x_mm > 1.0 else 0.0
+    problem = bench.jog("x", 4.0).problem
+    assert problem is not None
+    assert problem.code == "soft_trip"
+    assert 1.0 < bench.x_mm < 1.7
+    assert "lifted_mm" not in problem.fields
+    assert bench.height_mm == 3.0
+
+
+@pytest.mark.parametrize(
+    ("way", "may_touch", "zero", "refused"),
+    [
+        (RIGHT, True, ZERO, True),
+        (LEFT, True, ZERO, True),
+        (RIGHT, False, ZERO, False),
+        (RIGHT, True, None, False),
+        (UP, True, ZERO, False),
+    ],
+)
+def test_sideways_is_refused_in_contact(
+    way: Direction, may_touch: bool, zero: ForceZero | None, refused: bool
+) -> None:
+    bench = Hand(-0.1, may_touch=may_touch, zero=zero)
+    if refused:
+        with raises(LimitError, "touches_still", force_gwt=pytest.approx(bench.law(), abs=1e-6)):
+            bench.hand.go(lambda: way, 2.0, 0.5)
+        assert bench.stage.told == []
+    else:
+        assert bench.hand.go(lambda: way, 2.0, 0.5).ended_by is None
+        gone_mm = bench.height_mm + 0.1 if way == UP else bench.x_mm * way.sign
+        assert gone_mm == pytest.approx(0.5, abs=1e-4)
+
+
+@pytest.mark.parametrize(("to_mm", "kind"), [(2.1, "lifted"), (2.0, "lifted"), (1.985, "lifted"), (1.97, "unknown")])
+def test_up_to_clearance_is_a_lift_if_nothing_is_felt(to_mm: float, kind: str) -> None:
+    bench = Hand(1.0, may_touch=True)
+    bench.jog("x", 0.5)
+    assert bench.jog("z", to_mm - 1.0).ended_by is None
+    assert (bench.kept[-1].kind, bench.hand.may_touch) == (kind, kind != "lifted")
+    assert (bench.kept[-1].x_mm, bench.kept[-1].height_mm) == pytest.approx((0.5, to_mm), abs=1e-4)
+    assert bench.kept[-1].force_gwt == 0.0
+    assert bench.kept[-1].unix_s == bench.clock.unix_s()
+
+
+@pytest.mark.parametrize(
+    ("above_mm", "options", "shows_gwt", "known"),
+    [
+        (3.0, {}, 0.04, ("lifted", 0.04)),
+        (3.0, {}, 0.06, ("disagreement", 0.06)),
+        (3.0, {}, -0.06, ("disagreement", -0.06)),
+        (0.5, {}, 0.04, ("unknown", 0.04)),
+        (0.5, {}, 0.06, ("touching", 0.06)),
+        (3.0, {"zero": None}, 0.04, ("raised", None)),
+        (3.0, {"guarded": False}, 0.04, ("raised", None)),
+        (0.5, {"guarded": False}, 0.04, ("unknown", None)),
+        (3.0, {"placed": False}, 0.04, ("unknown", 0.04)),
+    ],
+)
+def test_after_each_motion_the_state_of_contact_is_on_record(
+    above_mm: float, options: dict[str, Any], shows_gwt: float, known: tuple[str, float | None]
+) -> None:
+    """Where a touch was possible."""
+    bench = Hand(above_mm, may_touch=True, **options)
+    bench.sensor.felt = lambda: shows_gwt
+    bench.jog("z", 0.01)
+    found = bench.kept[-1]
+    assert (found.kind, found.force_gwt) == (known[0], known[1] if known[1] is None else pytest.approx(known[1]))
+    placed = options.get("placed", True)
+    assert (found.x_mm, found.height_mm) == ((0.0, pytest.approx(above_mm + 0.01)) if placed else (None, None))
+    other = Hand(3.0)
+    other.jog("z", 0.01)
+    assert other.kept == []
+
+
+def test_from_a_touch_up_goes_in_slices_until_lifted_and_then_in_one_motion() -> None:
+    """Slices of 0.2 s from rest, none ahead; above clearance, once nothing is felt, two slices of 0.1 s ahead."""
+    bench = Hand(1.5, may_touch=True)
+    bench.jog("z", 1.6, 1.0)
+    assert bench.steps_mm[:3] == pytest.approx([0.2, 0.2, 0.2])
+    assert bench.steps_mm[3:] == pytest.approx([0.1] * 10)
+    felt = Hand(1.5, may_touch=True)
+    felt.sensor.felt = lambda: 0.06
+    felt.jog("z", 1.6, 1.0)
+    assert felt.steps_mm == pytest.approx([0.2] * 8)
+
+
+@pytest.mark.parametrize("then", [None, DOWN, RIGHT], ids=["let go", "down", "aside"])
+@pytest.mark.parametrize("first", [UP, DOWN, LEFT], ids=["up", "down", "left"])
+@pytest.mark.parametrize("may_touch", [False, True])
+def test_another_direction_ends_a_motion(first: Direction, then: Direction | None, may_touch: bool) -> None:
+    """Whenever it is held: at each question, the person may have changed the key."""
+    for times in range(1, 40):
+        bench = Hand(2.2, may_touch=may_touch)
+        asked = [0]
+
+        def held(asked: list[int] = asked, times: int = times) -> Direction | None:
+            asked[0] += 1
+            return first if asked[0] <= times else then
+
+        bench.hand.go(held, 2.0, 1.0)
+        moved = {told[1:] for told in bench.stage.told if told[0] == "jog"}
+        assert all(axis == first.axis and mm * first.sign > 0 for axis, mm in moved), times
+        if asked[0] <= times:
+            return
+
+
+def test_from_no_touch_up_is_one_motion() -> None:
+    bench = Hand(1.5)
+    assert bench.jog("z", 1.0, 1.0).ended_by is None
+    assert bench.steps_mm == pytest.approx([0.1] * 10)
+    for axis in ("x", "z"):  # farther than the finger is deep
+        assert bench.jog(axis, 6.0, 10.0).ended_by is None
+
+
+def test_it_is_shown_while_it_moves() -> None:
+    bench = Hand()
+    bench.jog("x", 1.0, 1.0)
+    assert len({at.x_mm for at, _ in bench.shown}) > 5
+    assert {gwt for _, gwt in bench.shown} == {0.0}
+
+
+@pytest.mark.parametrize("then", [None, DOWN, RIGHT], ids=["let go", "down", "aside"])
+def test_a_key_that_is_let_go_at_clearance_is_answered_after_one_measurement(then: Direction | None) -> None:
+    bench = Hand(1.9, may_touch=True)
+    let_go_s: list[float] = []
+
+    def held() -> Direction | None:
+        if not let_go_s and bench.height_mm >= 1.99:
+            let_go_s.append(bench.clock.monotonic_s())
+        return then if let_go_s else UP
+
+    assert bench.hand.go(held, 0.5).ended_by is None
+    assert bench.clock.monotonic_s() - let_go_s[0] < 0.8
+    assert (bench.kept[-1].kind, bench.height_mm) == ("lifted", pytest.approx(2.0))
+    whole = Hand(1.5, may_touch=True)
+    begun_s = whole.clock.monotonic_s()
+    whole.jog("z", 0.5, 1.0)
+    assert whole.clock.monotonic_s() - begun_s < 1.5  # so is a way that ends there
+
+
+# --- what is on record ---
+
+
+def test_a_new_hand_has_touched_nothing() -> None:
+    bench = Hand()
+    hand = ByHand(bench.settings, bench.stage, bench.clock, bench.guard, lambda *_: None, placed=True)  # type: ignore[arg-type]
+    assert hand.may_touch is False
+    for placed, may_touch in ((True, False), (False, True), (True, True)):
+        hand.set_placed(placed=placed)
+        assert (hand.placed, hand.may_touch) == (placed, may_touch)
+    other = Hand(placed=False).hand
+    other.set_placed(placed=False)
+    assert other.may_touch is False
+
+
+@pytest.mark.parametrize("placed", [True, False])
+def test_a_stage_that_lost_its_reference_has_lost_its_place(placed: bool) -> None:
+    """Only once: where it was not known before, a touch is still remembered."""
+    bench = Hand(0.3, placed=placed)
+    status = bench.stage.status
+    bench.stage.status = lambda: replace(status(), referenced=False)  # type: ignore[method-assign]
+    bench.hand.go(lambda: None, 2.0)
+    assert (bench.hand.placed, bench.hand.may_touch) == (False, placed)
+    codes = []
+    for _ in range(2):
+        problem = bench.jog("z", -0.5).problem
+        codes.append(None if problem is None else problem.code)
+    assert codes == ["touched", None]
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "options", "kept"),
+    [
+        (0.5, {}, []),
+        (1.0, {}, []),
+        (1.015, {}, []),
+        (1.03, {}, ["unknown", "unknown"]),
+        (0.1, {"placed": False}, ["unknown", "unknown"]),
+        (0.1, {"may_touch": True}, ["lifted"]),
+        (1.1, {"may_touch": True}, ["unknown"]),
+        (None, {}, ["unknown", "lifted"]),
+    ],
+)
+def test_down_to_clearance_no_touch_is_possible(
+    by_mm: float | None, options: dict[str, Any], kept: list[str]
+) -> None:
+    """From 3 mm; with a key it may go on below clearance. A doubt is on record before the motion."""
+    bench = Hand(3.0, **options)
+    until_s = bench.clock.monotonic_s() + 0.2
+    by_key = lambda: DOWN if bench.clock.monotonic_s() < until_s else None  # noqa: E731
+    bench.hand.go((lambda: DOWN) if by_mm is not None else by_key, 2.0, by_mm)
+    assert [one.kind for one in bench.kept] == kept
+    if kept[:1] == ["unknown"] and not options.get("may_touch"):
+        assert bench.kept[0].height_mm == (3.0 if options.get("placed", True) else None)
+
+
+def test_at_clearance_the_force_is_measured_at_rest_and_below_it_is_read_once() -> None:
+    """A touch that a slow cell still shows vanishes; below clearance the finger itself may be felt."""
+    bench = Hand(2.5, may_touch=True)
+    until_s = bench.clock.monotonic_s() + 1.0
+    bench.sensor.felt = lambda: 0.06 if bench.clock.monotonic_s() < until_s else 0.0
+    bench.jog("z", 0.01)
+    assert (bench.kept[-1].kind, bench.kept[-1].force_gwt) == ("lifted", 0.0)
+    assert bench.clock.monotonic_s() > until_s
+    below = Hand(0.5, may_touch=True)
+    below.sensor.felt = lambda: 3.0 if below.height_mm >= 0.509 else 0.04
+    begun_s = below.clock.monotonic_s()
+    below.jog("z", 0.01)
+    assert (below.kept[-1].kind, below.kept[-1].force_gwt) == ("touching", pytest.approx(3.0))
+    assert below.clock.monotonic_s() - begun_s < 0.5
+
+
+def test_the_place_on_record_is_rounded_to_a_millionth() -> None:
+    bench = Hand(may_touch=True)
+    bench.stage.at_mm[0] += 0.1234567
+    bench.jog("z", 0.1)
+    assert bench.kept[-1].x_mm == 0.123457
+
+
+# --- what may go wrong ---
+
+
+def test_a_speed_that_the_stage_does_not_have_is_refused() -> None:
+    bench = Hand()
+
+    def jog(axis: str, mm: float, speed_mm_s: float) -> None:
+        raise ValueError("no such speed")
+
+    bench.stage.jog = jog  # type: ignore[method-assign]
+    with raises(LimitError, "refused_by_the_stage", error="no such speed"):
+        bench.jog("x", 1.0)
+
+
+@pytest.mark.parametrize("way", [RIGHT, UP, DOWN])
+def test_a_changed_override_halts_it(way: Direction) -> None:
+    bench = Hand()
+    status = bench.stage.status
+
+    def overridden() -> StageStatus:
+        if any(told[0] == "jog" for told in bench.stage.told):
+            bench.stage.status = status  # type: ignore[method-assign]
+            raise StageOverridden("feed override 200 %")
+        return status()
+
+    bench.stage.status = overridden  # type: ignore[method-assign]
+    moved = bench.hand.go(lambda: way, 2.0, 1.0)
+    assert moved.ended_by is not None
+    assert "feed override 200 %" in moved.ended_by
+    assert "halt" in bench.stage.told
+    assert bench.hand.placed
+
+
+@pytest.mark.parametrize("way", [RIGHT, UP, DOWN])
+def test_a_stage_that_strays_has_lost_its_place(way: Direction) -> None:
+    bench = Hand()
+    jog = bench.stage.jog
+
+    def strays(axis: str, mm: float, speed_mm_s: float) -> None:
+        jog(axis, mm, speed_mm_s)
+        bench.stage.at_mm[1] += 1.0
+
+    bench.stage.jog = strays  # type: ignore[method-assign]
+    moved = bench.hand.go(lambda: way, 2.0, 1.0)
+    assert moved.problem is not None
+    assert (moved.problem.code, bench.hand.placed, bench.hand.may_touch) == ("off_its_way", False, True)
+    assert moved.at.y_mm == bench.stage.at_mm[1]
+    assert bench.stage.told[-1] == "stop"
+    assert bench.kept[-1].x_mm is None
+
+
+def test_a_stage_that_fails_at_the_end_leaves_the_record_in_doubt() -> None:
+    bench = Hand(2.5)
+    status = bench.stage.status
+
+    def fails() -> StageStatus:
+        if bench.height_mm < 1.9:
+            raise StageError("no answer")
+        return status()
+
+    bench.stage.status = fails  # type: ignore[method-assign]
+    with pytest.raises(StageError):
+        bench.jog("z", -1.0)
+    assert [one.kind for one in bench.kept] == ["unknown"]
+    assert bench.hand.may_touch
+
+
+@pytest.mark.parametrize(("way", "by_mm"), [(RIGHT, 1.0), (UP, 1.0), (DOWN, 0.5)])
+@pytest.mark.parametrize("error", [ForceTimeout("no answer"), ForceOverload("too much")])
+def test_without_a_reading_only_up_from_beyond_the_range_is_free(
+    way: Direction, by_mm: float, error: Exception
+) -> None:
+    bench = Hand()
+    bench.sensor.fails = error
+    if way == UP and isinstance(error, ForceOverload):
+        assert bench.hand.go(lambda: way, 2.0, by_mm).ended_by is None
+        assert bench.height_mm == pytest.approx(4.0)
+        return
+    with raises(LimitError, "no_reading"):
+        bench.hand.go(lambda: way, 2.0, by_mm)
+    assert bench.stage.told == []
+
+
+@pytest.mark.parametrize("guarded", [True, False])
+def test_a_look_moves_nothing_and_shows_place_and_force(guarded: bool) -> None:
+    bench = Hand(-0.2, guarded=guarded)
+    seen = bench.hand.look()
+    assert (seen.at, seen.ended_by) == (bench.stage.status(), None)
+    assert seen.force_gwt == (pytest.approx(bench.law()) if guarded else None)
+    assert bench.shown == [(seen.at, seen.force_gwt)]
+    assert bench.hand.steps_per_mm("z") == 400.0
+    assert bench.hand.go(lambda: None, 2.0) == Moved(seen.at, None)
+    assert bench.stage.told == []
+
+
+# --- the button ---
+
+
+def test_a_button_counts_for_a_while_after_its_last_signal() -> None:
+    """A signal that is older, or came late, does not shorten a newer one; another direction begins anew."""
+    clock = VirtualClock(0.0, 100.0)
+    held = HeldDirection(clock, 0.25)
+    assert held() is None
+    held.say(RIGHT)
+    held.say(RIGHT, ago_s=0.2)
+    clock.wait_s(0.249)
+    assert held() == RIGHT
+    clock.wait_s(0.001)
+    assert held() is None
+    held.say(RIGHT)
+    held.say(UP, ago_s=0.2)
+    clock.wait_s(0.04)
+    assert held() == UP
+    clock.wait_s(0.02)
+    assert held() is None
+    held.say(UP)
+    held.say(None)
+    assert held() is None
