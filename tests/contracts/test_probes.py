@@ -1,5 +1,6 @@
 """What `rig init` sends to a port: questions from a list per device, all of them read only, and nothing else."""
 
+import io
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -9,11 +10,11 @@ import pytest
 from rig.clock import Clock
 from rig.devices import make_drivers
 from rig.devices.base import ForceError, StageError
-from rig.devices.make_drivers import probe
-from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, Opener, find
+from rig.devices.make_drivers import open_force, open_stage, probe
+from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, KnownBench, Opener, find
 from rig.errors import RigError
 from rig.settings import BenchSettings
-from rig.transport import TransportError
+from rig.transport import Transport, TransportError
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -343,6 +344,52 @@ def test_a_port_that_does_not_open_is_an_error(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(make_drivers, "open_port", open_port)
     with raises(TransportError, "no_permission"):
         probe(_kind(MTSICS), SERIAL, VirtualClock())
+
+
+class Wire:
+    """A port that is opened, not yet asked."""
+
+    name = "wire"
+
+    def __init__(self) -> None:
+        self.sent, self.closed = list[bytes](), False
+
+    def write(self, data: bytes) -> None:
+        self.sent.append(data)
+
+    def read(self, timeout_s: float) -> bytes:
+        return b""
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_devices_are_opened_as_they_are_configured(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The stage's wire may be guarded, and is the program's own unless it is opened for a mere stop."""
+    opened, wires, guarded, log = list[Any](), list[Wire](), list[Any](), io.StringIO()
+
+    def open_port(name: str, baud: int, *, character: str, dtr: bool, owned: bool) -> Wire:
+        opened.append((name, baud, character, dtr, owned))
+        wires.append(Wire())
+        return wires[-1]
+
+    def guard(wire: Transport) -> Transport:
+        guarded.append(wire)
+        return wire
+
+    monkeypatch.setattr(make_drivers, "open_port", open_port)
+    stage = {"port": "/dev/a", "baud": 19200, "character": "7E1", "dtr": False}
+    bench = KnownBench.model_validate({"stage": stage, "force": {"port": "/dev/b", "baud": 300, "character": "8E1"}})
+    open_stage(bench, VirtualClock(), log, guard).stop()
+    open_stage(bench, VirtualClock(), owned=False).stop()
+    open_force(bench, VirtualClock(), log).close()
+    assert opened == [("/dev/a", 19200, "7E1", False, owned) for owned in (True, False)] + [
+        ("/dev/b", 300, "8E1", True, True)
+    ]
+    assert len(guarded) == 1
+    assert [wire.sent for wire in wires] == [[b"!\x18"], [b"!\x18"], []]
+    assert [wire.closed for wire in wires] == [False, False, True]
+    assert log.getvalue().count("2118") == 1
 
 
 CONTINUES, SWITCHES = b"~\x81", bytes([*range(0x90, 0x9E), 0xA0, 0xA1])
