@@ -226,6 +226,7 @@ def test_measured_times_are_read_in_seconds(monkeypatch: pytest.MonkeyPatch, tmp
     rows = ["force.mtsics,pty,100,20.5,1,2,3,,,,,,,", "stage.grbl,tcp,50,10,1.5,2,3,7,4,5,6,7,8,9",
             "stage.grbl,pty,60,11,1,2,3,8,4,5,6,,,"]  # fmt: skip
     (tmp_path / "measured.csv").write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
+    assert measured.table().is_file()
     monkeypatch.setattr(measured, "table", lambda: tmp_path / "measured.csv")
     read = measured.measured.__wrapped__
     (balance,) = read("force", "mtsics")
