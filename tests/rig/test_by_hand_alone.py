@@ -59,6 +59,14 @@ class Hand:
         frame = self.settings.frame
         self.stage.at_mm = [frame.pad_centre_x_mm, frame.pad_y_mm, frame.apex_z_mm + above_mm]
         self.stage.homed = True
+        self.speeds_mm_s: list[float] = []
+        jog = self.stage.jog
+
+        def jogs(axis: str, mm: float, speed_mm_s: float) -> None:
+            self.speeds_mm_s.append(speed_mm_s)
+            jog(axis, mm, speed_mm_s)
+
+        self.stage.jog = jogs  # type: ignore[method-assign]
         self.sensor.felt = self.law
         self.sensing = Sensing(self.settings, self.clock, self.sensor)
         self.sensing.zero = zero
@@ -127,6 +135,8 @@ def test_down_goes_in_steps_each_from_a_reading_at_rest(
     assert max(map(abs, bench.steps_mm)) <= max(fastest_mm_s * 0.1 + 1e-9, 0.0025)
     assert sum(bench.steps_mm) == pytest.approx(-by_mm, abs=1e-4)
     assert bench.clock.monotonic_s() - begun_s > by_mm / fastest_mm_s
+    assert set(bench.speeds_mm_s) == {fastest_mm_s}
+    assert moved.at == bench.stage.status()
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.1, 2.0])
@@ -300,12 +310,13 @@ def test_after_each_motion_the_state_of_contact_is_on_record(
 def test_from_a_touch_up_goes_in_slices_until_lifted_and_then_in_one_motion() -> None:
     """Slices of 0.2 s from rest, none ahead; above clearance, once nothing is felt, two slices of 0.1 s ahead."""
     bench = Hand(1.5, may_touch=True)
-    bench.jog("z", 1.6, 1.0)
+    assert bench.jog("z", 1.6, 1.0).at == bench.stage.status()
     assert bench.steps_mm[:3] == pytest.approx([0.2, 0.2, 0.2])
     assert bench.steps_mm[3:] == pytest.approx([0.1] * 10)
     felt = Hand(1.5, may_touch=True)
     felt.sensor.felt = lambda: 0.06
-    felt.jog("z", 1.6, 1.0)
+    assert felt.jog("z", 1.6, 1.0).at == felt.stage.status()
+    assert set(felt.speeds_mm_s) == {1.0}
     assert felt.steps_mm == pytest.approx([0.2] * 8)
 
 
@@ -428,8 +439,8 @@ def test_at_clearance_the_force_is_measured_at_rest_and_below_it_is_read_once() 
     assert (bench.kept[-1].kind, bench.kept[-1].force_gwt) == ("lifted", 0.0)
     assert bench.clock.monotonic_s() > until_s
     below = Hand(0.5, may_touch=True)
-    below.sensor.felt = lambda: 3.0 if below.height_mm >= 0.509 else 0.04
     begun_s = below.clock.monotonic_s()
+    below.sensor.felt = lambda: 3.0 if below.clock.monotonic_s() > begun_s + 0.03 else 0.04  # at rest again
     below.jog("z", 0.01)
     assert (below.kept[-1].kind, below.kept[-1].force_gwt) == ("touching", pytest.approx(3.0))
     assert below.clock.monotonic_s() - begun_s < 0.5
