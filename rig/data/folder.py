@@ -44,11 +44,10 @@ class UnwritableError(RigError, OSError):
     def of(cls, path: Path, error: OSError) -> "UnwritableError":
         """Return the error for a failed write."""
         reason = error.strerror or str(error)
-        if allowed(error):
-            reason = f"{reason}, {free_space(path)}"
-        made = cls("{path}: cannot be written: {reason}", path=str(path), reason=reason)
+        free = f", {free_space(path)}" if allowed(error) else ""
+        made = cls("{path}: cannot be written: {reason}{free}", path=str(path), reason=reason, free=free)
         made.errno, made.filename = error.errno, str(path)
-        made.strerror = f"cannot be written: {reason}"
+        made.strerror = f"cannot be written: {reason}{free}"
         return made
 
     def __str__(self) -> str:

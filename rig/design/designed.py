@@ -71,7 +71,8 @@ class Designed:
             block = _Block.model_validate(script.design["DESIGN"])
             planned = _planned(script.design["BLOCKS"], block.kind)
         except ValidationError as error:
-            raise around(DesignError, "{problem}", first_problem(f"{script.path.name}, DESIGN", error)) from None
+            problem = first_problem(f"{script.path.name}, DESIGN", error, _Block)
+            raise around(DesignError, "{problem}", problem) from None
         except (TypeError, ValueError):
             raise DesignError(
                 "{file}, BLOCKS: must be shapes, each with pairs of numbers",

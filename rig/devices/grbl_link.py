@@ -497,12 +497,8 @@ def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Differe
     return found
 
 
-def expected_s_of(
-    board: Mapping[int, float], was: Xyz | None, target: Mapping[str, float], speed_mm_s: float
-) -> float:
-    """Return the duration of a move (s) with these settings; 0 if settings or start are unknown."""
-    if was is None:
-        return 0.0
+def expected_s_of(board: Mapping[int, float], was: Xyz, target: Mapping[str, float], speed_mm_s: float) -> float:
+    """Return the duration of a move (s) with these settings; a limit that is unknown is none."""
     moves = {i: abs(target[axis] - was[i]) for i, axis in enumerate("XYZ") if target.get(axis, was[i]) != was[i]}
     length, accel = math.hypot(*moves.values()), math.inf
     for i, mm in moves.items():
@@ -612,7 +608,7 @@ def doubt_about_zero(
     coordinates: Xyz,
     speed_mm_s: float,
     *,
-    confirm_modes: bool = False,
+    confirm_modes: bool,
 ) -> Doubt | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 

@@ -211,10 +211,10 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         expected_s = travel_s(mm, speed_mm_s, acceleration_mm_s2)
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
-        for left in (1, 0):  # A late reply may be an old one.
+        for last in (False, True):  # A late reply may be an old one.
             status = self.look()
             away = status.busy or status.command & FAILED or abs(self._at(status) - target) > self._tolerance
-            if away and not left:
+            if away and last:
                 raise self._not_there(self._at(status), to_mm)
             if not away:
                 return
@@ -279,8 +279,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
     def refuse_alarm(self, status: AxisStatus) -> None:
         """Refuse an alarm, now or since the last `unlock`, and an unknown flag. Raises StageAlarm."""
         flags = status.flags & ~HARMLESS
-        if flags and not self._alarm:
-            self._alarm = " ".join(ALARMS.get(1 << bit, f"{1 << bit:X} hex") for bit in range(32) if flags >> bit & 1)
+        if not self._alarm:
+            bits = [1 << bit for bit in range(flags.bit_length()) if flags >> bit & 1]
+            self._alarm = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
         if self._alarm:
             raise StageAlarm(
                 self._alarm, f"{self._link.name}: {self.name} axis: remove the cause, see its manual", **self._names
@@ -296,15 +297,17 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         if not self.is_referenced(status):
             raise StageReset(
                 "{port}: {axis} axis is no longer homed, or its motor is off; home again",
-                code="was_reset",
                 **self._names,
             )
 
     def refuse_far_edge(self, status: AxisStatus) -> None:
-        """Refuse the limit switch away from home, which lies outside the travel. Raises StageAlarm."""
+        """Refuse the limit switch away from home, which lies outside the travel; after `refuse_alarm`.
+
+        Raises StageAlarm.
+        """
         far = "left" if self._settings.home == "right" else "right"
         if status.inputs & EDGE[far]:
-            self._alarm = self._alarm or f"{far.upper()}_EDGE"
+            self._alarm = f"{far.upper()}_EDGE"
             self.refuse_alarm(status)
 
     def native_speed(self, speed_mm_s: float) -> int:
@@ -367,9 +370,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self.refuse_far_edge(status)
         self._refuse_buttons(status)
         if status.command & COMMAND != command:
-            raise StageOverridden(
-                "{port}: {axis} axis: another program has interrupted the motion", code="overridden", **self._names
-            )
+            raise StageOverridden("{port}: {axis} axis: another program has interrupted the motion", **self._names)
 
     def _refuse_buttons(self, status: AxisStatus) -> None:
         if status.inputs & BUTTONS or (status.busy and status.command & COMMAND in (LEFT, RIGHT)):

@@ -94,7 +94,7 @@ class TmclAxis(WatchedAxis[Look]):
 
     def connect(self) -> str:
         """Compare the module with the configuration and return its identification. Raises StageError."""
-        self._jogs_to = self._max_speed = None
+        self._max_speed = None
         version = self._link.version(self.motor)
         for name, parameter, expected in (
             ("microstep resolution", RESOLUTION, self._axis.resolution),
@@ -119,7 +119,6 @@ class TmclAxis(WatchedAxis[Look]):
 
         others checks that no other axis moves, once this one should. Raises StageError.
         """
-        self._jogs_to = None
         self._set_max_speed(self.native_speed(self._axis.home_speed_mm_s))
         if not keep_on():
             raise self._stopped()
@@ -158,8 +157,7 @@ class TmclAxis(WatchedAxis[Look]):
         before any byte.
         """
         speed, target = self.native_speed(speed_mm_s), round(to_mm * self.steps_per_mm)
-        self._jogs_to = None
-        start = self._standing()
+        start = self._standing(trusted=True)
         if self._max_speed != 0:
             self.disarm()
         self._aim(target)
@@ -173,9 +171,7 @@ class TmclAxis(WatchedAxis[Look]):
             if found.max_speed != self._max_speed:
                 return self._was_reset(found)
             if found.target != target:
-                return StageOverridden(
-                    "{port}: {axis} axis: another program has changed the target", code="overridden", **self._names
-                )
+                return StageOverridden("{port}: {axis} axis: another program has changed the target", **self._names)
             if not low - self._tolerance <= found.position <= high + self._tolerance:
                 return self._not_there(found, to_mm)
             fastest_mm = FAST_FACTOR * speed_mm_s * (self._clock.monotonic_s() - begun_s) + FAST_MM
@@ -341,26 +337,25 @@ class TmclAxis(WatchedAxis[Look]):
     def _aim(self, target: int) -> None:
         """Send a target and read it back; an axis that moves already stops if they differ."""
         self._command(MVP, ABSOLUTE, target)
-        if target not in (found := self._twice(TARGET, target)):
+        if (found := self._confirmed(TARGET, target)) != target:
             self._link.send_now([self.motor])
-            self._refuse_setting("target", TARGET, found[-1], target)
+            self._refuse_setting("target", TARGET, found, target)
 
     def _set_max_speed(self, speed: int) -> None:
         """Set the maximum speed and read it back; the axis stops if they differ."""
         self._max_speed = None
         self._command(SAP, MAX_SPEED, speed)
-        if speed not in (found := self._twice(MAX_SPEED, speed)):
+        if (found := self._confirmed(MAX_SPEED, speed)) != speed:
             self._link.send_now([self.motor])
-            self._refuse_setting("maximum speed", MAX_SPEED, found[-1], speed)
+            self._refuse_setting("maximum speed", MAX_SPEED, found, speed)
         self._max_speed = speed
 
-    def _twice(self, parameter: int, expected: int) -> list[int]:
-        """Return a parameter, and again if it is not as expected: two bytes may have changed places."""
+    def _confirmed(self, parameter: int, expected: int) -> int:
+        """Return a parameter, asked for again if it is not as expected: two bytes may have changed places."""
         once = self._number(parameter)
-        return [once] if once == expected else [once, self._number(parameter)]
+        return once if once == expected else self._number(parameter)
 
     def _stop(self, within_s: float) -> None:
-        self._jogs_to = None
         deadline_s = self._clock.monotonic_s() + within_s
         problem: StageError | None = None
         while self._clock.monotonic_s() < deadline_s:
@@ -389,14 +384,12 @@ class TmclAxis(WatchedAxis[Look]):
         (again, speed), search = self._link.ask(self.motor, (POSITION, SPEED))
         return again == once and not (speed or search)
 
-    def _standing(self, *, trusted: bool = True) -> int:
+    def _standing(self, *, trusted: bool) -> int:
         """Return the position at rest; read twice, since an error would become a wrong target."""
         found = self.look()
         self.refuse_alarms(found) if trusted else self.refuse_flags()
         if found.busy:
-            raise StageOverridden(
-                "{port}: {axis} axis moves already; another program moves it", code="overridden", **self._names
-            )
+            raise StageOverridden("{port}: {axis} axis moves already; another program moves it", **self._names)
         if trusted:
             self.refuse_news(found)
         again = self._number(POSITION)
@@ -455,7 +448,6 @@ class TmclAxis(WatchedAxis[Look]):
         return StageReset(
             "{port}: {axis} axis: maximum speed is {found}, was set to {expected}; the module was switched off, or "
             "another program uses it; home again",
-            code="was_reset",
             found=found.max_speed,
             expected=self._max_speed,
             **self._names,

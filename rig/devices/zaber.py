@@ -356,7 +356,6 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def confirm_stopped(self) -> None:
         """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
-        self._jogs_to = None
         begun_s = self._clock.monotonic_s()
         problem: StageError | None = None
         while self._clock.monotonic_s() < begun_s + STOP_S:
@@ -418,7 +417,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         if warnings & UNREFERENCED:
             raise StageReset(
                 "{port}: {axis} axis is no longer homed, probably because it was switched off; home again",
-                code="was_reset",
                 **self._names,
             )
 
@@ -487,7 +485,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         if INTERRUPTED in warnings:
             raise StageOverridden(
                 "{port}: {axis} axis: another program or the device itself has interrupted the motion",
-                code="overridden",
                 **self._names,
             )
 

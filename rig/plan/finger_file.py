@@ -273,6 +273,6 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
         found = FingerFile.model_validate({**rest, "relaxation": relaxation}, context={"folder": folder})
         fingers_of(found.finger, found.identified)
     except ValidationError as error:
-        raise first_problem(what, error) from None
+        raise first_problem(what, error, FingerFile) from None
     refuse_collapsed(what, found.identified)
     return found

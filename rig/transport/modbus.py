@@ -4,7 +4,6 @@ This makes one code serve the virtual and the wall clock; the clients of pymodbu
 Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (silence of 3.5 characters).
 """
 
-import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -81,10 +80,10 @@ class ModbusRefused(ModbusError):  # noqa: N818
 
 @dataclass(frozen=True)
 class _Unanswered:
-    """Kind and time (s) of the last request without a reply; none by default."""
+    """Kind of a request without a reply, and the time (s) until which its reply was awaited."""
 
-    kind: tuple[int, ...] = ()
-    since_s: float = -math.inf
+    kind: tuple[int, ...]
+    since_s: float
 
 
 def _kind(request: ModbusPDU) -> tuple[int, ...]:
@@ -122,7 +121,7 @@ class ModbusMaster:
         self._free_s = 0.0
         self._reply_s, self._read_tries = reply_s, read_tries
         self._transaction = 0
-        self._unanswered = _Unanswered()
+        self._unanswered: _Unanswered | None = None
         self._one = threading.Lock()
         # whether the adapter echoes; None until the first read
         self.echoes: bool | None = None if self._rtu else False
@@ -190,7 +189,7 @@ class ModbusMaster:
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
         while self._transport.read(0.0):
-            self._unanswered = _Unanswered()  # The data arrived unsolicited.
+            self._unanswered = None  # The data arrived unsolicited.
         frame = self._frame(request)
         self._send(frame)
         answer = self._answer(request, frame)
@@ -281,13 +280,13 @@ class ModbusMaster:
     def _refuse_two_answers(self, request: ModbusPDU, received: bytes) -> None:
         """Reject two replies after an unanswered request, since either may be the late one."""
         late, now_s = self._unanswered, self._clock.monotonic_s()
-        if not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
+        if late is None or not self._rtu or late.kind != _kind(request) or now_s >= late.since_s + LATE_S:
             return
         until_s = now_s + LISTEN_S + LISTEN_BYTES * self._byte_s
         while (left_s := until_s - self._clock.monotonic_s()) > 0:
             received += self._transport.read(left_s)
         if received:
-            self._unanswered = _Unanswered()
+            self._unanswered = None
             raise ModbusGarbled(
                 f"{_ABOUT}: a late answer to an earlier request also arrived",
                 code="late_answer",

@@ -115,7 +115,7 @@ class DriveBench:
             LeadshineDrive(bus, self.clock, axis, settings, pulses_per_mm=PER_MM, travel_mm=60.0)
             for axis, settings in (("x", _settings(X_ID)), ("z", _settings(Z_ID)))
         )
-        self.stage = LeadshineStage(x, z)
+        self.stage = LeadshineStage(x, z, inputs_register=0x0179)
         for drive in (self.x, self.z):
             drive.write(0x6002, [0x21])  # homed, at its switch
         self.stage.connect()

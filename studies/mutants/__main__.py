@@ -43,9 +43,10 @@ FIRST_GROUP = (
     "rig/devices/*.py",
     "rig/cli/signals.py",
 )
-LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles", "tests/rig/test_patience.py")
-"""Tests in real time and against closed forms: slow, and what they notice others notice too. And alarms that raise
-where they strike: in a lock of coverage's own they end nothing, and coverage waits for ever."""
+LEFT_OUT = ("tests/rig/real_time", "tests/sim/oracles", "tests/portable", "tests/rig/test_patience.py")
+"""Tests in real time, against closed forms, and of programs as on Windows: slow, and what they notice others notice
+too. And alarms that raise where they strike: in a lock of coverage's own they end nothing, and coverage waits.
+"""
 
 SLOWEST_TEST_S = 20.0
 EVERY_S = 2.0

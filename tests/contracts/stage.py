@@ -364,6 +364,14 @@ class StageContract:
         assert bench.clock.monotonic_s() - begun_s <= 0.3
         bench.refuses_to_move()
 
+    def test_an_alarm_before_a_motion_is_reported_and_nothing_begins(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        bench.wire.state = "alarm"
+        with bench.fails(StageAlarm, "alarm", number=device.alarm, port=PORT):
+            bench.move()
+        assert device.trigger not in bench.wire.asked
+        bench.refuses_to_move()
+
     def test_a_stage_that_somebody_holds_is_reported(self, device: StageBytes) -> None:
         """Under way at the next look, and before a motion, which is then not begun."""
         kind, code = device.held

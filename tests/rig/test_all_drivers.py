@@ -6,14 +6,18 @@ import inspect
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
+from dataclasses import fields
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import pytest
 
 import rig.devices
+from rig.devices import measured
 from rig.devices.base import DeadManStage, ForceError, ForceSensor, Stage, StageError
-from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, find
+from rig.devices.measured import COLUMNS, DeviceTimes, Spread
+from rig.devices.registry import BUILT_IN, ForceKind, KnownBench, StageKind, find
 from rig.errors import RigError
 from rig.transport.modbus import ModbusError
 from sim.devices.clock import VirtualClock
@@ -135,6 +139,74 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
     assert RigError.default_code not in codes
     assert len(set(codes)) == len(codes) > 3
     assert all(re.fullmatch(r"[a-z_]+", code) for code in codes)
+
+
+USUAL_ENTRY = {
+    "table": "", "datagrams": False, "page_port": "", "further_ports": (), "serial_keys": (), "axes": "xz",
+    "outputs": ("off",), "inputs": (), "ramps": True, "vibrates": False, "probe": True, "also": 0,
+}  # fmt: skip
+ENTRIES: dict[str, tuple[dict[str, object], set[str]]] = {
+    "grbl": ({"axes": "xyz", "outputs": ("off", "coolant", "spindle"), "inputs": ("door", "hold")},
+             {"manual", "firmware"}),
+    "leadshine": ({"table": "drives", "outputs": ("off", "drive"), "inputs": tuple(f"di{n}" for n in range(1, 8))},
+                  {"manual", "client"}),
+    "zaber": ({"vibrates": True}, {"manual", "client"}),
+    "standa": ({"further_ports": ("x_port",), "serial_keys": ("z.serial", "x.serial")}, {"manual", "client"}),
+    "tmcl": ({}, {"manual", "client"}),
+    "mtsics": ({}, {"manual"}),
+    "laumas": ({}, {"manual", "client"}),
+    "text_cell": ({"probe": False}, {"manual"}),
+    "net_ft": ({"datagrams": True, "page_port": "http_port", "also": 9}, {"manual", "client"}),
+}  # fmt: skip
+"""What an entry of the registry says that is not usual, and what its evidence names. None drove a real device yet."""
+
+
+@pytest.mark.parametrize("name", ENTRIES)
+def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None:
+    of = StageKind if name in BUILT_IN["stage"] else ForceKind
+    entry, (unusual, evidence) = find(of, name), ENTRIES[name]
+    found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
+    found |= {key: bool(found[key]) for key in ("vibrates", "probe") if key in found}
+    found |= {key: len(found[key]) for key in ("also",) if key in found}
+    assert found == {**{key: usual for key, usual in USUAL_ENTRY.items() if key in found}, **unusual}
+    assert {one.name for one in fields(entry.evidence) if getattr(entry.evidence, one.name)} == evidence
+    module, _, function = entry.twin.partition(":")
+    assert callable(getattr(importlib.import_module(module), function))
+    assert entry.name == name
+    assert all((Path(__file__).parents[2] / test).is_file() for test in entry.tests)
+    assert entry.tests
+
+
+def test_an_entry_that_says_little_claims_nothing() -> None:
+    """One of a package: the stage has three axes on its own port, and may not press in one motion."""
+    named: Any = {"name": "n", "device": "d", "tests": (), "driver": None}
+    bench = KnownBench()
+    nothing = {**USUAL_ENTRY, "axes": "xyz", "ramps": False, "vibrates": None, "probe": None, "also": ()}
+    for entry in (StageKind(**named), ForceKind(**named)):
+        found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
+        assert found == {key: value for key, value in nothing.items() if key in found}
+        assert (entry.twin, entry.settings, entry.place) == ("", None, "n")
+        assert not any(getattr(entry.evidence, one.name) for one in fields(entry.evidence))
+    assert StageKind(**named).ports(bench.stage) == (bench.stage.port,)
+    assert StageKind(**named).steps_per_mm(bench.stage, "x") == 400.0
+    assert ForceKind(**named).max_age_s(bench.force) == 1.0
+
+
+def test_measured_times_are_read_in_seconds(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A sensor has no stops; a kind that was not measured has no rows."""
+    rows = ["force.mtsics,pty,100,20.5,1,2,3,,,,,,,", "stage.grbl,tcp,50,10,1.5,2,3,7,4,5,6,7,8,9",
+            "stage.grbl,pty,60,11,1,2,3,8,4,5,6,,,"]  # fmt: skip
+    (tmp_path / "measured.csv").write_text("\n".join([",".join(COLUMNS), *rows]) + "\n", encoding="utf-8")
+    monkeypatch.setattr(measured, "table", lambda: tmp_path / "measured.csv")
+    read = measured.measured.__wrapped__
+    (balance,) = read("force", "mtsics")
+    assert balance == DeviceTimes("pty", 100, 20.5, Spread(0.001, 0.002, 0.003))
+    assert read("stage", "grbl") == (
+        DeviceTimes("tcp", 50, 10.0, Spread(0.0015, 0.002, 0.003), 7, Spread(0.004, 0.005, 0.006),
+                    Spread(0.007, 0.008, 0.009)),
+        DeviceTimes("pty", 60, 11.0, Spread(0.001, 0.002, 0.003), 8, Spread(0.004, 0.005, 0.006), None),
+    )  # fmt: skip
+    assert read("stage", "mtsics") == ()
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["force"])

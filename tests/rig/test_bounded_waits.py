@@ -20,6 +20,7 @@ from tests.scripted_board import Board, connected
 
 
 def _grbl(clock: VirtualClock, status: bytes, **options: Any) -> tuple[Board, GrblStage]:
+    clock.wait_s(1000.0)
     board = Board(clock, status)
     board.answers[b"\x18"] = b""
     stage = connected(board, homed=False, **options)

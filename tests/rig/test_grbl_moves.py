@@ -1,11 +1,13 @@
 """How a GRBL stage moves: what is asked on the way, when a move is over, and where it must have arrived."""
 
 import math
+import re
 from collections.abc import Callable
+from contextlib import suppress
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus
+from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus, StageTimeout
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -87,12 +89,21 @@ def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> No
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
 
 
-def test_a_jog_is_over_with_the_next_move(board: Board) -> None:
+ENDS_OF_A_JOG: dict[str, Callable[[GrblStage], object]] = {
+    "move": lambda stage: stage.move_to(x_mm=-11.0, speed_mm_s=1.0),
+    "home": lambda stage: stage.home(),
+    "end_jog": lambda stage: stage.end_jog(),
+    "unlock": lambda stage: stage.unlock(),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_is_over_with_what_ends_it(board: Board, end: str) -> None:
     """A board that is held after that holds nothing up: where it is can be asked."""
     stage = connected(board)
     stage.jog("x", -10.0, 1.0)
     board.status = at("Idle", -11.0)
-    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
+    ENDS_OF_A_JOG[end](stage)
     board.status = at("Hold:0", -11.0)
     assert stage.status().state == "Hold:0"
 
@@ -169,6 +180,8 @@ def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
     """Its arrival is only exact."""
     board.answers[b"$$\n"] = b"$13=0\r\nok\r\n"
     stage = connected(board)
+    board.status = at("Idle", -5.0)
+    stage.move_to(x_mm=-5.0004, speed_mm_s=1.0)  # it prints three decimals
     board.status = at("Idle", -5.001)
     with raises(StageError, "not_there", axis="X", at_mm=-5.001):
         stage.move_to(x_mm=-5.0, speed_mm_s=1.0)
@@ -195,6 +208,182 @@ def test_at_a_speed_that_is_known_to_be_changed_no_byte_is_sent(
     assert board.said == []
 
 
+STEPS = {"x": 400.0, "y": 250.0, "z": 80.0}
+
+
+@pytest.mark.parametrize(
+    ("axis", "to_mm", "step_mm"),
+    [("x", -5.0012, -5.0), ("x", -5.0013, -5.0025), ("y", -5.0019, -5.0), ("y", -5.0021, -5.004),
+     ("x", -5.03125, -5.0325), ("x", 5.03125, 5.0325),
+     ("z", -5.006, -5.0), ("z", -5.007, -5.0125), ("z", 5.007, 5.0125)],
+)  # fmt: skip
+def test_a_target_is_the_nearest_step_of_its_own_axis(board: Board, axis: str, to_mm: float, step_mm: float) -> None:
+    """Half a step is rounded away from zero, as by the board. −1, −2 and −3 mm are whole steps of all three axes."""
+    told = "".join(f"${100 + k}={per_mm}\r\n" for k, per_mm in enumerate(STEPS.values()))
+    board.answers[b"$$\n"] = told.encode() + b"$13=0\r\nok\r\n"
+    stage = connected(board)
+    place = {"x_mm": -1.0, "y_mm": -2.0, "z_mm": -3.0}
+    board.status = at("Idle", **{**place, f"{axis}_mm": step_mm})
+    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=1.0)  # type: ignore[arg-type]
+    (line,) = (data for data in board.said if data.startswith(b"G92"))
+    number = line.partition(axis.upper().encode())[2]
+    assert float(re.match(rb"[-.\d]+", number)[0]) == pytest.approx(place[f"{axis}_mm"] - step_mm, abs=1e-6)  # type: ignore[index]
+
+
+# --- homing ---
+
+HOMES = "$13=0\r\n$27={off}\r\n$23={down}\r\n$130=60.0\r\n$131=30.0\r\n{z}ok\r\n"
+
+
+@pytest.mark.parametrize(
+    ("down", "off", "z", "home"),
+    [
+        (0, 1.0, "$132=40.0\r\n", (-1.0, -1.0, -1.0)),
+        (0, 0.5, "$132=40.0\r\n", (-0.5, -0.5, -0.5)),
+        (1, 1.0, "$132=40.0\r\n", (-59.0, -1.0, -1.0)),
+        (3, 1.0, "$132=40.0\r\n", (-59.0, -29.0, -1.0)),
+        (2, 0.5, "", (-0.5, -29.5, -0.5)),
+    ],
+)
+def test_a_board_has_homed_where_its_settings_say(
+    board: Board, down: int, off: float, z: str, home: tuple[float, float, float]
+) -> None:
+    """Off its switch by $27, at the end that $23 names for each axis."""
+    board.answers[b"$$\n"] = HOMES.format(off=off, down=down, z=z).encode()
+    stage = connected(board, homed=False)
+    board.status = at("Idle", *home)
+    stage.home()
+    assert stage.homed
+    for axis in range(3):
+        elsewhere = [mm + 0.01 * (k == axis) for k, mm in enumerate(home)]
+        board.status = at("Idle", *elsewhere)
+        with raises(StageError, "did_not_home", axis="XYZ"[axis], at_mm=elsewhere[axis], target_mm=home[axis]):
+            stage.home()
+        assert not stage.homed
+
+
+def test_a_board_that_tells_no_pull_off_may_home_anywhere(board: Board) -> None:
+    board.answers[b"$$\n"] = b"$13=0\r\n$23=0\r\n$130=60.0\r\nok\r\n"
+    assert connected(board).homed
+
+
+@pytest.mark.parametrize(("after_s", "fine"), [(1.85, True), (2.25, False)])
+def test_a_board_has_two_seconds_to_begin_to_home(
+    board: Board, clock: VirtualClock, after_s: float, fine: bool
+) -> None:
+    """Until then it may say that it is idle; some say nothing while they home, and `Home` once."""
+    clock.wait_s(1000.0)
+    stage = connected(board)
+    board.answers[b"$H\n"] = [(after_s, at("Home")), (after_s + 0.01, b"ok\r\n")]
+    if fine:
+        stage.home()
+    else:
+        with raises(StageTimeout, "does_not_home", state="Idle"):
+            stage.home()
+        with raises(StageError, "needs_reset"):
+            stage.jog("x", 0.1, 1.0)
+    assert stage.homed is fine
+
+
+def test_a_board_that_says_that_it_homes_is_waited_for(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board, homed=False)
+    board.status, board.answers[b"$H\n"] = at("Home"), [(5.0, b"ok\r\n")]
+    clock.call_at(clock.monotonic_s() + 4.95, lambda: setattr(board, "status", at("Idle")))
+    begun_s = clock.monotonic_s()
+    stage.home()
+    assert stage.homed
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0)
+
+
+@pytest.mark.parametrize("verb", ["home", "halt"])
+def test_a_stop_from_another_thread_ends_the_trust_whatever_is_under_way(board: Board, verb: str) -> None:
+    """It comes with the first status that is asked for meanwhile."""
+    stage = connected(board)
+    answer, told = board._answer, b"$H\n" if verb == "home" else b"!"
+
+    def stopped_meanwhile(data: bytes) -> bytes | list[At]:
+        if data == b"?" and told in board.said:
+            board._answer = answer  # type: ignore[method-assign]
+            stage.stop()
+        return answer(data)
+
+    board._answer = stopped_meanwhile  # type: ignore[method-assign]
+    with suppress(StageError):
+        getattr(stage, verb)()
+    assert b"!\x18" in board.said
+    assert not stage.homed
+
+
+def test_an_ok_without_a_homing_is_none(board: Board) -> None:
+    """That of `$X`, which one wrong bit makes of `$H`."""
+    stage = connected(board)
+    board.answers[b"$H\n"] = b"ok\r\n"
+    with raises(StageError, "did_not_home"):
+        stage.home()
+    assert not stage.homed
+
+
+# --- a halt ---
+
+
+def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
+    """While the board runs, each 20 ms; not while it slows down."""
+    stage = connected(board)
+    board.next[b"?"] = [at("Run"), at("Run"), at("Hold:1"), at("Hold:0"), at("Idle")]
+    stage.halt()
+    assert board.said == [b"!", b"?", b"!", b"?", b"!", b"?", b"?", b"\x18", b"?"]
+    assert stage.homed
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("by_mm", [0.1, -0.1])
+@pytest.mark.parametrize(("first", "then"), [("x", "y"), ("x", "z"), ("z", "x"), ("y", "x")])
+def test_a_jog_of_another_axis_waits_for_the_end_of_the_one_before(
+    board: Board, clock: VirtualClock, first: str, then: str, by_mm: float
+) -> None:
+    stage = connected(board)
+    stage.jog(first, 0.1, 1.0)  # type: ignore[arg-type]
+    begun_s = clock.monotonic_s()
+    board.next[b"?"] = [at("Jog")] * 5
+    board.heard.clear()
+    stage.jog(then, by_mm, 1.0)  # type: ignore[arg-type]
+    assert board.said[:6] == [b"?"] * 6
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.1)
+    assert board.said[-1].startswith(b"$J=")
+
+
+def test_a_cancelled_jog_is_over_once_the_board_stands_for_half_a_second(board: Board, clock: VirtualClock) -> None:
+    """Whatever it says: some grblHAL boards report Jog for ever."""
+    stage = connected(board)
+    board.status = at("Jog")
+    begun_s = clock.monotonic_s()
+    stage.end_jog()
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.5, abs=0.021)
+    assert board.said[0] == b"\x85"
+
+
+def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    begun_s, answer = clock.monotonic_s(), board._answer
+    board._answer = lambda data: at("Jog", -clock.monotonic_s()) if data == b"?" else answer(data)  # type: ignore[method-assign]
+    with raises(StageTimeout, "still_jogging", timeout_s=5.0):
+        stage.end_jog()
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.021)
+    assert [t_s - begun_s for t_s in board.times(b"\x85")] == pytest.approx([0.5 * k for k in range(10)], abs=0.2)
+
+
+def test_a_jog_that_does_not_end_holds_up_the_next_one_for_5_s(board: Board, clock: VirtualClock) -> None:
+    stage = connected(board)
+    stage.jog("x", 0.1, 1.0)
+    begun_s = clock.monotonic_s()
+    board.status = at("Jog")
+    with raises(StageTimeout, "still_jogging", timeout_s=5.0):
+        stage.jog("y", 0.1, 1.0)
+    assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.03)
+
+
 # --- jogs up ---
 
 
@@ -215,6 +404,16 @@ def test_a_jog_up_is_extended_on_its_way_and_one_from_rest_or_after_another_is_c
         assert board.said[-1] == b"$J=Z0F60\n"
         board.status = at("Idle")
         stage.end_jog()
+
+
+def test_a_jog_down_is_never_an_extension(board: Board, clock: VirtualClock) -> None:
+    """It waits for the end of one up, and goes to a place that the board has confirmed."""
+    stage = connected(board)
+    stage.jog("z", 0.1, 1.0)
+    board.next[b"?"] = [at("Jog"), at("Idle")]
+    board.heard.clear()
+    stage.jog("z", -0.1, 1.0)
+    assert board.said == [b"?", b"?", b"G92X0Y0Z0.1G90G21G94F60\n", b"?", b"$J=Z0F60\n"]
 
 
 # --- the ends of the travel ---

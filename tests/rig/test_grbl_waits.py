@@ -153,6 +153,55 @@ def test_an_offset_that_the_board_reports_before_it_has_obeyed_is_not_a_confirma
     assert not [data for data in board.said if data.startswith(b"G1")]
 
 
+def test_an_offset_is_not_used_any_more_once_a_line_that_sets_it_was_sent(board: Board) -> None:
+    """The board may have obeyed though it did not answer: its work coordinates count from elsewhere then."""
+    work = "<Idle|WPos:{}|FS:0,0{}>\r\n"
+    board.next[b"?"] = [work.format("1.000,2.000,3.000", "|WCO:-10.000,-10.000,-10.000").encode()]
+    board.status = work.format("1.000,2.000,3.000", "").encode()
+    stage = connected(board)
+    assert stage.status() == StageStatus("Idle", -9.0, -8.0, -7.0)
+    new = [work.format("0.000,0.000,0.000", offset).encode() for offset in ("", "|WCO:-9.000,-8.000,-7.000")]
+    usual = board._answer
+    board._answer = lambda data: b"" if data.startswith(b"G92") else usual(data)  # type: ignore[method-assign]
+    with raises(StageTimeout, "no_reply"):
+        stage.jog("x", -0.05, 1.0)
+    board.next[b"?"] = [*new]
+    assert stage.status() == StageStatus("Idle", -9.0, -8.0, -7.0)
+
+
+@pytest.mark.parametrize(
+    ("state", "code"), [("Hold:0", "held"), ("Door:1", "held"), ("Run", "not_idle"), ("Alarm", "not_idle")]
+)
+@pytest.mark.parametrize("to", ["jog", "move"])
+def test_a_board_that_confirms_a_target_must_be_idle(board: Board, state: str, code: str, to: str) -> None:
+    stage = connected(board)
+    answer = board._answer
+    board._answer = lambda data: at(state) if data == b"?" else answer(data)  # type: ignore[method-assign]
+    with raises(StageError, code, state=state):
+        stage.jog("x", -0.05, 1.0) if to == "jog" else stage.move_to(x_mm=-1.05, speed_mm_s=1.0)
+    assert not [data for data in board.said if data.startswith((b"$J=", b"G1"))]
+
+
+@pytest.mark.parametrize(
+    ("printed", "missing"),
+    [
+        ("[MSG:G90 G21 G94 F60]\r\n[GC:G90 G1 G21 G94 F60]", None),
+        ("[GC:G90 G1 G21 G94 F60", ["G21", "G90", "G94"]),
+        ("GC:G90 G1 G21 G94 F60]", ["G21", "G90", "G94"]),
+        ("", ["G21", "G90", "G94"]),
+        ("[GC:]", ["G21", "G90", "G94"]),
+    ],
+)
+def test_modes_are_believed_in_a_whole_line_alone(board: Board, printed: str, missing: list[str] | None) -> None:
+    stage = connected(board)
+    board.answers[b"$G\n"] = f"{printed}\r\nok\r\n".encode()
+    if missing is None:
+        stage.jog("x", -0.5, 1.0)
+    else:
+        with raises(StageError, "not_confirmed", doubt_code="modes_missing", missing=missing):
+            stage.jog("x", -0.5, 1.0)
+
+
 @pytest.mark.parametrize(("wrong", "missing"), [("G91", "G90"), ("G20", "G21"), ("G93", "G94"), ("", "G90")])
 def test_the_modes_of_a_long_motion_are_confirmed(board: Board, wrong: str, missing: str) -> None:
     """Absolute, in millimetres, by feed per minute; a short one is over before they matter."""
@@ -175,7 +224,7 @@ def test_a_feed_is_confirmed_as_far_as_the_board_prints_it(
 ) -> None:
     """It may print whole mm/min: half of one is no difference. No feed at all is none."""
     stage = connected(board)
-    board.answers[b"$G\n"] = f"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 {shown} S0]\r\nok\r\n".encode()
+    board.answers[b"$G\n"] = f"[GC:G90 G54 G17 G21 G1 G94 M5 M9 T0 S0 {shown}]\r\nok\r\n".encode()
     if found_mm_min is not None and abs(found_mm_min - 60.0) <= 0.5:
         stage.jog("x", -0.5, 1.0)
     else:

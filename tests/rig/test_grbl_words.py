@@ -5,10 +5,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageRejected
+from rig.devices.base import MoveError, StageAlarm, StageError, StageHeld, StageRejected
 from rig.devices.grbl import GrblStage
-from rig.devices.grbl_link import expected_settings, travel_s
-from rig.settings import RigSettings
+from rig.devices.grbl_link import enforced_settings, expected_settings, travel_s
+from rig.devices.registry import StageKind, find
+from rig.plan.config import Config
+from rig.settings import RigSettings, StageBounds
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.scripted_board import Board
@@ -149,6 +151,22 @@ def test_a_setting_is_compared_as_far_as_a_board_prints_it(
             _connect(board, clock, SET | {number: printed})
 
 
+@pytest.mark.parametrize(("answers", "fine"), [([1, 1], True), ([1, 2, 3, 3], True), ([1, 2, 3, 4], False)])
+def test_settings_are_believed_once_two_answers_are_the_same(
+    board: Board, clock: VirtualClock, answers: list[int], fine: bool
+) -> None:
+    """A number with a wrong digit would stay in use."""
+    board.next[b"$$\n"] = [f"$13=0\r\n$100=40{n}.0\r\nok\r\n".encode() for n in answers]
+    stage = GrblStage(board, clock)
+    if fine:
+        stage.connect()
+        assert stage.steps_per_mm("x") == 400.0 + answers[-1]
+    else:
+        with raises(StageError, "answers_differ", port="board"):
+            stage.connect()
+    assert board.said.count(b"$$\n") == len(answers)
+
+
 def test_a_driver_that_is_told_nothing_expects_millimetres(board: Board, clock: VirtualClock) -> None:
     board.answers[b"$$\n"] = b"$20=0\r\n$130=1.000\r\nok\r\n"
     GrblStage(board, clock).connect()
@@ -192,7 +210,87 @@ def test_a_motor_whose_direction_the_board_does_not_tell_runs_with_its_axis(
     assert [stage.steps_per_mm(axis) for axis in ("x", "y", "z")] == [sign * 400.0, sign * 250.0, sign * 80.0]
 
 
+@pytest.mark.parametrize(
+    ("board", "enforced"),
+    [
+        ({110: 6000.0, 111: 600.0, 112: 300.0, 113: 9000.0}, {110: 600.0}),
+        ({110: 599.0, 111: 601.0, 112: 601.0, 109: 9000.0}, {111: 600.0, 112: 600.0}),
+        ({}, {}),
+    ],
+)
+def test_a_board_is_made_to_go_no_faster_and_no_lower(board: dict[int, float], enforced: dict[int, float]) -> None:
+    """A rate that is lower already is left, and so is a fourth axis."""
+    bounds = StageBounds(lowest_z_mm=-26.5, fastest_mm_s=10.0)
+    assert enforced_settings(board, bounds) == {**enforced, 132: 26.5}
+
+
+@pytest.mark.parametrize(("output", "word"), [("coolant", b"M8\n"), ("spindle", b"M3S1000\n"), ("off", b"")])
+def test_a_driver_of_the_registry_has_the_bounds_and_the_output_of_its_configuration(
+    board: Board, clock: VirtualClock, output: str, word: bytes
+) -> None:
+    config = Config.model_validate({"stage": {"kind": "grbl"}, "sync": {"output": output}})
+    stage = find(StageKind, "grbl").driver(lambda port: board, clock, config)
+    floor = SET | {132: -config.bounds.lowest_z_mm}
+    for found in (floor | {132: 40.0}, floor):
+        board.answers[b"$$\n"] = "".join(f"${n}={value}\r\n" for n, value in found.items()).encode() + b"ok\r\n"
+        if found[132] == 40.0:
+            with raises(StageError, "not_kept", wanted={132: floor[132]}, found={132: 40.0}):
+                stage.connect()
+            assert board.said.count(f"$132={floor[132]:g}\n".encode()) == 3
+        else:
+            stage.connect()
+    if word:
+        stage.set_output(True)
+        assert board.said[-1] == word
+    else:
+        with raises(StageError, "no_output"):
+            stage.set_output(True)
+
+
+@pytest.mark.parametrize(
+    ("pins", "inputs"), [("", set()), ("|Pn:D", {"door"}), ("|Pn:XH", {"hold"}), ("|Pn:DHP", {"door", "hold"})]
+)
+def test_the_inputs_of_a_board_are_those_of_its_last_status(
+    board: Board, clock: VirtualClock, pins: str, inputs: set[str]
+) -> None:
+    stage = GrblStage(board, clock)
+    assert stage.active_inputs() == set()
+    stage.connect()
+    for now, active in ((pins, inputs), ("", set())):
+        board.status = f"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0{now}>\r\n".encode()
+        stage.status()
+        heard = len(board.said)
+        assert stage.active_inputs() == active
+        assert len(board.said) == heard
+
+
+@pytest.mark.parametrize(("state", "pins", "active"), [("Door:1", "D", {"door"}), ("Hold:0", "H", {"hold"})])
+def test_the_input_that_holds_up_a_line_is_named(
+    board: Board, clock: VirtualClock, state: str, pins: str, active: set[str]
+) -> None:
+    stage = GrblStage(board, clock, output="coolant")
+    stage.connect()
+    board.answers[b"M8\n"] = b""
+    board.status = f"<{state}|MPos:-1.000,-2.000,-3.000|FS:0,0|Pn:{pins}>\r\n".encode()
+    with raises(StageHeld, "held", state=state):
+        stage.set_output(True)
+    assert stage.active_inputs() == active
+
+
 # --- moves as words ---
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "told"),
+    [(0.12344, "0.1234"), (0.12346, "0.1235"), (0.5, "0.5"), (2.0, "2"), (-0.00004, "0"), (-10.0, "-10")],
+)
+def test_a_distance_is_told_to_a_tenth_of_a_micrometre(
+    board: Board, clock: VirtualClock, by_mm: float, told: str
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage.jog("y", by_mm, 1.0)
+    assert board.said[-1] == f"$J=G91Z0Y{told}F60\n".encode()
 
 
 @pytest.mark.parametrize(("speed_mm_s", "told"), [(1 / 60, "F1"), (0.5, "F30"), (0.33333, "F20"), (10.0, "F600")])

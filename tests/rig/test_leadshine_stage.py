@@ -59,15 +59,55 @@ def test_nothing_is_written_to_a_drive_that_would_not_obey(
 
 
 @pytest.mark.parametrize(
-    ("port", "refused"), [("/dev/ttyUSB1", True), ("/dev/serial/by-id/a", False), ("tcp://10.0.0.7:502", False)]
-)
-def test_drives_that_two_ports_could_exchange_are_refused(bench: Make, port: str, refused: bool) -> None:
+    ("port", "x", "refused"),
+    [("/dev/ttyUSB1", Z, True), ("/dev/ttyUSB1", X, False), ("/dev/serial/by-id/a", Z, False),
+     ("tcp://10.0.0.7:502", Z, False)],
+)  # fmt: skip
+def test_drives_that_two_ports_could_exchange_are_refused(bench: Make, port: str, x: int, refused: bool) -> None:
     """With the same address behind two adapters, z's paths would move x if their names change places."""
     bus, stage = bench()
     bus.name = port
-    stage._drives["x"].device_id = Z
+    stage._drives["x"].device_id = x
     with raises(StageError, "port_may_change", port=port, device=Z) if refused else nullcontext():
-        stage._refuse_alike()
+        stage.connect()
+    assert bool(bus.told) is not refused
+
+
+def test_a_jog_does_not_begin_where_two_answers_differ(bench: Make) -> None:
+    """One of them has a wrong bit, and the target would be wrong by it; or the drive moves."""
+    bus, stage = bench()
+    read, said = bus.read, iter([[0, 4], [0, 5]])
+
+    def differs(device: int, register: int, count: int = 1) -> list[int]:
+        return next(said) if register == 0x602C else read(device, register, count)
+
+    bus.read = differs  # type: ignore[method-assign]
+    with raises(StageError, "answers_differ", axis="x", drive=1, once=4, again=5):
+        stage.jog("x", -1.0, 1.0)
+    assert bus.told == []
+
+
+@pytest.mark.parametrize(("verb", "register"), [("home", 0x600A), ("jog", 0x6200), ("move_to", 0x6200)])
+def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
+    bench: Make, verb: str, register: int
+) -> None:
+    bus, stage = bench()
+    read = bus.read
+
+    def stopped_meanwhile(device: int, asked: int, count: int = 1) -> list[int]:
+        found = read(device, asked, count)
+        if asked == register:
+            bus.read = read  # type: ignore[method-assign]
+            stage.stop()
+        return found
+
+    bus.read = stopped_meanwhile  # type: ignore[method-assign]
+    with raises(StageError, "stopped", axis="z", drive=2):
+        VERBS[verb](stage)
+    triggers = [said for _, _, told, said in bus.told if told == 0x6002]
+    assert triggers == [[0x40]] * len(triggers)
+    assert triggers
+    assert not stage.homed
 
 
 NO_NUMBER = [float("nan"), float("inf"), float("-inf")]
@@ -209,21 +249,33 @@ def test_after_a_drive_was_switched_off_its_own_paths_are_made_null_before_it_mo
     ]
 
 
-@pytest.mark.parametrize("trouble", [ModbusTimeout, ModbusGarbled])
+@pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
+@pytest.mark.parametrize("trouble", [ModbusTimeout, ModbusGarbled, None])
 def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves(
-    bench: Make, trouble: type[ModbusError]
+    bench: Make, trouble: type[ModbusError] | None, verb: str
 ) -> None:
-    """The drive may have been switched off and on, and has its own paths again."""
+    """It may have been switched off and on, and has its own paths again; or it does not keep what it is told."""
     bus, stage = bench()
-    bus.trouble = trouble("no answer")
-    with raises(StageTimeout if trouble is ModbusTimeout else StageError, trouble.default_code, axis="z"):
-        stage.halt()
+    if trouble is None:
+        write = bus.write
+        bus.write = lambda device, register, values: None  # type: ignore[method-assign]
+        with raises(StageError, "not_as_configured", axis="z", register=0x6200):
+            stage.jog("z", -1.0, 1.0)
+        bus.write = write  # type: ignore[method-assign]
+    else:
+        bus.trouble = trouble("no answer")
+        with raises(StageTimeout if trouble is ModbusTimeout else StageError, trouble.default_code, axis="z"):
+            stage.halt()
     bus.trouble = None
     bus.registers[X, 0x6208] = 0x41
     bus.told.clear()
-    stage.jog("x", -1.0, 1.0)
+    if verb == "jog_while":
+        stage.jog_while("z", -1, lambda: False, 1.0)
+    else:
+        VERBS[verb](stage)
     told = [what[1:] for what in bus.told]
-    assert (X, 0x6208, [0]) in told[:-2], "the last two are the path of the jog and its trigger"
+    assert (X, 0x6208, [0]) in told[:-2], "the last ones are those of the motion"
+    assert stage.homed
 
 
 def test_homing_makes_paths_null_even_if_nothing_failed(bench: Make) -> None:
@@ -240,6 +292,26 @@ def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make
     bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
     seen = stage.look()
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
+
+
+@pytest.mark.parametrize("x_port", [None, "tcp://a:1"])
+@pytest.mark.parametrize("z_port", [None, "tcp://b:1"])
+def test_a_drive_is_asked_at_its_own_port_or_at_that_of_the_stage(x_port: str | None, z_port: str | None) -> None:
+    drives = {"x": {"device_id": 1, "port": x_port}, "z": {"device_id": 2, "port": z_port}}
+    config = KnownBench.model_validate({"stage": {"kind": "leadshine", "port": "/dev/stage", "drives": drives}})
+    clock, heard = VirtualClock(), list[str]()
+
+    def opener(port: str) -> Any:
+        return SimpleNamespace(
+            name=port, write=lambda data: heard.append(port), read=lambda timeout_s: clock.wait_s(timeout_s) or b""
+        )
+
+    stage = find(StageKind, "leadshine").driver(opener, clock, config)
+    for port, ask in ((x_port, stage.status), (z_port, stage.halt)):  # one begins with x, the other with z
+        heard.clear()
+        with pytest.raises(StageTimeout):
+            ask()
+        assert set(heard) == {port or "/dev/stage"}
 
 
 def test_a_port_that_does_not_open_leaves_the_other_one_closed() -> None:

@@ -9,7 +9,7 @@ import pytest
 from rig.transport import modbus
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
 from sim.devices.clock import VirtualClock
-from tests.error_codes import raises
+from tests.error_codes import has_code, raises
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
@@ -260,12 +260,16 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     """The answer to the first question comes late, beside the one to the third, and looks the same."""
     old, new = rtu("01 03 04 00 00 00 01"), rtu("01 03 04 00 00 00 02")
     asked_s = 0.2 + 0.005 + 0.02 + 40 * 10 / baud + 0.1  # of the third question, about
-    wire = LateTransport(clock, [[(asked_s + after_s, old)], *[[(0.005, new)]] * 3])
+    wire = LateTransport(clock, [[(asked_s + after_s, old)], *[[(0.005, new)]] * 4])
     bus = ModbusMaster(wire, clock, baud=baud)
     assert bus.read(1, 7, 2) == [0, 2]
     clock.wait_s(asked_s - clock.monotonic_s())
     assert bus.read(1, 7, 2) == [0, 2]
     assert len(wire.sent_s) == 4
+    clock.wait_s(0.1)
+    begun_s = clock.monotonic_s()
+    assert bus.read(1, 7, 2) == [0, 2]
+    assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
 
 
 @pytest.mark.parametrize("baud", [9600, 115200])
@@ -283,6 +287,25 @@ def test_rtu_listens_longer_for_three_seconds_after_a_silence(clock: VirtualCloc
     quiet_s = max(10 * 10 / baud, silence_s(baud))
     missing_s = 0.2 + quiet_s
     assert lasts_s == pytest.approx([0.005, missing_s + 0.005 + listens_s, *[0.005 + listens_s] * 2, 0.005])
+
+
+def test_tcp_does_not_listen_longer(clock: VirtualClock) -> None:
+    """Its replies have numbers."""
+    wire = LateTransport(clock, [[], [(0.005, bytes.fromhex("8002 0000 0005 01 03 02 0002"))]])
+    bus = ModbusMaster(wire, clock, framing="tcp", read_tries=1)
+    with raises(ModbusTimeout, "no_reply"):
+        bus.read(1, 7)
+    assert bus.read(1, 7) == [2]
+    assert clock.monotonic_s() == pytest.approx(0.205)
+
+
+def test_after_a_reply_that_is_missing_the_bus_has_been_quiet_long_enough(master: Any, clock: VirtualClock) -> None:
+    bus = master([(GOLDEN_SAVE, b""), (READ_2, bytes.fromhex("01 83 02 C0 F1"))])
+    with raises(ModbusTimeout, "no_reply"):
+        bus.write_one(1, 0x1801, 0x2244)
+    with raises(ModbusRefused, "refused"):
+        bus.read(1, 7, 2)
+    assert clock.monotonic_s() == pytest.approx(0.2)
 
 
 def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
@@ -353,6 +376,12 @@ def test_a_write_is_never_tried_again(master: Any, answer: bytes, kind: type[Mod
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
     with raises(kind, code, function="write"):
         master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
+
+
+def test_plain_text_is_told_as_it_is() -> None:
+    error = ModbusRefused("odd {text} of {0}, 100 %", 3)
+    has_code(error, "refused", number=3)
+    assert (str(error), error.number) == ("odd {text} of {0}, 100 %", 3)
 
 
 def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:

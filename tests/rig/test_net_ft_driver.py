@@ -88,6 +88,7 @@ class Wire:
         ([1, 4, 2, 5], 1, 0, 1),
         ([3, 3, 3, 9], 7, 2, 0),
         ([1 << 30, (1 << 30) + 1], (1 << 30) - 1, 0, 0),
+        ([1, 1 + (1 << 31), 2], 0, 0, 1),
     ],
 )
 @pytest.mark.parametrize("begin", [0, TOP - 2, 1 << 31], ids=["from 0", "over the top", "sign"])
@@ -113,6 +114,11 @@ def test_records_of_one_sample_are_repeated_and_not_lost(
     records = [record(1), *(record(number, ft=5) for number in numbers[:-1]), record(numbers[-1])]
     found = there.read_after(b"".join(records[:-1]), records[-1]) if joined else there.read_after(*records)
     assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (lost, repeated, 0)
+
+
+def test_a_number_that_comes_twice_is_repeated_whatever_its_sample() -> None:
+    found = Wire().read_after(record(1), record(1, ft=99), record(2))
+    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (0, 1, 0)
 
 
 def test_a_sample_that_stands_still_is_no_new_one() -> None:
@@ -146,6 +152,98 @@ def test_records_that_nobody_read_in_a_pause_are_not_lost(pause_s: float, lost: 
     records = [record(1001), record(1002)] if joined else [record(1001)]
     assert there.read_after(*records)["packets_lost"] == lost
     assert there.read_after(record(1010))["packets_lost"] == lost + 1010 - int(records[-1][2:4].hex(), 16) - 1
+
+
+def test_a_record_from_before_the_start_does_not_start_a_stream() -> None:
+    there = Wire(connect=False)
+    there.write = there.sent.append  # type: ignore[method-assign]
+    there.come(PAGE, record(1), after_s=0.0)
+    with raises(ForceTimeout, "no_reply", port="wire", timeout_s=0.5):
+        there.driver.connect()
+    assert there.sent == [GET_PAGE, START]
+
+
+def test_a_sensor_that_was_switched_off_counts_from_the_beginning_again() -> None:
+    there = Wire()
+    assert there.read_after(record(1000), record(1001))["packets_lost"] == 999
+    with raises(ForceTimeout, "no_reply"):
+        there.driver.read()
+    there.come(record(1), record(2))
+    found = there.driver.read().also
+    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (0, 0, 0)
+
+
+def test_the_status_of_the_record_that_starts_a_stream_counts() -> None:
+    there = Wire()
+    with raises(ForceTimeout, "no_reply"):
+        there.driver.read()
+    there.write = there.sent.append  # type: ignore[method-assign]
+    there.come(record(1, status=0x80020000), record(2))
+    with raises(ForceOverload, "saturated", status="80020000"):
+        there.driver.read()
+
+
+def test_records_that_came_while_the_page_was_read_are_not_lost() -> None:
+    """Where both are on one wire, as on a virtual bench."""
+    there = Wire()
+    there.read_after(record(1))
+    there.driver.identify()
+    assert there.read_after(record(50))["packets_lost"] == 0
+
+
+@pytest.mark.parametrize(("begin", "code"), [(b"", "no_device"), (PAGE[:40], "no_counts")])
+def test_a_page_whose_connection_ends_is_told_and_its_wire_is_closed(begin: bytes, code: str) -> None:
+    closed, there = list[str](), Wire(connect=False)
+
+    class Page:
+        name, begin = "page", b""
+
+        def write(self, data: bytes) -> None:
+            self.begin = begin
+
+        def read(self, timeout_s: float) -> bytes:
+            data, self.begin = self.begin, b""
+            if not data:
+                raise TransportError("{port}: the other end hung up", code="hung_up", port="page")
+            return data
+
+        def close(self) -> None:
+            closed.append("page")
+
+    driver = NetFtForce(
+        there, Page, there.clock, NetFtSettings(), sample_period_s=0.05, latency_s=0.0, resolution_gwt=0.01, scale=1.0
+    )
+    with raises(ForceTimeout if code == "no_device" else ForceError, code, port="wire"):
+        driver.connect()
+    assert closed == ["page"]
+    assert there.sent == []
+
+
+def test_odd_datagrams_are_counted_in_the_error() -> None:
+    there = Wire()
+    there.come(b"odd", bytes(35), bytes(37))
+    with raises(ForceError, "garbled", port="wire", count=3, bytes=36):
+        there.driver.read()
+    there.come(b"odd", record(1))
+    there.driver.read()
+    there.come(b"odd")
+    with raises(ForceError, "garbled", count=1):
+        there.driver.read()
+
+
+@pytest.mark.parametrize("tag", ["cfgcpf", "cfgcpt"])
+def test_a_count_may_be_a_whole_unit(tag: str) -> None:
+    assert "1 counts per N" in Wire(_page(**{tag: "1"})).driver.identify()
+
+
+def test_a_reading_before_a_connection_reads_the_page_and_starts_the_stream() -> None:
+    there = Wire(connect=False)
+    there.write = there.sent.append  # type: ignore[method-assign]
+    there.come(PAGE, *(record(n, axes=(0, 0, -5, 0, 0, 0)) for n in range(40)))
+    assert there.driver.read().force_n == pytest.approx(5e-6)
+    assert there.sent == [GET_PAGE, START]
+    there.driver.read()
+    assert there.sent == [GET_PAGE, START]
 
 
 def test_the_stream_is_started_again_after_silence() -> None:

@@ -5,7 +5,7 @@ import struct
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from itertools import cycle
+from itertools import cycle, pairwise, product
 from types import SimpleNamespace
 from typing import Any
 
@@ -34,6 +34,7 @@ BENCHES: dict[str, tuple[Callable[..., Any], str]] = {
     "standa": (test_standa_driver.bench_of, "pair"),
     "tmcl": (test_tmcl_driver.bench_of, "board"),
 }
+BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
 AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
 every_kind = pytest.mark.parametrize("kind", BENCHES)
 
@@ -85,11 +86,86 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=within_mm)
 
 
+def _arrives(kind: str, off: int) -> Replies:
+    """The end of the move of the table, or so many microsteps beyond it."""
+    if kind == "zaber":
+        return zaber.axis(2, "IDLE --", 1000 + off)
+    if kind == "standa":
+        return {
+            b"z gets": standa.status(
+                standa.MOVE, 250 + math.trunc(off / 256), standa.HOMED, off % 256 if off > 0 else -(-off % 256)
+            )
+        }
+    return tmcl.axis("z", target=160, at=160 + off, most=200)
+
+
+@every_kind
+@pytest.mark.parametrize("more", [0, 1])
+@pytest.mark.parametrize("way", [1, -1])
+def test_an_arrival_is_within_2_5_um(kind: str, way: int, more: int) -> None:
+    bench, within = StageBench(BYTES[kind], homed=True), 64 if kind == "standa" else 1
+    bench.wire.state = "home"
+    arrives = {**BYTES[kind].states["arrived"], **_arrives(kind, way * (within + more))}
+    bench.wire.device = replace(BYTES[kind], states={**BYTES[kind].states, "arrived": arrives})
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.5, lambda: setattr(bench.wire, "state", "arrived"))
+    at_mm = bench.device.move["z_mm"] * (
+        1 + way * (within + more) / {"zaber": 1000, "standa": 64000, "tmcl": 160}[kind]
+    )
+    with raises(StageError, "not_there", axis="z", at_mm=at_mm) if more else nullcontext():
+        bench.move()
+    assert bench.stage.homed is not more
+
+
+NO_MOVES: list[tuple[str, dict[str, float]]] = [
+    *(("set_by_hand", {"x_mm": -1.0, "y_mm": mm}) for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
+    *(("set_by_hand", {"y_mm": mm}) for mm in (-14.0, -16.0)),
+    ("not_finite", {"y_mm": math.nan}),
+    ("not_one_axis", {"x_mm": -1.0, "z_mm": -1.0}),
+    ("not_one_axis", {"x_mm": -1.0, "y_mm": -15.0, "z_mm": -1.0}),
+    ("not_one_axis", {}),
+]
+
+
+@every_kind
+def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
+    """That axis has no drive; a move to where it was set by hand is none."""
+    bench = StageBench(BYTES[kind], homed=True)
+    for code, move in NO_MOVES:
+        with raises(MoveError, code, **({"set_mm": -15.0} if code == "set_by_hand" else {})):
+            bench.stage.move_to(**move, speed_mm_s=1.0)
+    bench.stage.move_to(y_mm=-15.0, speed_mm_s=1.0)
+    for act in (lambda: bench.stage.jog("y", 1.0, 1.0), lambda: bench.stage.steps_per_mm("y")):
+        with raises(StageError, "no_drive", axis="y"):
+            act()
+    assert bench.wire.writes == []
+    assert bench.stage.homed
+
+
+@every_kind
+@pytest.mark.parametrize("homed", [True, False])
+def test_what_is_no_jog_is_refused_before_any_byte(kind: str, homed: bool) -> None:
+    bench = StageBench(BYTES[kind], homed=homed)
+    for by_mm in (math.nan, math.inf, -math.inf):
+        with raises(MoveError, "not_finite", name="by_mm"):
+            bench.stage.jog("z", by_mm, 1.0)
+    with raises(MoveError, "too_slow", speed_mm_s=1e-9):
+        bench.stage.jog("z", -0.1, 1e-9)
+    assert bench.wire.writes == []
+    assert bench.stage.homed is homed
+
+
+@every_kind
+def test_home_is_0_without_a_sign(kind: str) -> None:
+    status = StageBench(BYTES[kind], homed=True).stage.status()
+    assert [repr(mm) for mm in (status.x_mm, status.z_mm)] == ["0.0", "0.0"]
+
+
 @every_kind
 def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None:
     bench = StageBench(BYTES[kind], connected=False)
     bench.stage.home()
-    bench.clock.call_at(bench.clock.monotonic_s() + 5.0, lambda: setattr(bench.wire, "state", "arrived"))
+    in_s = 1.0 if kind == "tmcl" else 5.0
+    bench.clock.call_at(bench.clock.monotonic_s() + in_s, lambda: setattr(bench.wire, "state", "arrived"))
     bench.move()
     assert bench.stage.status() == bench.device.arrived
 
@@ -273,26 +349,60 @@ def test_only_the_axis_that_presses_needs_its_acceleration(kind: str) -> None:
         bench.stage.connect()
 
 
-@pytest.mark.parametrize("kind", ["zaber", "tmcl"])
+OTHER_UNITS: dict[str, Any] = {"speed_unit": 0.0328, "acceleration_unit": 0.0022}
+
+
+@pytest.mark.parametrize(
+    ("kind", "own", "least"),
+    [
+        ("zaber", {}, 4),
+        ("zaber", {"acceleration_unit": 0.0022}, 44),
+        ("standa", {}, 5000),
+        ("standa", {"z": {"step_um": 2.5}}, 20000),
+        ("tmcl", {}, 20000),
+        ("tmcl", OTHER_UNITS, 44),
+        ("tmcl", {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}, 20000),
+    ],
+)
+def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, Any], least: int) -> None:
+    bench, devices = _bench(kind, homed=False, stage={kind: own} if own else {})
+    _accelerates(kind, devices.z, least)
+    assert bench.stage.connect()
+    _accelerates(kind, devices.z, least - 1)
+    with raises(StageError, "not_as_configured", axis="z", found=least - 1):
+        bench.stage.connect()
+
+
+NO_RAMP: dict[str, tuple[Replies, dict[str, Replies]]] = {
+    "zaber": (
+        {b"1 1 get accel": b"@01 1 OK IDLE -- 0", b"1 1 move abs 1000 327": (b"@01 1 OK BUSY -- 0", "x goes")},
+        {"x goes": zaber.axis(1, "BUSY --", 500), "x is there": zaber.axis(1, "IDLE --", 1000)},
+    ),
+    "standa": (
+        {b"x gmov": b"gmov" + bytes(24), b"x smov 50 0 0 0 0 0 0": b"smov", b"x move 250 0": (b"move", "x goes")},
+        {
+            "x goes": standa.shows("x", standa.RUNS | standa.MOVE, 125),
+            "x is there": standa.shows("x", standa.MOVE, 250),
+        },
+    ),
+    "tmcl": (
+        {b"x GAP 5": b"100 0", b"x MVP 0 1000": (b"100 1000", "x aims"), b"x SAP 4 200": (b"100 200", "x goes")},
+        {
+            "x aims": tmcl.axis("x", target=1000),
+            "x goes": tmcl.axis("x", target=1000, at=8, speed=200, most=200),
+            "x is there": {**tmcl.axis("x", target=1000, at=1000, most=200), b"x SAP 4 0": (b"100 0", "x stands")},
+            "x stands": tmcl.axis("x", target=1000, at=1000),
+        },
+    ),
+}
+
+
+@every_kind
 def test_an_acceleration_of_0_is_that_of_no_ramp(kind: str) -> None:
-    bench, devices = _bench(kind)
-    _accelerates(kind, devices.x, 0)
-    bench.stage.connect()
-    _accelerates(kind, devices.x, 20000)
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-0.01, speed_mm_s=1.0)
-    assert devices.x.position() == 4
-
-
-def test_an_acceleration_of_0_of_a_standa_controller_is_that_of_no_ramp() -> None:
-    usual = {
-        **standa.DEVICE.usual,
-        b"x gmov": b"gmov" + bytes(24),
-        b"x smov 50 0 0 0 0 0 0": b"smov",
-        b"x move 250 0": (b"move", "x arrived"),
-    }
-    arrived = {"x arrived": standa.shows("x", standa.MOVE, 250)}
-    bench = StageBench(replace(standa.DEVICE, usual=usual, states={**standa.DEVICE.states, **arrived}), homed=True)
+    device, (usual, states) = BYTES[kind], NO_RAMP[kind]
+    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
+    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
+    bench.clock.call_at(bench.clock.monotonic_s() + 4.95, lambda: setattr(bench.wire, "state", "x is there"))
     bench.stage.move_to(x_mm=-2.5, speed_mm_s=0.5)
     assert bench.stage.status().x_mm == -2.5
 
@@ -330,6 +440,63 @@ def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
     assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
 
 
+SMOV = b"z smov 100 0 6000 6000 0 0 0"
+JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
+    "zaber": (
+        "arrived",
+        [b"2 1 move abs 1040 655", b"2 1 move abs 1080 655"],
+        {b"2 1 move abs 1040 655": (zaber.BUSY, "jogs on"), b"2 1 move abs 1080 655": zaber.BUSY},
+        {"jogs on": zaber.axis(2, "BUSY --", 1010)},
+    ),
+    "standa": (
+        "arrived",
+        [SMOV, b"z move 260 0", SMOV, b"z move 270 0"],
+        {b"z move 260 0": (b"move", "jogs on"), b"z move 270 0": b"move"},
+        {"jogs on": standa.shows("z", standa.RUNS | standa.MOVE, 253)},
+    ),
+    "tmcl": (
+        "stands",
+        [b"z SAP 4 0", b"z MVP 0 200", b"z SAP 4 400", b"z MVP 0 240"],
+        {b"z MVP 0 200": (b"100 200", "aimed on"), b"z MVP 0 240": (b"100 240", "jogs on farther")},
+        {
+            "aimed on": {**tmcl.axis("z", target=200, at=160), b"z SAP 4 400": (b"100 400", "jogs on")},
+            "jogs on": tmcl.axis("z", target=200, at=170, speed=400, most=400),
+            "jogs on farther": tmcl.axis("z", target=240, at=180, speed=400, most=400),
+        },
+    ),
+}
+"""Where z stands, what is commanded to jog twice by 0.1 mm at 1 mm/s, and the replies."""
+
+
+def _motions(bench: StageBench) -> list[bytes]:
+    """What was commanded that moves an axis, or says how fast."""
+    words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
+    return [asked for asked in bench.wire.asked if any(word in asked for word in words)]
+
+
+@pytest.mark.parametrize(
+    ("kind", "commands"), [("zaber", [b"2 1 move rel 40 655"]), ("standa", [SMOV, b"z movr 10 0"])]
+)
+def test_a_jog_before_homing_is_relative(kind: str, commands: list[bytes]) -> None:
+    bench = StageBench(BYTES[kind])
+    bench.stage.jog("z", -0.1, 1.0)
+    assert _motions(bench) == commands
+    assert not bench.stage.homed
+
+
+@every_kind
+def test_a_second_jog_goes_on_from_where_the_first_one_goes(kind: str) -> None:
+    start, commands, usual, states = JOGS[kind]
+    device = BYTES[kind]
+    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
+    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
+    bench.wire.state = start
+    for _ in range(2):
+        bench.stage.jog("z", -0.1, 1.0)
+    assert _motions(bench) == commands
+    assert bench.stage.homed
+
+
 def _speed_mm_s(bench: Any, z: Any, at_s: float) -> float:
     counts: int = z.carriage_at(at_s - 0.05) - z.carriage_at(at_s + 0.05)
     return counts / abs(bench.stage.steps_per_mm("z")) / 0.1
@@ -352,7 +519,7 @@ def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
     bench, devices = _bench(kind)
     bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(1.0 if end in ("halt", "stop") else 3.0)
+    bench.clock.wait_s(0.5 if end in ("halt", "stop", "connect") else 3.0)
     ENDS_OF_A_JOG[end](bench.stage)
     z = devices.z
     _moved_to_10_mm(kind, z)
@@ -403,8 +570,6 @@ def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() 
 
 
 # --- bounds in time, on bytes ---
-
-BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
 
 
 def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False) -> StageBench:
@@ -475,6 +640,94 @@ def test_the_time_of_a_move_is_that_of_its_way_wherever_it_begins(kind: str, las
     bench.wire.state = "arrived"
     with raises(StageTimeout, "not_over", axis="z", timeout_s=1.5 * lasts_s + 5.0):
         bench.stage.move_to(z_mm=device.move["z_mm"] / 2, speed_mm_s=0.5)
+
+
+def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
+    """How z shows that it searches home; switch: that is active, of home or the other one."""
+    found: Replies
+    if kind == "standa":
+        steps = round(-100 * z_mm)
+        said = bytearray(standa.status(standa.RUNS | standa.HOME, steps, 0))
+        said[4 + 39] = {"home": 2, "far": 1, "button": 4}.get(switch, 0)
+        return {b"z gets": bytes(said)}
+    found = tmcl.axis("z", at=round(-400 * z_mm), speed=round(-400 * v_mm_s), most=2000, search=1)
+    return {
+        **found,
+        b"z GAP 11": b"100 1" if switch == "home" else b"100 0",
+        b"z GAP 10": b"100 1" if switch == "far" else b"100 0",
+    }
+
+
+@pytest.mark.parametrize("kind", ["standa", "tmcl"])
+@pytest.mark.parametrize(
+    ("up_mm", "switch", "most_mm", "v_mm_s"),
+    [
+        (0.0, "", 1.0, 2.0),
+        (0.08, "", 1.0, 2.0),
+        (0.0, "far", 1.0, 2.0),
+        (0.0, "button", 1.0, 2.0),
+        (0.4, "", 10.0, 20.0),
+        (0.0, "home", 10.0, 20.0),
+    ],
+)
+def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towards_it(
+    kind: str, up_mm: float, switch: str, most_mm: float, v_mm_s: float
+) -> None:
+    """First upwards and then downwards: by 0.1 mm upwards, or by the switch, it has begun."""
+    bench = _staying(kind, "z homes")
+    write, clock = bench.wire.write, bench.clock
+    begun_s, turns_s = clock.monotonic_s(), up_mm / v_mm_s + 1e-6
+
+    def writing(data: bytes, port: bytes = b"") -> None:
+        t_s = clock.monotonic_s() - begun_s
+        up = t_s <= turns_s
+        z_mm = -0.4 + v_mm_s * (t_s if up else 2 * turns_s - t_s)
+        if bench.wire.state == "z homes":
+            bench.wire.instead.update(_homes(kind, z_mm, v_mm_s if up else -v_mm_s, switch))
+        write(data, port)
+
+    bench.wire.write = writing  # type: ignore[method-assign]
+    with raises(StageError, "homes_the_wrong_way", axis="z"):
+        bench.stage.home()
+    assert clock.monotonic_s() - begun_s == pytest.approx((up_mm + most_mm) / v_mm_s + 0.015, abs=0.02)
+    assert bench.wire.asked[-1] in (b"z stop", b"x MST 0")
+    assert not bench.stage.homed
+
+
+@every_kind
+def test_homing_may_take_a_while(kind: str) -> None:
+    bench = _staying(kind, "z homes")
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.0, lambda: setattr(bench.wire, "device", BYTES[kind]))
+    bench.stage.home()
+    assert bench.stage.homed
+    assert bench.stage.status() == bench.device.home
+
+
+@pytest.mark.parametrize(("kind", "lasts_s"), [("zaber", 5.008), ("standa", 5.008), ("tmcl", 0.81)])
+def test_a_move_is_asked_for_at_each_look_and_fifty_times_a_second_once_it_should_be_over(
+    kind: str, lasts_s: float
+) -> None:
+    bench = _staying(kind, "moving", homed=True)
+    begun_s, seen_s = bench.clock.monotonic_s(), list[float]()
+    for _ in bench.stage.moving(**bench.device.move):
+        seen_s.append(bench.clock.monotonic_s() - begun_s)
+        if seen_s[-1] > lasts_s + 0.45:
+            break
+    assert seen_s[0] == pytest.approx(0.1, abs=0.002)
+    assert max(later - before for before, later in pairwise(seen_s)) < 0.25, "one look may be left out about the end"
+    asked_s = [at_s - begun_s for at_s, frames in bench.wire.writes if bench.device.where in frames]
+    before = [at_s for at_s in asked_s if 0.0 < at_s < lasts_s - 0.01]
+    assert len(before) == pytest.approx(lasts_s / 0.1, abs=1.5)
+    after = [later - at_s for at_s, later in pairwise(asked_s) if at_s >= lasts_s]
+    assert len(after) >= 20
+    assert after == pytest.approx([0.02] * len(after))
+
+
+@every_kind
+def test_a_move_of_little_more_than_a_look_is_looked_at_when_it_is_over(kind: str) -> None:
+    bench, _ = _bench(kind)
+    assert list(bench.stage.moving(z_mm=-0.1, speed_mm_s=1.0)) == []
+    assert bench.stage.status().z_mm == pytest.approx(-0.1, abs=1e-4)
 
 
 @every_kind
@@ -553,7 +806,9 @@ def _overtaken(bench: StageBench, kind: str, nth: int, monkeypatch: pytest.Monke
         found = look(axis)
         left[0] -= 1
         if left[0] == -1:
+            state = bench.wire.state
             bench.stage.stop()
+            bench.wire.state = state if state in ("new", "home") else "rested"
             bench.wire.forget()
         return found
 
@@ -565,21 +820,22 @@ def _overtaken(bench: StageBench, kind: str, nth: int, monkeypatch: pytest.Monke
 def test_a_stop_that_overtakes_homing_starts_nothing(kind: str, nth: int, monkeypatch: pytest.MonkeyPatch) -> None:
     bench = StageBench(BYTES[kind])
     _overtaken(bench, kind, nth, monkeypatch)
-    with suppress(StageError):
+    with raises(StageError, "stopped") if kind == "tmcl" and nth < 7 else suppress(StageError):
         bench.stage.home()
     assert not bench.stage.homed
     assert not STARTS & {*bench.wire.asked}
 
 
 @every_kind
-@pytest.mark.parametrize("verb", ["move", "jog", "jog unhomed"])
-@pytest.mark.parametrize("nth", range(2))
+@pytest.mark.parametrize(
+    ("verb", "nth"), [*(("move", nth) for nth in range(5)), *product(["jog", "jog unhomed"], range(2))]
+)
 def test_a_stop_that_overtakes_a_move_moves_nothing(
     kind: str, verb: str, nth: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     bench = StageBench(BYTES[kind], homed=verb != "jog unhomed")
     _overtaken(bench, kind, nth, monkeypatch)
-    with suppress(StageError):
+    with raises(StageError, "stopped", axis="z"):
         bench.move() if verb == "move" else bench.stage.jog("z", -0.1, 1.0)
     assert not bench.stage.homed
     assert not {*bench.wire.asked} & {*SETS_OFF[kind], bench.device.trigger}
@@ -632,11 +888,13 @@ def test_switched_off_and_on_it_is_no_longer_homed(kind: str) -> None:
         with raises(StageReset, "was_reset", axis="z", **fields):
             list(looks)
         assert not bench.stage.homed
-    bench, devices = _bench(kind)
-    devices.power_cycle()
-    with raises(StageReset, "was_reset", **({"expected": 0} if kind == "tmcl" else {})):
-        bench.stage.status()
-    assert not bench.stage.homed
+    for verb in (lambda stage: stage.status(), lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0)):
+        bench, devices = _bench(kind)
+        devices.power_cycle()
+        with raises(StageReset, "was_reset", **({"expected": 0} if kind == "tmcl" else {})):
+            verb(bench.stage)
+        assert not devices.z.busy
+        assert not bench.stage.homed
 
 
 @every_kind

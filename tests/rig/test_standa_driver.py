@@ -3,7 +3,7 @@
 import random
 import struct
 from collections.abc import Callable, Iterator
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -13,16 +13,13 @@ import pytest
 from rig.bench.virtual import stage_opener, virtual_stage
 from rig.devices.base import Stage, StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
+from rig.devices.registry import KnownBench, StageKind, find
 from rig.devices.standa_link import (
     MOVE,
-    READ_TRIES,
-    REPLY_S,
     RESERVED,
     SERIAL,
     SPEED,
     STATUS,
-    SYNC_S,
-    SYNC_TRIES,
     ZEROS,
     StandaLink,
     frame,
@@ -126,9 +123,9 @@ def test_a_question_is_repeated_after_zero_bytes_and_a_command_is_not() -> None:
     assert wire.reads_at_once == 3, "a line on which nothing is left is read once before a question"
     wire, link = linked()
     begun_s = wire.clock.monotonic_s()
-    with raises(StageTimeout, "no_reply", port="wire", command="home"):
+    with raises(StageTimeout, "no_reply", port="wire", command="home", timeout_s=0.2):
         link.command("home")
-    assert wire.clock.monotonic_s() - begun_s == pytest.approx(REPLY_S)
+    assert wire.clock.monotonic_s() - begun_s == pytest.approx(0.2)
     assert wire.sent == [b"home"]
 
 
@@ -152,7 +149,7 @@ def test_a_controller_that_never_stops_talking_is_an_error() -> None:
     with pytest.raises(StageError) as caught:
         StandaLink(wire, clock).ask("gser", SERIAL)
     assert caught.value.code in ("garbled", "no_reply")
-    most_s = READ_TRIES * (REPLY_S + SYNC_TRIES * SYNC_S + 1.1)
+    most_s = 3 * (0.2 + 3 * 0.1 + 1.1)
     assert clock.monotonic_s() - 100.0 < most_s
 
 
@@ -345,6 +342,23 @@ def test_another_controller_is_refused(serial: int) -> None:
         return
     with raises(StageError, "not_as_configured", setting="serial number", axis="z", found=10003, expected=10001):
         bench.stage.connect()
+
+
+def test_a_port_on_which_half_a_command_stands_is_asked_after_the_controller_has_forgotten_it() -> None:
+    """As the bytes of another probe are; a silent one is asked twice."""
+    bench = bench_of(homed=False)
+    line = bench.lines[0]
+    found = find(StageKind, "standa")
+    assert found.probe is not None
+    settings = KnownBench.model_validate({"stage": {"kind": "standa"}})
+    line.host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
+    assert str(found.probe(lambda port: LoopbackTransport(line, bench.clock), bench.clock, settings)).endswith(
+        "10003"
+    )
+    silent = StageBench(controller.DEVICE, connected=False)
+    silent.wire.silent = True
+    assert found.probe(silent.wire.at, silent.clock, settings) is None
+    assert silent.wire.asked == [b"z gser", b"z gser"]
 
 
 def test_two_names_of_one_controller_are_refused() -> None:
@@ -548,6 +562,92 @@ def test_a_limit_switch_within_the_travel_is_an_alarm(home: str, edge: int, word
     bench.stage.stop()
     with raises(StageAlarm, "alarm", number=word):
         bench.stage.home()
+
+
+def shown(command: int, steps: int, *, flags: int = controller.HOMED, power: int = 3, inputs: int = 0) -> bytes:
+    """A status with a power state and inputs."""
+    found = bytearray(controller.status(command, steps, flags))
+    found[4 + 2], found[4 + 39] = power, inputs
+    return bytes(found)
+
+
+SHOWN: dict[str, tuple[dict[str, int], str, str, str]] = {
+    "power off": ({"power": 1}, "was_reset", "was_reset", "was_reset"),
+    "another power": ({"power": 2}, "", "", ""),
+    "not homed": ({"flags": 0}, "was_reset", "was_reset", "was_reset"),
+    "not homed, with all else": ({"flags": 0x17}, "was_reset", "was_reset", "was_reset"),
+    "far switch": ({"inputs": 1}, "alarm", "alarm", ""),
+    "home switch": ({"inputs": 2}, "", "", ""),
+    "right button": ({"inputs": 4}, "held", "", "held"),
+    "left button": ({"inputs": 8}, "held", "", "held"),
+    "another input": ({"inputs": 0xF0}, "", "", ""),
+    "an alarm": ({"flags": 0x60}, "alarm", "alarm", "alarm"),
+}
+"""What a status shows, and the errors at a look of a move, at a status at rest, and before a move."""
+
+
+@pytest.mark.parametrize("name", SHOWN)
+def test_what_a_status_shows_is_noticed_at_once(name: str) -> None:
+    shows, at_look, at_rest, before = SHOWN[name]
+    bench = StageBench(controller.DEVICE, homed=True)
+    looks = bench.under_way()
+    bench.wire.instead[b"z gets"] = shown(controller.RUNS | controller.MOVE, 125, **shows)
+    with raises(StageError, at_look) if at_look else nullcontext():
+        next(looks)
+    rest = shown(controller.HOME, 0, **shows)
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = rest
+    with raises(StageError, at_rest) if at_rest else nullcontext():
+        bench.stage.status()
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = rest
+    with raises(StageError, before) if before else suppress(StageError):
+        bench.move()
+    assert (bench.wire.asked.count(controller.DEVICE.trigger) == 0) is bool(before)
+
+
+@pytest.mark.parametrize(("command", "held"), [(3, False), (4, False), (0x83, True), (0x84, True), (5, False)])
+def test_an_axis_that_a_button_has_moved_can_move_when_it_rests(command: int, held: bool) -> None:
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.wire.instead[b"z gets"] = shown(command, 0)
+    with raises(StageHeld, "held", state="BUTTON") if held else suppress(StageError):
+        bench.move()
+    assert (controller.DEVICE.trigger in bench.wire.asked) is not held
+
+
+def test_a_stop_whose_status_is_lost_is_sent_again_first() -> None:
+    bench = StageBench(controller.DEVICE, homed=True)
+    bench.under_way()
+    bench.wire.forget()
+    write, lost = bench.wire.write, [1]
+
+    def writing(data: bytes, port: bytes = b"") -> None:
+        bench.wire.silent = port + data == b"z gets" and bool(lost) and bool(lost.pop())
+        write(data, port)
+
+    bench.wire.write = writing  # type: ignore[method-assign]
+    bench.stage.stop()
+    assert [asked for asked in bench.wire.asked if asked.startswith(b"z")] == [
+        b"z stop", b"z gets", b"z zeros", b"z stop", b"z gets",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("end", [controller.RUNS | controller.MOVE, 0x40 | controller.MOVE])
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_target_where_it_turns_again_or_that_it_does_not_reach_is_no_arrival(end: int, times: int) -> None:
+    """The controller has shown that it rests, and then otherwise, once or always."""
+    bench = StageBench(controller.DEVICE, homed=True)
+    there, away = (
+        controller.status(controller.MOVE, 250, controller.HOMED),
+        controller.status(end, 250, controller.HOMED),
+    )
+    states = {"arrived": {b"z gets": (there, "away")}, "away": {b"z gets": (away, "there") if times == 1 else away}}
+    states["there"] = {b"z gets": there}
+    bench.wire.device = replace(controller.DEVICE, states={**controller.DEVICE.states, **states})
+    looks = bench.under_way()
+    bench.wire.state = "arrived"
+    with raises(StageError, "not_there", at_mm=-2.5) if times == 2 else nullcontext():
+        list(looks)
 
 
 ENDS: list[tuple[type[StageError], str, Callable[[StandaPair], object], bool]] = [

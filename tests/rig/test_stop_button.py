@@ -254,11 +254,21 @@ def test_a_key_is_pressed_until_it_is_released(pipe: tuple[Path, Callable[[bytes
     key.close()
 
 
+def test_a_pipe_may_be_written_by_one_program_after_the_other(tmp_path: Path) -> None:
+    path = tmp_path / "pedal"
+    os.mkfifo(path)
+    key = StopKey(path)
+    for value in (1, 0, 1):
+        path.write_bytes(event(A, value))
+        until(lambda value=value: key.pressed is bool(value))  # type: ignore[misc]
+    key.close()
+
+
 def test_of_a_keyboard_one_key_may_count(pipe: tuple[Path, Callable[[bytes], object]]) -> None:
     path, send = pipe
     key, presses = StopKey(path, A), list[int]()
     key.arm(lambda: presses.append(1))
-    send(event(B, 1) + event(A, 1))
+    send(event(B, 1) + event(A, 1, 17) + event(A, 1))  # 17: a light of the keyboard
     until(lambda: presses)
     assert presses == [1]
     key.close()
@@ -319,6 +329,7 @@ def test_a_key_that_is_down_as_the_device_is_opened_is_pressed_until_it_is_let_g
             grabbed.append(argument)
         else:
             assert request & ~(0x3FFF << 16) == 0x80004518
+            assert request >> 16 & 0x3FFF == len(argument) >= 96, "a bit for each key up to 767"
             for code in down:
                 argument[code // 8] |= 1 << code % 8
         return 0
@@ -354,8 +365,10 @@ def test_what_is_no_input_device_is_refused(what: str, code: str, tmp_path: Path
         path.write_text("x", encoding="utf-8")
     if what == "a folder":
         path.mkdir()
+    before = os.listdir("/dev/fd")
     with raises(StopKeyError, code, path=str(path)):
         StopKey(path)
+    assert os.listdir("/dev/fd") == before
 
 
 class GoneKey:

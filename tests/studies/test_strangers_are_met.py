@@ -62,7 +62,6 @@ def test_within_eight_gentle_presses_and_three_minutes(rows: list[dict[str, Any]
         assert row["highest_gwt"] <= 1.25 * 20
 
 
-@pytest.mark.xfail(reason="two of these twenty are flagged: docs/validation/identification.md", strict=False)
 def test_no_more_than_one_in_twenty_is_said_to_be_no_finger(rows: list[dict[str, Any]]) -> None:
     assert sum(row["stranger"] is not None for row in rows) <= 1
 

@@ -46,6 +46,7 @@ def heard(frame: bytes) -> bytes:
     assert sum(frame[:-1]) & 0xFF == frame[-1], frame
     address, command, kind, motor, value = struct.unpack(">BBBBi", frame[:-1])
     assert address == 1, frame
+    assert command in (4, 5) or not value, frame
     words = ["xz"[motor], NAMES[command], str(kind)]
     return " ".join([*words, str(value)] if command in (4, 5) else words).encode()
 
@@ -82,6 +83,8 @@ DEVICE = StageBytes(
         b"z SAP 4 200": (b"100 200", "moving"),
         b"z MVP 0 40": (b"100 40", "jog aimed"),  # 0.1 mm at 1 mm/s
         b"z SAP 4 400": (b"100 400", "jogs"),
+        b"x RFS 1": b"100 0",
+        b"z RFS 1": b"100 0",
     },
     states={
         "new": {**axis("z", most=4000), **axis("x", most=4000), b"z SAP 4 0": (b"100 0", "z disarmed")},

@@ -294,7 +294,7 @@ def run(rig: Rig) -> None:
         (('["bar:1.5", "bar:3.0"]', '["bar:1.5"]'), ("--choose", TRUTH), "press_not_designed"),
         (('["bar:1.5", "bar:3.0"]', '["bar:1.5", "gear:9"]'), ("--choose", TRUTH), "no_such"),
         (('"targets": [0.25', '"targets": ["x"'), ("--choose", TRUTH), "invalid_value"),
-        (('"seed": 2', '"sow": 2'), ("--choose", TRUTH), "missing_key"),
+        (('"seed": 2', '"sow": 2'), ("--choose", TRUTH), "unknown_key"),
         (("BLOCKS = (", "BLOCKS = (3,"), ("--choose", TRUTH), "bad_blocks"),
         ((None, PLAIN), ("--choose", TRUTH), "no_design"),
     ],

@@ -78,7 +78,10 @@ WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "no file": (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
     "no TOML": (("[identified]", "[identified"), "no_toml", {}),
     "another file": (("[identified", "[other"), "no_identified_table", {}),
-    "unknown key": (("presses = 8", "pressed = 8"), "missing_key", {"key": "identified.presses"}),
+    "unknown key": (
+        ("presses = 8", "pressed = 8"),
+        "unknown_key", {"key": "identified.pressed", "near": ["presses"]},
+    ),
     "no number": (
         ("e_dermis = 0.1", "e_dermis = nan"),
         "invalid_value", {"key": "finger.tissue.e_dermis", "rule": "finite_number"},
