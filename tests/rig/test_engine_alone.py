@@ -424,6 +424,18 @@ def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
     assert engine.height_mm == pytest.approx(bench.height_mm)
 
 
+@pytest.mark.parametrize(("shows_gwt", "goes"), [(3.0, False), (0.04, True)])
+def test_a_touch_ends_the_one_move_down_to_an_earlier_contact(shows_gwt: float, goes: bool) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.touched.at(0.0, 0.0, 0.2)
+    to_mm = engine.touched.free_mm(0.0, 0.0, 0.2)
+    assert to_mm < 1.5
+    bench.force.shows_gwt = shows_gwt
+    engine.go_to_height(to_mm, 0.2)
+    assert (bench.height_mm == pytest.approx(to_mm), "halt" in bench.stage.told) == (goes, not goes)
+
+
 @pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
 def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
     """What it slept before, and in the air, does not count; nor do naps within half a second each."""
