@@ -298,7 +298,7 @@ class HeldDirection:
     def say(self, direction: Direction | None, ago_s: float = 0.0) -> None:
         """Record the direction held ago_s ago, None for a release; an older signal does not shorten a newer one."""
         until_s = self._clock.monotonic_s() + self._counts_s - ago_s
-        if direction is not None and self._last is not None and self._last[0] == direction:
+        if self._last is not None and self._last[0] == direction:
             until_s = max(until_s, self._last[1])
         self._last = None if direction is None else (direction, until_s)
 

@@ -59,6 +59,14 @@ class Hand:
         frame = self.settings.frame
         self.stage.at_mm = [frame.pad_centre_x_mm, frame.pad_y_mm, frame.apex_z_mm + above_mm]
         self.stage.homed = True
+        self.speeds_mm_s: list[float] = []
+        jog = self.stage.jog
+
+        def jogs(axis: str, mm: float, speed_mm_s: float) -> None:
+            self.speeds_mm_s.append(speed_mm_s)
+            jog(axis, mm, speed_mm_s)
+
+        self.stage.jog = jogs  # type: ignore[method-assign]
         self.sensor.felt = self.law
         self.sensing = Sensing(self.settings, self.clock, self.sensor)
         self.sensing.zero = zero
@@ -127,6 +135,8 @@ def test_down_goes_in_steps_each_from_a_reading_at_rest(
     assert max(map(abs, bench.steps_mm)) <= max(fastest_mm_s * 0.1 + 1e-9, 0.0025)
     assert sum(bench.steps_mm) == pytest.approx(-by_mm, abs=1e-4)
     assert bench.clock.monotonic_s() - begun_s > by_mm / fastest_mm_s
+    assert set(bench.speeds_mm_s) == {fastest_mm_s}
+    assert moved.at == bench.stage.status()
 
 
 @pytest.mark.parametrize("speed_mm_s", [0.1, 2.0])
@@ -153,7 +163,22 @@ def test_down_ends_where_the_next_step_would_pass_nine_tenths_of_the_trip() -> N
         problem = bench.hand.go(lambda: DOWN, 2.0).problem
         codes.append(None if problem is None else problem.code)
     assert codes == ["touched", *["next_step_past_soft_trip"] * 2]
-    assert 0.88 * 0.05 / GWT_N < bench.law() < 0.92 * 0.05 / GWT_N
+    assert 0.895 * 0.05 / GWT_N < bench.law() < 0.92 * 0.05 / GWT_N
+
+
+@pytest.mark.parametrize(
+    ("room_mm", "steps_mm", "code"),
+    [(0.02, [0.02, 0.02, 0.01], None), (0.0026, [0.0026] * 3, None), (0.0024, [], "next_step_past_soft_trip")],
+)
+def test_a_step_down_is_no_longer_than_the_room_that_is_left(
+    monkeypatch: pytest.MonkeyPatch, room_mm: float, steps_mm: list[float], code: str | None
+) -> None:
+    """And none is made where that is less than a step of the stage, 0.0025 mm."""
+    bench = Hand(1.0)
+    monkeypatch.setattr(Guard, "room_mm", property(lambda guard: room_mm))
+    problem = bench.jog("z", -sum(steps_mm or [0.05]), 2.0).problem
+    assert bench.steps_mm == pytest.approx([-mm for mm in steps_mm], abs=1e-4)
+    assert (None if problem is None else problem.code) == code
 
 
 @pytest.mark.parametrize("above_mm", [0.22, 0.2])
@@ -216,6 +241,40 @@ def test_what_is_felt_after_it_came_to_rest_is_told_and_lifted_from() -> None:
     assert problem.fields["reason"] != problem.fields["then"]
     assert problem.fields["lifted_mm"] == pytest.approx(0.6, abs=0.06)
     assert bench.height_mm == pytest.approx(0.5, abs=1e-3)
+    assert problem.fields["then"] in str(problem)
+    assert f"{problem.fields['lifted_mm']:.2f} mm" in str(problem)
+
+
+@pytest.mark.parametrize("times", [1, 2])
+def test_a_lift_from_a_trip_is_made_although_somebody_changes_the_speed(times: int) -> None:
+    bench = Hand(0.52, soft_trip_n=0.1)
+    bench.sensor.felt = lambda: 30.0 if bench.height_mm < 0.0 else 0.0
+    jog, up = bench.stage.jog, list[float]()
+
+    def overridden(axis: str, mm: float, speed_mm_s: float) -> None:
+        if mm > 0:
+            up.append(mm)
+            if len(up) <= times:
+                raise StageOverridden("feed override 200 %")
+        jog(axis, mm, speed_mm_s)
+
+    bench.stage.jog = overridden  # type: ignore[method-assign]
+    moved = bench.jog("z", -1.0)
+    assert moved.problem is not None
+    assert moved.problem.code == "soft_trip"
+    assert bench.stage.told.count("halt") == times
+    assert bench.height_mm == pytest.approx(0.52, abs=1e-3)
+    assert moved.at == bench.stage.status()
+
+
+def test_up_into_something_that_pushes_harder_it_stops() -> None:
+    """What ended it is all there is to say: nothing is read after it, and there is no farther to go."""
+    bench = Hand(3.0, soft_trip_n=0.1)
+    bench.sensor.felt = lambda: 30.0 + bench.clock.monotonic_s() if bench.height_mm > 4.0 else 0.0
+    problem = bench.jog("z", 4.0).problem
+    assert problem is not None
+    assert (problem.code, set(problem.fields) & {"then", "lifted_mm"}) == ("soft_trip", set())
+    assert 4.0 < bench.height_mm < 4.7
 
 
 # --- sideways and up ---
@@ -300,12 +359,13 @@ def test_after_each_motion_the_state_of_contact_is_on_record(
 def test_from_a_touch_up_goes_in_slices_until_lifted_and_then_in_one_motion() -> None:
     """Slices of 0.2 s from rest, none ahead; above clearance, once nothing is felt, two slices of 0.1 s ahead."""
     bench = Hand(1.5, may_touch=True)
-    bench.jog("z", 1.6, 1.0)
+    assert bench.jog("z", 1.6, 1.0).at == bench.stage.status()
     assert bench.steps_mm[:3] == pytest.approx([0.2, 0.2, 0.2])
     assert bench.steps_mm[3:] == pytest.approx([0.1] * 10)
     felt = Hand(1.5, may_touch=True)
     felt.sensor.felt = lambda: 0.06
-    felt.jog("z", 1.6, 1.0)
+    assert felt.jog("z", 1.6, 1.0).at == felt.stage.status()
+    assert set(felt.speeds_mm_s) == {1.0}
     assert felt.steps_mm == pytest.approx([0.2] * 8)
 
 
@@ -427,9 +487,11 @@ def test_at_clearance_the_force_is_measured_at_rest_and_below_it_is_read_once() 
     bench.jog("z", 0.01)
     assert (bench.kept[-1].kind, bench.kept[-1].force_gwt) == ("lifted", 0.0)
     assert bench.clock.monotonic_s() > until_s
+    as_long = Hand(0.5, may_touch=True)
+    as_long.jog("z", 0.01)
     below = Hand(0.5, may_touch=True)
-    below.sensor.felt = lambda: 3.0 if below.height_mm >= 0.509 else 0.04
     begun_s = below.clock.monotonic_s()
+    below.sensor.felt = lambda: 3.0 if len(below.shown) >= len(as_long.shown) else 0.04  # once it is at rest again
     below.jog("z", 0.01)
     assert (below.kept[-1].kind, below.kept[-1].force_gwt) == ("touching", pytest.approx(3.0))
     assert below.clock.monotonic_s() - begun_s < 0.5
@@ -552,6 +614,10 @@ def test_a_button_counts_for_a_while_after_its_last_signal() -> None:
     clock.wait_s(0.001)
     assert held() is None
     held.say(RIGHT)
+    clock.wait_s(0.2)
+    held.say(RIGHT)
+    clock.wait_s(0.2)
+    assert held() == RIGHT
     held.say(UP, ago_s=0.2)
     clock.wait_s(0.04)
     assert held() == UP

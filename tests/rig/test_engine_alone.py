@@ -107,7 +107,7 @@ def _read(bench: StubBench) -> None:
     ("shows_gwt", "zeroed", "kind", "force_gwt"),
     [
         (3.0, True, "touching", 3.0),
-        (-3.0, True, "touching", -3.0),
+        (-0.06, True, "touching", -0.06),
         (0.04, True, "unknown", 0.04),
         (3.0, False, "unknown", None),
     ],
@@ -220,9 +220,9 @@ def test_the_stage_is_told_a_new_lowest_height_and_no_other() -> None:
         bench.stage.floors_mm,
     )
     told.clear()
-    for height_mm in (-0.1 - 0.2, -0.3, -0.3 + 1e-9, -0.4, -0.3, -1000.0):
+    for height_mm in (-0.1 - 0.2, -0.3, -0.3 + 1e-9, -0.41234567, -0.3, -1000.0):
         engine.limit_depth(height_mm)
-    assert told == [*(round(apex_mm + mm, 6) for mm in (-0.3, -0.4, -0.3)), -travel_mm]
+    assert told == [*(round(apex_mm + mm, 6) for mm in (-0.3, -0.41234567, -0.3)), -travel_mm]
     told.clear()
     for lose in (engine.forget_depth, engine.stop):
         lose()
@@ -424,6 +424,18 @@ def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
     assert engine.height_mm == pytest.approx(bench.height_mm)
 
 
+@pytest.mark.parametrize(("shows_gwt", "goes"), [(3.0, False), (0.04, True)])
+def test_a_touch_ends_the_one_move_down_to_an_earlier_contact(shows_gwt: float, goes: bool) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.touched.at(0.0, 0.0, 0.2)
+    to_mm = engine.touched.free_mm(0.0, 0.0, 0.2)
+    assert to_mm < 1.5
+    bench.force.shows_gwt = shows_gwt
+    engine.go_to_height(to_mm, 0.2)
+    assert (bench.height_mm == pytest.approx(to_mm), "halt" in bench.stage.told) == (goes, not goes)
+
+
 @pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
 def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
     """What it slept before, and in the air, does not count; nor do naps within half a second each."""
@@ -438,6 +450,16 @@ def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_
             engine.reading()
         if trips:
             return
+
+
+def test_a_computer_that_was_suspended_in_a_motion_ends_it_there() -> None:
+    bench, slept = StubBench(), [0.0]
+    bench.clock.suspended_s = lambda: slept[0]  # type: ignore[method-assign]
+    engine = bench.in_contact()
+    bench.stage.at_look = lambda: slept.__setitem__(0, 9.0)
+    with raises(TripError, "suspended", for_s=9.0):
+        engine.go_to_height(1.90, 0.05)
+    assert "halt" in bench.stage.told
 
 
 # --- the heartbeat ---

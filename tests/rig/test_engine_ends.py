@@ -1,11 +1,12 @@
 """How an engine ends: trips, stops, failures elsewhere; over a stage and a sensor that do as they are told."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceTimeout, StageError
+from rig.devices.base import ForceTimeout, StageError, StageOverridden
 from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
@@ -218,3 +219,53 @@ def test_what_cannot_be_recorded_does_not_go_on() -> None:
     with raises(RecordError, "still_full"):
         verbs.note(engine, "a word")
     assert engine.problem is error
+
+
+def test_a_lift_that_an_operator_interrupts_is_made_again_and_is_the_same_trip() -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    left = [True]
+
+    def overridden() -> None:
+        if left:
+            left.clear()
+            raise StageOverridden("feed override 200 %")
+
+    bench.stage.at_look = overridden
+    with raises(TripError, "for_the_test") as caught:
+        engine.trip(TripError("for the test", code="for_the_test"))
+    assert [trip["reason"] for trip in bench.of("trip")] == [str(caught.value)] == ["for the test"]
+    assert bench.stage.told.count("halt") == 1
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+def test_a_trip_where_the_position_is_not_trusted_moves_nothing() -> None:
+    """Only a stage that strayed is unlocked and jogged up."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.stage.homed = False
+    with raises(TripError, "for_the_test", reason="for the test"):
+        engine.trip(TripError("for the test", code="for_the_test"))
+    assert "unlock" not in bench.stage.told
+    assert bench.height_mm == pytest.approx(1.95)
+
+
+@pytest.mark.parametrize(
+    ("zeroed", "shows_gwt", "code"),
+    [(True, 3.0, "not_lifted"), (True, None, "not_lifted"), (True, 0.04, None), (False, 3.0, None)],
+)
+def test_a_lift_that_the_force_does_not_confirm_trips(
+    zeroed: bool, shows_gwt: float | None, code: str | None
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    if not zeroed:
+        engine.sensing.zero = None
+    if shows_gwt is None:
+        engine.lift()
+        bench.force.at_read = raising(ForceTimeout("no answer"))
+    else:
+        bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.retract(engine)
+    assert (engine.state, len(bench.of("retract"))) == ((State.TRIPPED, 0) if code else (State.READY, 1))

@@ -11,8 +11,9 @@ from typing import Any
 
 import pytest
 
-from rig.engine import LimitError, RunAborted, Target, TripError
+from rig.engine import LimitError, RecordError, RunAborted, Target, TripError
 from rig.engine.corridor import PRINTED_MM
+from rig.engine.engine import State
 from rig.engine.indentation import ramp, vibrate
 from rig.engine.limits import UNREAD_S, RampBound, VibrationBound
 from rig.records import Indentation, SineMotion
@@ -486,3 +487,33 @@ def test_a_contact_that_lasts_too_long_ends_a_motion_at_its_next_reading(phase: 
     assert len(bench.within(phase)) == 6 + (phase == "ramp")  # and the one at rest
     assert not bench.within("hold")
     assert bench.height_mm == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("phase", PRESSES)
+def test_a_reading_that_cannot_be_journalled_ends_a_motion_at_rest_before_it_lifts(phase: str) -> None:
+    """No lift is asked of a stage that moves."""
+    bench = Finger(tables=ZABER)
+    bench.ready()
+
+    def full(stream: str, data: Mapping[str, Any]) -> None:
+        if len(bench.within(phase)) == 4:
+            bench.stage.told.append("full")
+            raise RecordError("the disk is full")
+
+    bench.at_event = full
+    with pytest.raises(RecordError, match="the disk is full"):
+        PRESSES[phase](bench)
+    told = bench.stage.told[bench.stage.told.index("full") + 1 :]
+    assert told[0] == "halt"
+    assert told[1][2] == bench.settings.frame.apex_z_mm + 2.0
+    assert bench.height_mm == pytest.approx(2.0)
+
+
+def test_a_sine_from_clearance_may_touch() -> None:
+    bench = Finger(tables=ZABER)
+    engine = bench.ready()
+    seen: list[float] = []
+    engine.vibrate(SineMotion.of(2.0, 20.0, 1.0), seen.append)
+    assert (engine.state, engine.may_touch, set(seen)) == (State.IN_CONTACT, True, {0.0})
+    with raises(LimitError, "too_fast", limit_mm_s=5.0):
+        engine.vibrate(SineMotion(0.9, 1.0, 1), seen.append)
