@@ -159,7 +159,7 @@ class StandaLink:
             heard, deadline_s = b"", self._clock.monotonic_s() + SYNC_S
             while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
                 quiet = b"\0" in heard
-                data = self._transport.read(min(QUIET_S, left_s) if quiet else left_s)
+                data = self._transport.read(QUIET_S if quiet else left_s)
                 heard += data
                 if heard.endswith(ZEROS) or (quiet and not data):
                     return

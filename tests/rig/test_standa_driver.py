@@ -170,6 +170,13 @@ def test_zero_bytes_are_sent_up_to_three_times_until_some_come_back(
     assert wire.sent == [b"home", *sends * [ZEROS], *([b"sstp"] if takes_s != 0.3 else [])]
 
 
+def test_a_reply_with_a_wrong_checksum_is_an_error_at_once() -> None:
+    wire, link = linked([ANSWER[:-1] + bytes([ANSWER[-1] ^ 1])])
+    with raises(StageError, "garbled", command="gser"):
+        link.ask("gser", SERIAL, tries=1)
+    assert wire.clock.monotonic_s() == 100.0
+
+
 def test_of_a_garbled_reply_sixteen_bytes_are_shown() -> None:
     _, link = linked([bytes(range(1, 60))])
     with raises(StageError, "garbled", heard=bytes(range(1, 17)).hex(" ")):
