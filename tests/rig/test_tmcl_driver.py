@@ -80,6 +80,7 @@ def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: TmclReq
 def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: TmclReply) -> None:
     assert parse_reply(bytes.fromhex(frame), 2) == reply
     assert parse_reply(bytes.fromhex(frame), 3) is None
+    assert parse_reply(sealed(bytes.fromhex(frame)[:7]), 2) is None
 
 
 class Wire:
