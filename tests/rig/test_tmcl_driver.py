@@ -221,6 +221,12 @@ def test_a_module_names_itself_twice_alike(names: str, asked: int) -> None:
     assert wire.sent.count(TmclRequest(X, VERSION).frame()) == asked
 
 
+def test_a_name_to_another_host_is_none() -> None:
+    wire = Wire(VirtualClock(0.0, 100.0), lambda data: [b"\x031161V146"] if len(data) == 9 else [])
+    with raises(StageError, "garbled", device=1):
+        TmclLink(wire, wire.clock).version(X)
+
+
 def test_a_byte_ends_a_frame_that_was_cut_short_after_two_replies_that_are_lost() -> None:
     """A pause comes before a question after a lost one, so that a module drops what it has; none after a reply."""
     lost, frame = [4], TmclRequest(X, MST).frame()
