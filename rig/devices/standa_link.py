@@ -47,7 +47,7 @@ SERIAL = struct.Struct("<I")
 VERSION = struct.Struct("<BBH")
 
 RUNNING, FAILED, COMMAND = 0x80, 0x40, 0x3F
-MOVES, LEFT, RIGHT, STOPPED, HOMES = 1, 3, 4, 5, 6
+MOVES, LEFT, RIGHT, HOMES = 1, 3, 4, 6
 POWER_OFF = 1
 
 
@@ -69,20 +69,13 @@ class AxisStatus:
         return bool(self.command & RUNNING) or self.moves
 
 
-def _shifted(value: int) -> int:
-    for _ in range(8):
-        value = value >> 1 ^ (0xA001 if value & 1 else 0)
-    return value
-
-
-_SHIFTED = [_shifted(byte) for byte in range(256)]
-
-
 def crc(payload: bytes) -> int:
     """Return the CRC-16 of Modbus."""
     value = 0xFFFF
     for byte in payload:
-        value = value >> 8 ^ _SHIFTED[(value ^ byte) & 0xFF]
+        value ^= byte
+        for _ in range(8):
+            value = value >> 1 ^ (0xA001 if value & 1 else 0)
     return value
 
 
@@ -166,7 +159,7 @@ class StandaLink:
             heard, deadline_s = b"", self._clock.monotonic_s() + SYNC_S
             while (left_s := deadline_s - self._clock.monotonic_s()) > 0:
                 quiet = b"\0" in heard
-                data = self._transport.read(min(QUIET_S, left_s) if quiet else left_s)
+                data = self._transport.read(QUIET_S if quiet else left_s)
                 heard += data
                 if heard.endswith(ZEROS) or (quiet and not data):
                     return

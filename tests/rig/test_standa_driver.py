@@ -73,6 +73,23 @@ def test_the_fields_of_a_status_are_where_the_maker_has_them() -> None:
     assert STATUS.size + 6 == 54
 
 
+BUSY = [
+    ("B", 4, 1, True), ("B", 4, 0xFE, False), ("B", 5, 0x80, True), ("B", 5, 0x7F, False), ("<i", 23, 1, True),
+    ("<i", 23, -1, True), ("<h", 27, 1, True), ("<h", 27, -1, True), ("B", 6, 4, False), ("<i", 9, 1, False),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("layout", "offset", "value", "busy"), BUSY)
+def test_a_controller_is_busy_while_a_command_runs_or_the_motor_turns(
+    layout: str, offset: int, value: int, busy: bool
+) -> None:
+    """Its flag of motion, its command, its speed in full steps and microsteps."""
+    data = bytearray(54)
+    struct.pack_into(layout, data, offset, value)
+    _, link = linked([frame("gets", bytes(data[4:52]))])
+    assert link.status().busy is busy
+
+
 class Wire:
     """A wire whose far end says, to each write, what the test wants."""
 
@@ -127,6 +144,43 @@ def test_a_question_is_repeated_after_zero_bytes_and_a_command_is_not() -> None:
         link.command("home")
     assert wire.clock.monotonic_s() - begun_s == pytest.approx(0.2)
     assert wire.sent == [b"home"]
+
+
+@pytest.mark.parametrize(
+    ("returned", "sends", "takes_s"),
+    [
+        ([[]], 3, 0.3), ([[bytes(10)]], 1, 0.02), ([[bytes(10), bytes(54)]], 1, 0.0), ([[b"mo", bytes(9)]], 1, 0.02),
+        ([[], [bytes(64)]], 2, 0.1), ([[b"xy"], [], [bytes(1)]], 3, 0.22),
+    ],
+)  # fmt: skip
+def test_zero_bytes_are_sent_up_to_three_times_until_some_come_back(
+    returned: list[list[bytes]], sends: int, takes_s: float
+) -> None:
+    """A tenth of a second each; what the controller still needed of them ends a command that was cut short."""
+    clock, left = VirtualClock(0.0, 100.0), list(returned)
+    wire = Wire(clock, lambda data: (left.pop(0) if left else []) if data == ZEROS else [])
+    link = StandaLink(wire, clock)
+    with raises(StageTimeout, "no_reply", timeout_s=0.2):
+        link.command("home")
+    begun_s = clock.monotonic_s()
+    with raises(StageTimeout, "no_reply", command="sstp", timeout_s=0.3 if takes_s == 0.3 else 0.2):
+        link.command("sstp")
+    lasted_s = takes_s + (0.0 if takes_s == 0.3 else 0.2)
+    assert clock.monotonic_s() - begun_s == pytest.approx(lasted_s)
+    assert wire.sent == [b"home", *sends * [ZEROS], *([b"sstp"] if takes_s != 0.3 else [])]
+
+
+def test_a_reply_with_a_wrong_checksum_is_an_error_at_once() -> None:
+    wire, link = linked([ANSWER[:-1] + bytes([ANSWER[-1] ^ 1])])
+    with raises(StageError, "garbled", command="gser"):
+        link.ask("gser", SERIAL, tries=1)
+    assert wire.clock.monotonic_s() == 100.0
+
+
+def test_of_a_garbled_reply_sixteen_bytes_are_shown() -> None:
+    _, link = linked([bytes(range(1, 60))])
+    with raises(StageError, "garbled", heard=bytes(range(1, 17)).hex(" ")):
+        link.command("home")
 
 
 @pytest.mark.parametrize("word", ["errc", "errd", "errv"])
@@ -352,9 +406,11 @@ def test_a_port_on_which_half_a_command_stands_is_asked_after_the_controller_has
     assert found.probe is not None
     settings = KnownBench.model_validate({"stage": {"kind": "standa"}})
     line.host_write(frame("move", MOVE.pack(9, 9, 6 * RESERVED))[:7])
+    begun_s = bench.clock.monotonic_s()
     assert str(found.probe(lambda port: LoopbackTransport(line, bench.clock), bench.clock, settings)).endswith(
         "10003"
     )
+    assert bench.clock.monotonic_s() - begun_s < 0.6, "the first question is answered"
     silent = StageBench(controller.DEVICE, connected=False)
     silent.wire.silent = True
     assert found.probe(silent.wire.at, silent.clock, settings) is None

@@ -80,6 +80,7 @@ def test_a_command_is_the_one_of_the_makers_client(frame: str, request_: TmclReq
 def test_a_reply_is_read_as_the_maker_means_it(frame: str, reply: TmclReply) -> None:
     assert parse_reply(bytes.fromhex(frame), 2) == reply
     assert parse_reply(bytes.fromhex(frame), 3) is None
+    assert parse_reply(sealed(bytes.fromhex(frame)[:7]), 2) is None
 
 
 class Wire:
@@ -197,6 +198,68 @@ def test_what_is_no_reply_is_shown_from_its_first_byte(odd: bytes) -> None:
     _, link = linked(lambda n, reply: [bytes(range(30, 80))])
     with raises(StageError, "garbled", heard=bytes(range(30, 66)).hex(" ")):
         link.command(X, MST)
+
+
+@pytest.mark.parametrize(
+    ("names", "asked"), [("AA", 2), ("ABB", 3), ("ABCC", 4), ("ABCDD", 4), ("A-A", 3), ("--AA", 4), ("---", 3)]
+)
+def test_a_module_names_itself_twice_alike(names: str, asked: int) -> None:
+    """The reply has no checksum. -: none comes."""
+    clock, left = VirtualClock(0.0, 100.0), list(names)
+    replies = {name: [b"\x02" + b"1161V14" + name.encode("ascii")] for name in "ABCD"}
+    wire = Wire(clock, lambda data: replies.get(left.pop(0), []) if data[1:2] == bytes([VERSION]) else [])
+    link = TmclLink(wire, clock)
+    if names == "ABCDD":
+        with raises(StageError, "answers_differ", device=1, once="1161V14C", again="1161V14D"):
+            link.version(X)
+    elif names == "---":
+        with raises(StageTimeout, "no_reply", device=1, motor=0):
+            link.version(X)
+        assert clock.monotonic_s() - 100.0 == pytest.approx(3 * 0.2 + 2 * 0.03)
+    else:
+        assert link.version(X) == f"1161V14{names[-1]}"
+    assert wire.sent.count(TmclRequest(X, VERSION).frame()) == asked
+
+
+def test_a_name_to_another_host_is_none() -> None:
+    wire = Wire(VirtualClock(0.0, 100.0), lambda data: [b"\x031161V146"] if len(data) == 9 else [])
+    with raises(StageError, "garbled", device=1):
+        TmclLink(wire, wire.clock).version(X)
+
+
+def test_a_byte_ends_a_frame_that_was_cut_short_after_two_replies_that_are_lost() -> None:
+    """A pause comes before a question after a lost one, so that a module drops what it has; none after a reply."""
+    lost, frame = [4], TmclRequest(X, MST).frame()
+
+    def change(n: int, reply: bytes) -> list[bytes]:
+        lost[0] -= 1
+        return [reply] if lost[0] < 0 else []
+
+    wire, link = linked(change)
+    took_s = list[float]()
+    for n in range(6):
+        begun_s = wire.clock.monotonic_s()
+        with raises(StageTimeout, "no_reply") if n < 4 else nullcontext():
+            link.command(X, MST)
+        took_s.append(wire.clock.monotonic_s() - begun_s)
+    assert wire.sent == [frame, frame, b"\0", frame, b"\0", frame, b"\0", frame, frame]
+    assert took_s == pytest.approx([0.2, 0.23, 0.23, 0.23, 0.031, 0.001])
+
+
+def test_a_line_that_is_never_quiet_is_asked_after_0_2_s() -> None:
+    wire, link = linked(lambda n, reply: [])
+    with raises(StageTimeout, "no_reply"):
+        link.command(X, MST)
+
+    def chatter(timeout_s: float) -> bytes:
+        wire.clock.wait_s(0.01)
+        return b"\xaa"
+
+    wire.read = chatter  # type: ignore[method-assign]
+    begun_s = wire.clock.monotonic_s()
+    with raises(StageError, "garbled"):
+        link.command(X, MST)
+    assert wire.clock.monotonic_s() - begun_s == pytest.approx(0.4, abs=0.021)
 
 
 @pytest.mark.parametrize("status", [1, 2, 3, 4, 5, 6])
