@@ -208,7 +208,7 @@ class Engine:
         except (TouchError, PausedMotionError):
             pass  # The reading at rest is more accurate. What asked for the pause acts after the motion.
         except InterruptedMotionError as interruption:
-            self._strayed = isinstance(interruption, StrayedError)
+            self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # The lift after a trip continues.
             if isinstance(interruption.__cause__, RecordError):
