@@ -379,7 +379,7 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def mm(self, reply: Reply) -> float:
         """Return the machine coordinate in a reply to `look`. Raises StageError."""
-        return -self._position(reply) / self._counts_per_mm + 0.0
+        return -self._position(reply) / self._counts_per_mm
 
     def warnings(self, reply: Reply) -> frozenset[str]:
         """Return every warning of this axis: a reply shows the highest one alone, which may hide others.
