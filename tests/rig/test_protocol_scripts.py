@@ -164,7 +164,7 @@ def test_modules_and_files_beside_a_script_are_its_own(tmp_path: Path) -> None:
         ("METADATA = {'files': 'trials.csv'}\n", "wrong_files"),
         ("METADATA = {'files': [3]}\n", "wrong_files"),
         ("METADATA = {'files': ['missing.csv']}\n", "wrong_files"),
-        ("METADATA = {'files': ['../trials.csv']}\n", "wrong_files"),
+        *((f"METADATA = {{'files': ['{name}']}}\n", "wrong_files") for name in ("../trials.csv", "below/trials.csv")),
         *(
             (f"METADATA = {{'files': ['{name}']}}\n", "wrong_files")
             for name in ("Sample.csv", "config.toml", ".lock")
@@ -173,9 +173,11 @@ def test_modules_and_files_beside_a_script_are_its_own(tmp_path: Path) -> None:
     ],
 )
 def test_a_file_beside_a_script_that_a_run_cannot_copy(tmp_path: Path, text: str, code: str) -> None:
-    for name in ("trials.csv", "Sample.csv", "config.toml", ".lock", "protocol.py"):
-        _write(tmp_path, "", name)
-    has_code(_not_loaded(_write(tmp_path, text + RUN)), code)
+    scripts = tmp_path / "scripts"
+    (scripts / "below").mkdir(parents=True)
+    for name in ("../trials.csv", "below/trials.csv", "Sample.csv", "config.toml", ".lock", "protocol.py"):
+        _write(scripts, "", name)
+    has_code(_not_loaded(_write(scripts, text + RUN)), code)
 
 
 @pytest.mark.parametrize("planned", [False, True], ids=["at its top", "within run"])

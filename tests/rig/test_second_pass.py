@@ -184,9 +184,14 @@ def test_a_verb_out_of_turn_moves_nothing(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork (POSIX)")
-@pytest.mark.parametrize("ends", ["sys.exit(0)", "1 / 0", "pass", PRESS])
-def test_a_process_that_the_script_forks_ends_without_a_trace(tmp_path: Path, finger: Fingertip, ends: str) -> None:
-    live = lines("pid = os.fork()", "if pid == 0:", f"    {ends}", "    return", "os.waitpid(pid, 0)", PRESS)
+@pytest.mark.parametrize(
+    ("ends", "code"), [("sys.exit(0)", 0), ("sys.exit(3)", 1), ("1 / 0", 1), ("pass", 0), (PRESS, 1)]
+)
+def test_a_process_that_the_script_forks_ends_without_a_trace(
+    tmp_path: Path, finger: Fingertip, ends: str, code: int
+) -> None:
+    ended = f"assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == {code}"
+    live = lines("pid = os.fork()", "if pid == 0:", f"    {ends}", "    return", ended, PRESS)
     here = os.getpid()
     try:
         done = carried_out(tmp_path, finger, live)
