@@ -553,6 +553,22 @@ def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float
     assert bench.height_mm == pytest.approx(at_mm[-1] + 2.0 if to_mm is None else to_mm, abs=0.01)
 
 
+@pytest.mark.parametrize(("off_mm", "strays"), [(0.0050, False), (0.0054, False), (0.0056, True)])
+def test_a_report_may_be_off_by_a_step_and_what_it_is_rounded_by(off_mm: float, strays: bool) -> None:
+    """A step of 2.5 um at 400 steps/mm; 3 um more are the rounding of reports and the error of a feedback."""
+    bench = StubBench()
+    engine = bench.in_contact()
+
+    def shifts() -> None:
+        bench.stage.at_mm[0] = x_mm + off_mm
+
+    x_mm = bench.stage.at_mm[0]
+    bench.stage.at_look = shifts
+    with raises(TripError, "off_its_way", axis="x") if strays else nullcontext():
+        engine.go_to_height(engine.height_mm + 0.1, 0.5)
+    assert ("stop" in bench.stage.told) is strays
+
+
 # --- homing ---
 
 

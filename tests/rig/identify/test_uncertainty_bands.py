@@ -191,3 +191,5 @@ def test_references_at_two_places_are_averaged_each_whatever_came_between() -> N
     run = Run(Path(), {"t_s": 0.0}, None, {}, events, {}, 9.0, 9.0)  # type: ignore[arg-type]
     found = references(run, Config())
     assert [one.x_mm for one in found] == [-1.0, 1.0]
+    # of each place two holds: variance of the mean of ten readings, relative, and of the mean of two
+    assert [one.variance for one in found] == pytest.approx(2 * [(0.1 / 4.0) ** 2 / 10 / 2])
