@@ -3,6 +3,7 @@
 import errno
 import math
 import os
+import tomllib
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,15 @@ from pydantic import ValidationError
 from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
-from rig.plan.finger_file import DERMIS, FAT, IdentifiedFinger, Posterior, fingers_of, read_finger_file
+from rig.plan.finger_file import (
+    DERMIS,
+    FAT,
+    IdentifiedFinger,
+    Posterior,
+    example_finger,
+    fingers_of,
+    read_finger_file,
+)
 from tests.error_codes import has_code, raises
 from tests.rig.identify.finger_file import SERIES, identified_file
 
@@ -250,3 +259,13 @@ def test_a_finger_that_nothing_explains_needs_force(tmp_path: Path, as_configura
     assert with_finger(config, finger, force=True).identified == flagged.identified
     with raises(BadInputError, "flagged", where=f"--fingers {path}", why=FLAGGED):
         read_plausible(path)
+
+
+def test_the_example_finger_has_the_keys_of_its_file_and_no_defaults() -> None:
+    file = Path(__file__).parents[3] / "examples" / "human_finger" / "finger.toml"
+    table = tomllib.loads(file.read_text(encoding="utf-8"))["finger"]
+    found = example_finger()
+    assert found.keys() == table.keys()
+    assert {name: found[name].keys() for name in ("geometry", "tissue")} == {
+        name: table[name].keys() for name in ("geometry", "tissue")
+    }
