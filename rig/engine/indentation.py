@@ -38,7 +38,7 @@ class Approach:
         touch_mm = self.engine.height_mm
         self.back_off()
         lowest_mm = max(touch_mm - habits.increment_mm, self.lowest_mm)
-        readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm, habits.increment_mm)
+        readings = self._descend(habits.touch_increment_mm, "touch", lowest_mm)
         touch = fit_contact(readings, self.engine.sensing.touch_gwt, self.engine.sensing.least_gwt)
         self._record(touch)
         at_most_mm = touch.contact_height_mm - deepest_mm - habits.increment_mm
@@ -69,14 +69,14 @@ class Approach:
             force = engine.read_force_gwt(self.press, "back off")
         engine.go_to_height(engine.height_mm + habits.increment_mm, habits.approach_speed_mm_s)
 
-    def _descend(
-        self, step_mm: float, phase: Phase, lowest_mm: float, farther_mm: float = 0.0
-    ) -> list[tuple[float, float]]:
+    def _descend(self, step_mm: float, phase: Phase, lowest_mm: float) -> list[tuple[float, float]]:
         """Descend to the touch threshold and return the (height, force) readings; trip if there is no touch.
 
-        farther_mm: extra depth allowed if the last readings show a force, since noise may have triggered too early.
+        One increment more is allowed above the lowest height of all if the last readings show a force: noise may have
+        triggered the first touch too early.
         """
         readings = list[tuple[float, float]]()
+        farther_mm = self.engine.settings.habits.increment_mm
         while True:
             safe_point(self.engine)
             below = self.engine.height_mm - step_mm

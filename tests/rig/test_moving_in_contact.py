@@ -91,6 +91,15 @@ def test_a_ramp_and_its_hold_are_journalled_by_what_was_read() -> None:
     assert end["ramp_s"] == pytest.approx((DEPTH_MM - readings[0]["doi_mm"]) / SPEED_MM_S, abs=0.15)
 
 
+def test_a_ramp_leaves_to_the_next_what_the_press_before_it_measured() -> None:
+    bench = Finger()
+    bench.ramp()
+    reached = bench.engine.touched.reached_at(0.0, 0.0)
+    assert reached == (pytest.approx(DEPTH_MM, abs=0.01), pytest.approx(LAW_GWT, abs=0.1))
+    bench.ramp(0.5)
+    assert bench.engine.touched.reached_at(0.0, 0.0) == reached
+
+
 def test_a_ramp_goes_deeper_by_what_the_rig_gives() -> None:
     """1 mm/N: 0.042 mm at its depth, by the force of the press before it; and of a hold the sd is that of both."""
     gives = {"value": 1.0, "sd": 0.2, "date": "2026-01-01", "expires": "2036-01-01"}
