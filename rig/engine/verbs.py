@@ -166,7 +166,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
             )
     safe_point(engine)
     if engine.sensing.zeroed and engine.measured_ago_s > APART_S:  # The finger may have come up to the indentor.
-        _refuse_contact(engine, engine.reading().force_n / GWT_N)
+        _refuse_contact_at_rest(engine)
     speed = engine.settings.habits.travel_speed_mm_s
     engine.move(lambda: engine.motion.aside(x_mm, along_mm, speed))
     _go_to_clearance(engine, speed)
@@ -300,10 +300,10 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
             sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
         while sensing.zeroed and engine.height_mm > down_mm + AT_MM:
             engine.go_to_height(down_mm, slow_mm_s, touch_ends_it=True)
-            _refuse_contact(engine, engine.reading().force_n / GWT_N)
+            _refuse_contact_at_rest(engine)
             if engine.height_mm > down_mm + AT_MM:
                 engine.go_to_height(max(engine.height_mm - step_mm, down_mm), slow_mm_s)
-                _refuse_contact(engine, engine.reading().force_n / GWT_N)
+                _refuse_contact_at_rest(engine)
     finally:
         if provisional:
             sensing.zero = None
@@ -311,6 +311,10 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
         engine.go_to_height(down_mm, speed_mm_s)
     if sensing.zeroed:
         _refuse_contact(engine, engine.read_force_gwt(NO_PRESS, "clearance"))
+
+
+def _refuse_contact_at_rest(engine: Engine) -> None:
+    _refuse_contact(engine, engine.reading().force_n / GWT_N)
 
 
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:

@@ -311,6 +311,20 @@ def test_a_shake_that_is_none_at_rest_is_passed_by_a_step(spring: Make) -> None:
     assert len(stops) > 10
 
 
+def test_a_touch_after_the_step_past_a_shake_ends_the_way_down(spring: Make) -> None:
+    """Felt at rest where the step ends, which is farther down than the shake was felt."""
+    habits = {"descent_step_mm": 0.7, "clearance_mm": 2.0}
+    bench = _homed(spring, settings=RigSettings.model_validate({"habits": habits}))
+    verbs.zero(bench.engine)
+    _shakes(bench, 0.06)
+    shaken, from_mm = bench.force_n, bench.height_mm
+    bench.force_n = lambda t_s: shaken(t_s) if from_mm - bench.height_mm < 0.7 else 0.1 * GWT_N
+    with raises(TripError, "touch_at_clearance", force_gwt=pytest.approx(0.1, abs=1e-6)):
+        verbs.move_to(bench.engine, 0.0)
+    _, stepped_mm, lifted_mm = _heights(bench)
+    assert lifted_mm > stepped_mm > 20.0
+
+
 def test_the_second_place_is_gone_to_in_one_move_each(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
