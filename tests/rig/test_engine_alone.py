@@ -335,6 +335,18 @@ def test_the_stop_inputs_are_asked_anew_before_and_after_each_reading_at_rest(re
     assert set(asked) == {False}
 
 
+@pytest.mark.parametrize("pressed_at", ["before", "after"])
+@pytest.mark.parametrize("read", READINGS)
+def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed_at: str) -> None:
+    bench = StubBench()
+    engine, pressed = bench.in_contact(), list[bool]()
+    bench.force.at_read = lambda: pressed.append(True)
+    button = TripError("stop input button", code="stop_input", input="button")
+    engine.stop_problem = lambda *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
+    with raises(TripError, "stop_input", input="button"):
+        READINGS[read](engine)
+
+
 def test_readings_count_from_zero_and_raw_ones_do_not() -> None:
     bench = StubBench()
     bench.force.shows_gwt = 5.0
