@@ -170,6 +170,8 @@ def test_a_finger_that_stiffens_goes_on_to_and_one_that_does_not_never_begins() 
         identified = identified.model_copy(update={"draw": draws})
         far = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, -9.0, 1e-4))
         assert {draw.stiffening for draw in far.draw} == {least}
+        near = updated_by(identified, z, ReferenceForce("bar:3.0", 0.0, Target("doi_mm", 0.5), PACE, 0.0, 1e-4))
+        assert [draw.stiffening for draw in near.draw] == pytest.approx(8 * [stiffens], abs=0.05)
 
 
 def test_without_references_a_run_teaches_nothing(tmp_path: Path, finger: Fingertip) -> None:
