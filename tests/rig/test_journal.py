@@ -211,14 +211,12 @@ def test_every_stream_of_a_run_says_its_units() -> None:
                 assert unit == "", key
 
 
-def test_a_line_beyond_the_limit_is_refused_with_its_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of 40 and 41 characters, at a limit of 40."""
-    monkeypatch.setattr("rig.data.journal.MOST_ON_A_LINE", 40)
-    path = tmp_path / "events.jsonl"
-    lines = [json.dumps({"doc": "event", "stream": ""})[:-2] + n * " " + '"}' for n in (10, 10, 11)]
-    assert [len(line) for line in lines] == [40, 40, 41]
-    path.write_text("\n".join(lines[:2]) + "\n", encoding="utf-8")
-    assert len(list(read_journal(path))) == 2
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
-    with raises(JournalError, "long_line", line=3, most=40):
+def test_a_line_beyond_the_limit_is_refused_with_its_number(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _write(path, VirtualClock())
+    lengths = [len(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    longest = max(lengths)
+    monkeypatch.setattr("rig.data.journal.MOST_ON_A_LINE", longest)
+    assert len(list(read_journal(path))) == len(lengths)
+    monkeypatch.setattr("rig.data.journal.MOST_ON_A_LINE", longest - 1)
+    with raises(JournalError, "long_line", line=lengths.index(longest) + 1, most=longest - 1):
         list(read_journal(path))
