@@ -84,6 +84,12 @@ def _ends_at_the_bound(settings: RigSettings, sine: SineMotion, force_gwt: float
         assert force_gwt * (there_mm / doi_mm) ** 1.5 == pytest.approx(bound.bound_gwt)
 
 
+def test_a_preload_shallower_than_the_way_of_a_stop_may_swing_no_force_at_all() -> None:
+    """100 um at 8 Hz: a stop takes up to 0.2055 mm, which is deeper than the trip allows."""
+    bound = VibrationBound.of(RigSettings(), SineMotion.of(8.0, 100.0, 1.0), 1.0, 0.05, 0.01)
+    assert (bound.trip_gwt, bound.stop_mm) == (0.0, pytest.approx(0.2055))
+
+
 def test_the_ends_follow_the_stiffness_of_tissue_that_has_relaxed() -> None:
     bound = VibrationBound.of(RigSettings(), SINE, 16.0, 8.0, 0.86)
     swing_gwt = 1.5 * 8.0 / 0.86 * 0.05 / RELAXED_TO
