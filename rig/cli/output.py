@@ -133,7 +133,7 @@ class Activity:
 
     @property
     def _counts(self) -> bool:
-        """Whether the line counts pieces of the work, instead of showing a build within it."""
+        """True if the line shows finished pieces of the work; false while it shows a build within the work."""
         return self._counted and self.what == self._own
 
     @property

@@ -250,8 +250,9 @@ def may_write_below(folder: Path) -> bool:
 
 
 def allowed(error: BaseException | None) -> bool:
-    """Return whether a write failed although this account may write there, as on a full disk."""
-    return not (isinstance(error, OSError) and error.errno in _NOT_ALLOWED)
+    """Return whether a write failed, by the error or its cause, although this account may write there."""
+    problem = error if error is None or isinstance(error, OSError) else error.__cause__
+    return not (isinstance(problem, OSError) and problem.errno in _NOT_ALLOWED)
 
 
 def how_to_write(error: BaseException | None) -> str:

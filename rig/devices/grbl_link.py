@@ -498,7 +498,7 @@ def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Differe
 
 
 def expected_s_of(board: Mapping[int, float], was: Xyz, target: Mapping[str, float], speed_mm_s: float) -> float:
-    """Return the duration of a move (s) with these settings; a limit that is unknown is none."""
+    """Return the duration of a move (s) with these settings; an unknown setting limits nothing."""
     moves = {i: abs(target[axis] - was[i]) for i, axis in enumerate("XYZ") if target.get(axis, was[i]) != was[i]}
     length, accel = math.hypot(*moves.values()), math.inf
     for i, mm in moves.items():

@@ -118,7 +118,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def connect(self) -> str:
         """Compare the controller with the configuration and return its identification. Raises StageError."""
-        self._ramps = None
+        self._jogs_to = self._ramps = None
         (serial,) = self._link.ask("gser", SERIAL)
         self.serial = serial
         self._refuse_another(serial)

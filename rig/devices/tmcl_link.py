@@ -104,7 +104,7 @@ class TmclLink:
         self._version = re.compile(re.escape(bytes([host])) + rb"([ -~]{8})")
         self._exchange_s = 2 * LENGTH * 10 / baud + 2e-3
         self._one = threading.Lock()
-        self._heard: bytes  # since `_quieten`
+        self._heard = b""  # since `_quieten`
         self._lost = 0
 
     def ask(self, motor: Motor, parameters: Sequence[int], *, tries: int = READ_TRIES) -> tuple[list[int], int]:

@@ -102,9 +102,6 @@ class _SineInTime:
 class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
-    warned: frozenset[str]
-    """Warnings when they were last asked for."""
-
     def __init__(
         self,
         link: ZaberLink,
@@ -126,6 +123,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._jogs_to: int | None = None
         # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
         self._swings = name == "z"
+        self.warned = frozenset[str]()  # warnings when they were last asked for
         self._narrow = False  # whether limit.max may be that of a sine
 
     @property
@@ -135,6 +133,7 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def connect(self) -> str:
         """Compare the device with the configuration and return its identification. Raises StageError."""
+        self._jogs_to = None
         link, address = self._link, self._address.address
         device_id = link.ask(address, 0, "get deviceid").data
         version = link.ask(address, 0, "get version").data
@@ -356,6 +355,7 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def confirm_stopped(self) -> None:
         """Verify a stop that was sent; one that does not take effect becomes an emergency stop. Raises StageError."""
+        self._jogs_to = None
         begun_s = self._clock.monotonic_s()
         problem: StageError | None = None
         while self._clock.monotonic_s() < begun_s + STOP_S:

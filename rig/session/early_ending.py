@@ -144,22 +144,18 @@ def _reason(problem: Exception, folder: Path) -> str:
     reason = " ".join(str(problem).split())
     if isinstance(problem, LostRecordError):
         return f"{reason}; the recorded data are in {folder.resolve()}; resume with {resume_line(folder)}"
-    if isinstance(problem, RecordError) and allowed(problem.__cause__):
+    if isinstance(problem, RecordError) and allowed(problem):
         reason = f"{reason}, {free_space(folder)}"
     if isinstance(problem, RecordError | OSError):
-        reason = f"{reason}; {_how_to_write(problem)}, then resume with {resume_line(folder)}"
+        reason = f"{reason}; {how_to_write(problem)}, then resume with {resume_line(folder)}"
     return reason
-
-
-def _how_to_write(problem: Exception) -> str:
-    return how_to_write(problem.__cause__ if isinstance(problem, RecordError) else problem)
 
 
 def _next(problem: Exception, at: FinalPosition) -> str:
     """Return the next action for the operator; resuming homes, which lifts first."""
     known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
     unwritable = isinstance(problem, RecordError | OSError)
-    see_to = next(known, f"{_how_to_write(problem)}, then resume" if unwritable else _SEE_TO_THE_DEVICE)
+    see_to = next(known, f"{how_to_write(problem)}, then resume" if unwritable else _SEE_TO_THE_DEVICE)
     return see_to if at.to_do is None else f"{at.to_do}; then {see_to}"
 
 
