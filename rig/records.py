@@ -44,7 +44,7 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
 
 
 Phase = Literal[
-    "clearance", "moving", "approach", "back off", "touch", "press", "ramp", "vibrate", "hold", "compliance"
+    "clearance", "rest", "moving", "approach", "back off", "touch", "press", "ramp", "vibrate", "hold", "compliance"
 ]
 """Activity during which the force was read."""
 

@@ -102,6 +102,8 @@ class IndentorAtEndJson(Output):
     may_touch: bool | None
     contact: ContactKind | None
     force_gwt: float | None
+    measured_unix_s: float | None
+    aged: bool
 
 
 class EndingJson(Output):
@@ -139,6 +141,7 @@ class ContactJson(Output):
     contact: ContactKind | None
     may_touch: bool | None
     force_gwt: float | None
+    measured_unix_s: float | None
     where_text: str
     to_do_text: str | None
 

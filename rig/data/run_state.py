@@ -391,6 +391,11 @@ class RunState:
             self.force_status = DeviceStatus("zeroed", self._unix_s)
 
     @property
+    def unix_s(self) -> float | None:
+        """Time of the last event, seconds since 1970."""
+        return self._unix_s
+
+    @property
     def now(self) -> str:
         """Present step in words; empty at the end, or without a course."""
         return "" if self.agenda is None else self.agenda.now

@@ -1,15 +1,20 @@
 """State of contact between indentor and finger, defined once for engine, commands and records.
 
 *Lifted* is measured: the force at rest is below the touch threshold, and the position is at clearance or higher.
-Every other state names what is missing, and what to do.
+Every other state names what is missing, and what to do. A finger moves, so a measurement has an age: after `FRESH_S`
+the state is that of its time, and unknown since.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from datetime import datetime
 from typing import Any, Literal, get_args
 
 ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
 KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
+
+FRESH_S = 1.0
+"""Longest age of a measurement at rest that still shows whether a finger is touched (s)."""
 
 DOES_NOT_TOUCH = "the indentor does not touch the finger"
 MAY_TOUCH = "the indentor may still touch the finger"
@@ -43,7 +48,9 @@ class KnownContact:
     x_mm, height_mm : float or None
         The last known place, mm from the pad's center and above its nominal apex.
     unix_s : float
-        When it was known, seconds since 1970; 0 where only the order of events matters.
+        When force and position were measured, seconds since 1970; 0 where only the order of events matters.
+    aged : bool
+        Whether this is longer ago than `FRESH_S`, so that the force is that of then and the contact unknown since.
     """
 
     kind: ContactKind = "unknown"
@@ -51,6 +58,17 @@ class KnownContact:
     x_mm: float | None = None
     height_mm: float | None = None
     unix_s: float = 0.0
+    aged: bool = False
+
+    def after(self, age_s: float, *, trusted: bool) -> "KnownContact":
+        """Return what is still known when the measurement has an age (s); trusted: whether the position is."""
+        fresh = 0.0 <= age_s <= FRESH_S  # A clock may have jumped back.
+        kind = self.kind
+        if kind == "lifted" and not (fresh and trusted):
+            kind = "raised" if trusted else "unknown"
+        elif kind in ("raised", "disagreement") and not trusted:
+            kind = "touching" if kind == "disagreement" else "unknown"
+        return replace(self, kind=kind, aged=self.aged or not (fresh or self.force_gwt is None))
 
     @property
     def may_touch(self) -> bool:
@@ -65,12 +83,15 @@ class KnownContact:
         if self.kind == "raised":
             return f"raised to {self.place}; {self.clause}"
         if self.kind == "disagreement":
-            return f"the stage reports {self.place}, {self.clause}"
+            return f"the stage reports {self.place}{'; ' if self.aged else ', '}{self.clause}"
         return f"last known at {self.place}; {self.clause}"
 
     @property
     def clause(self) -> str:
         """State of contact in words, without the position."""
+        if self.aged:
+            position = "by position only; " if self.kind == "raised" else ""
+            return f"{position}{self._measured}, and unknown since because a finger moves; {MAY_TOUCH}"
         if self.kind == "lifted":
             return f"{self._force}, so {DOES_NOT_TOUCH}"
         if self.kind == "raised":
@@ -97,12 +118,19 @@ class KnownContact:
 
     def as_json(self) -> dict[str, Any]:
         """Return the fields that commands print as JSON."""
-        return {"contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt,
-                "where_text": self.words, "to_do_text": self.to_do}  # fmt: skip
+        return {
+            "contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt,
+            "measured_unix_s": self.unix_s or None, "where_text": self.words, "to_do_text": self.to_do,
+        }  # fmt: skip
 
     @property
     def _force(self) -> str:
         return "force unknown" if self.force_gwt is None else f"{self.force_gwt:.2f} gwt"
+
+    @property
+    def _measured(self) -> str:
+        when = f" at {datetime.fromtimestamp(self.unix_s):%Y-%m-%d %H:%M:%S}" if self.unix_s else ""
+        return f"last measured{when}: {self._force}"
 
 
 def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> ContactKind:

@@ -4,20 +4,23 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from functools import partial
 from types import MappingProxyType
 from typing import Any, NoReturn, Protocol, TypeVar
 
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
-from rig.engine.contact import ContactKind, KnownContact, judged
+from rig.engine.contact import FRESH_S, ContactKind, KnownContact, judged
 from rig.engine.dead_man import UP, jog_up_from_rest
 from rig.engine.limits import (
     AT_MM,
     ContactTime,
+    FingerStiffness,
     Touched,
     Trips,
     longer_than_an_increment,
+    park_height_mm,
     refuse_height,
     trip_height_mm,
 )
@@ -83,8 +86,9 @@ class Engine:
         journal: Recorder,
         soft_trip_n: float | None = None,
         contact_s: float = 0.0,
+        stiffness: FingerStiffness | None = None,
     ) -> None:
-        """Begin with the contact time of the earlier parts of the run (s)."""
+        """Begin with the contact time of the earlier parts of the run (s) and the predicted stiffness."""
         self.settings, self.bench, self.clock = settings, bench, bench.clock
         self.state = State.UNHOMED
         self.problem: Exception | None = None  # The first trip or failure: the run cannot end normally after it.
@@ -95,6 +99,7 @@ class Engine:
         self.sensing = Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, bench.clock, self._glance)
         self.touched = Touched(settings)
+        self.stiffness = stiffness or FingerStiffness.unknown()
         self.contact = ContactTime(bench.clock, settings.limits, contact_s)
         self.heartbeat = Heartbeat(bench.clock)
         self.heartbeat.stop = self._stop_stage
@@ -102,6 +107,7 @@ class Engine:
         # below clearance since the last lift or homing; of this motion
         self.may_touch = self._touch_ends_it = False
         self._each: EachReading | None = None  # of this motion
+        self._late_s, self._glanced_s = math.inf, 0.0  # of this motion: longest time between two readings; last one
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
         self.keep_zero: Callable[[ForceZero | None], None] = lambda zero: None  # for the next command
         # last measured state, and whether the stage has been at rest since
@@ -193,12 +199,15 @@ class Engine:
         away: bool = False,
         touch_ends_it: bool = False,
         each: EachReading | None = None,
-    ) -> None:
+        late_s: float = math.inf,
+    ) -> bool:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
 
-        away: the motion begins by leaving the finger. each: receives every reading that is below the trips.
+        away: the motion begins by leaving the finger. each: receives every reading that is below the trips. late_s:
+        longest time between two readings. Return False if a touch, a pause or a late reading ended the motion.
         """
         self._touch_ends_it, self._measured, self._each = touch_ends_it, False, each
+        self._late_s, self._glanced_s = late_s, self.clock.monotonic_s()
         try:
             if self.state is not State.TRIPPED:
                 self.sensing.begin_motion(away=away)
@@ -206,16 +215,18 @@ class Engine:
         except NoReadingError as error:
             self.trip(recast(TripError, error))
         except (TouchError, PausedMotionError):
-            pass  # The reading at rest is more accurate. What asked for the pause acts after the motion.
+            return False  # The reading at rest is more accurate. What asked for the pause acts after the motion.
         except InterruptedMotionError as interruption:
             self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # The lift after a trip continues.
             if isinstance(interruption.__cause__, RecordError):
                 self._lift_unrecorded(interruption.__cause__)
-            if interruption.force_gwt is not None:
-                self._record_sample(NO_PRESS, "moving", interruption.force_gwt)
-            self.trip(recast(TripError, interruption), interruption.force_gwt)
+            reason, force_gwt = recast(TripError, interruption), interruption.force_gwt
+            if force_gwt is None:
+                self.trip(reason)
+            self._trip_with(partial(self._record_sample, NO_PRESS, "moving", force_gwt), reason, force_gwt)
+        return True
 
     def _glance(self) -> None:
         """Check stop inputs and force once during a motion; do nothing during the lift after a trip."""
@@ -233,12 +244,16 @@ class Engine:
         self._last_gwt = force_gwt if self.sensing.zeroed else None
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
+        self._renew_lift(force_gwt)
         if passed := self.trips.passed_any(force_gwt):
             raise InterruptedMotionError(
                 f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving"
             )
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
             raise TouchError("a touch", force_gwt)
+        before_s, self._glanced_s = self._glanced_s, self.clock.monotonic_s()
+        if self._glanced_s - before_s > self._late_s:
+            raise PausedMotionError("a late reading", force_gwt, code="late_reading")
         if self._each is not None:
             self._each(force_gwt)
             if self.contact.over or self.bench.operator.pause.asked():
@@ -273,9 +288,14 @@ class Engine:
     def known_contact(self) -> KnownContact:
         """State of contact from the last measurements, without a query to a device."""
         if self._measured or not self.may_touch:
-            return self._known
+            return self._known.after(self._measured_ago_s, trusted=self.trusted)
         touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
         return self._contact("touching" if touches else "unknown", self._last_gwt)
+
+    @property
+    def is_lifted(self) -> bool:
+        """Whether a measurement at rest, at most `FRESH_S` old, shows that the indentor does not touch the finger."""
+        return not self.known_contact.may_touch
 
     def measure_contact(self) -> KnownContact:
         """Measure and store the state of contact at rest; neither trip nor move.
@@ -289,14 +309,38 @@ class Engine:
         kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
         found = self._contact(kind, force_gwt)
         self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
-        self._measured_s = self.clock.monotonic_s()
+        self._measured_s = self._awake_and_asleep_s
         self.keep_contact(found)
         return found
 
     @property
-    def measured_ago_s(self) -> float:
+    def _awake_and_asleep_s(self) -> float:
+        return self.clock.monotonic_s() + self.clock.suspended_s()  # A finger moves while a computer is suspended.
+
+    @property
+    def _measured_ago_s(self) -> float:
         """Time since contact was last measured (s); infinite before."""
-        return self.clock.monotonic_s() - self._measured_s
+        return self._awake_and_asleep_s - self._measured_s
+
+    def _renew_lift(self, force_gwt: float) -> None:
+        """Renew a measured lift by a reading at clearance without a touch; a touch ends it.
+
+        Readings that follow each other within `FRESH_S` need no second one that agrees.
+        """
+        if self.may_touch or self._known.kind != "lifted" or not self.sensing.zeroed:
+            return
+        if abs(force_gwt) >= self.sensing.touch_gwt:
+            self._known = self._contact("disagreement", round(force_gwt, 6))
+        elif self._measured_ago_s <= FRESH_S:
+            self._known = self._contact("lifted", round(force_gwt, 6))
+        else:
+            return
+        self._measured_s = self._awake_and_asleep_s
+
+    def measure_at_end(self) -> None:
+        """Measure contact at the end of a run that was not stopped, unless the last measurement is fresh."""
+        if self.motion.begun and not (self._measured and self._measured_ago_s <= FRESH_S):
+            self.measure_contact()
 
     def confirm_lifted(self) -> None:
         """Confirm at rest that the indentor is clear of the finger; trip if this is not confirmed."""
@@ -370,9 +414,10 @@ class Engine:
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
             self.contact.begin()
-        self._record_sample(press, phase, force, doi, stable=reading.stable, also=reading.also)
+        sample = partial(self._record_sample, press, phase, force, doi, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force):
-            self.trip(passed, force)
+            self._trip_with(sample, passed, force)
+        sample()
         self.contact.refuse_more()
         return force
 
@@ -413,6 +458,31 @@ class Engine:
         """Return a new reading from zero, taken at rest; trip without one or beyond the hard trip."""
         return self._read_at_rest(self.sensing.settled)
 
+    def watch_at_clearance(self, *, recorded: bool) -> None:
+        """Read the force in a wait at clearance; a finger that comes up trips as in a hold, and its time counts.
+
+        Raises TripError, and LimitError after a lift if the contact time exceeds limits.max_contact_s.
+        """
+        reading = self.reading()
+        if not self.sensing.absolute:
+            return
+        force_gwt = round(reading.force_n / GWT_N, 6)
+        touches = abs(force_gwt) >= self.sensing.touch_gwt
+        if touches:
+            self.contact.begin()
+        else:
+            self.contact.end()
+        sample = partial(self._record_sample, NO_PRESS, "rest", force_gwt, stable=reading.stable, also=reading.also)
+        if passed := self.trips.passed(force_gwt):
+            words = f"{passed.sentence} in a wait at clearance: the finger has come up to the indentor"
+            self._trip_with(sample, TripError(words, code=f"{passed.code}_at_rest", **passed.fields), force_gwt)
+        if recorded:
+            sample()
+        if self.contact.over:
+            self.lift(park_height_mm(self.settings, self.height_mm))
+            self.measure_contact()
+            self.contact.refuse_more()
+
     def raw_reading(self) -> ForceReading:
         """Return the same reading, not counted from a zero."""
         return self._read_at_rest(self.sensing.raw)
@@ -430,6 +500,7 @@ class Engine:
             self.trip(passed, force_gwt)
         if problem := self.stop_problem(at_rest=True):
             self.trip(problem)
+        self._renew_lift(force_gwt)
         return reading
 
     def _suspended(self) -> TripError | None:
@@ -458,27 +529,47 @@ class Engine:
             self.trip(reason)
 
     def trip(self, reason: TripError, force_gwt: float | None = None) -> NoReturn:
-        """Latch the trip, act by limits.on_trip, journal, and raise the reason.
+        """Latch the trip, journal it, act by limits.on_trip, and raise the reason.
 
         The stage is at rest and its position trusted, so it can lift. If it was stopped, or the lift fails, it
-        stays.
+        stays. While a force remains after the lift, it goes on to the park height.
         """
         self.state, self.problem = State.TRIPPED, reason
+        with contextlib.suppress(RecordError):  # The caller reports the trip.
+            data = {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s}
+            self._journalled("trip", data)
         try:
             if self.settings.limits.on_trip == "stop":
                 self.stop()
             elif not self.heartbeat.lost:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
+                insist(self._leave_force)
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
         with contextlib.suppress(RecordError):  # The caller reports the trip.
             self.measure_contact()
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, reason
-        with contextlib.suppress(RecordError):  # The caller reports the trip.
-            self.record("trip", {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s})
         raise reason
+
+    def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
+        """Trip with the reading that is the reason; a journal that fails does not delay the lift."""
+        with contextlib.suppress(RecordError):  # The caller reports the trip.
+            sample(record=self._journalled)
+        self.trip(reason, force_gwt)
+
+    def _leave_force(self) -> None:
+        """Go on up to the park height after a lift while the force does not vanish."""
+        top_mm = park_height_mm(self.settings, self.height_mm)
+        if not (self.bench.stage.homed and self.sensing.zeroed) or self.height_mm >= top_mm - AT_MM:
+            return
+        try:
+            force_gwt = self.sensing.settled().force_n / GWT_N
+        except NoReadingError:
+            return
+        if abs(force_gwt) >= self.sensing.touch_gwt:
+            self.lift(top_mm)
 
     def _leave(self, to_mm: float) -> None:
         """Lift to a height after a trip; by as much and in jogs, if the stage strayed and was stopped."""
@@ -499,6 +590,7 @@ class Engine:
         if self.state is State.IN_CONTACT:
             try:
                 self.lift()
+                self._leave_force()
             except (StageError, TransportError, TripError):
                 self.stop()
             with contextlib.suppress(TripError):

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import Clock
+from rig.devices.base import LOOK_S
 from rig.devices.registry import highest_hz
 from rig.engine.corridor import PRINTED_MM
 from rig.errors import LimitError, RigError, TripError
-from rig.records import ContactFit, SineMotion
-from rig.settings import LimitSettings, RigSettings
+from rig.records import ContactFit, PlannedIndentation, SineMotion
+from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
 TRIP_MARGIN = 0.9  # share of the trip that a step may reach, extrapolated with the last stiffness
@@ -144,10 +145,16 @@ class ContactTime:
 
 def trip_height_mm(settings: RigSettings, height_mm: float) -> float:
     """Return the height that a trip lifts to: clearance, or higher if configured or if clearance is not clear."""
-    habits, highest = settings.habits, -settings.frame.apex_z_mm
+    habits = settings.habits
     if settings.limits.on_trip != "park" and height_mm <= habits.clearance_mm - AT_MM:
         return habits.clearance_mm
-    return min(max(habits.park_height_mm, height_mm + habits.clearance_mm), highest)
+    return park_height_mm(settings, height_mm)
+
+
+def park_height_mm(settings: RigSettings, height_mm: float) -> float:
+    """Return the height that leaves a finger that came up: the park height, or higher from above it."""
+    habits, highest_mm = settings.habits, -settings.frame.apex_z_mm
+    return min(max(habits.park_height_mm, height_mm + habits.clearance_mm), highest_mm)
 
 
 def longer_than_an_increment(settings: RigSettings, from_mm: float, to_mm: float, free_mm: float) -> bool:
@@ -276,6 +283,71 @@ class Stopping:
         return a * (math.sqrt(late_s**2 + 2 * max(distance_mm, 0.0) / a) - late_s)
 
 
+def late_reading_s(settings: RigSettings) -> float:
+    """Return the longest time between two force readings of a move sideways (s); a later one halts the stage."""
+    return 2 * settings.force.sample_period_s + LOOK_S
+
+
+@dataclass(frozen=True)
+class FingerStiffness:
+    """Stiffness of a finger under its stiffest press, for F ∝ d^1.5."""
+
+    gwt_at_1_mm: float
+
+    @classmethod
+    def of(cls, presses: Sequence[PlannedIndentation]) -> "FingerStiffness":
+        """Return the highest predicted stiffness of these presses."""
+        if not presses:
+            return cls.unknown()
+        return cls(max(press.highest_gwt / press.predicted_doi_mm**CONTACT_EXPONENT for press in presses))
+
+    @classmethod
+    def unknown(cls) -> "FingerStiffness":
+        """Return the stiffness that counts where nothing is predicted: a stiff finger under a wide flat indentor."""
+        return cls(40.0)
+
+    def depth_mm(self, force_gwt: float) -> float:
+        """Return the depth at which the finger answers with a force (mm)."""
+        return float((force_gwt / self.gwt_at_1_mm) ** (1 / CONTACT_EXPONENT))
+
+
+@dataclass(frozen=True)
+class SidewaysLimit:
+    """Speed of a move sideways at clearance, and how far it may drag a finger that has come up.
+
+    A touch ends the move. Until the stage is at rest it may go the way to the touch threshold, and the stopping
+    distance: v · (delay of the sensor, longest time without a reading, delay of the controller) + v² / 2a. The finger
+    counts as a wall as stiff as the stiffest predicted press, so that this distance stays below half the trip.
+
+    Attributes
+    ----------
+    speed_mm_s : float
+        Highest speed, at most habits.travel_speed_mm_s.
+    in_contact_mm : float
+        Longest way in contact at this speed.
+    force_gwt : float
+        Force at its end.
+    """
+
+    speed_mm_s: float
+    in_contact_mm: float
+    force_gwt: float
+
+    @classmethod
+    def of(
+        cls, settings: RigSettings, trip_gwt: float, touch_gwt: float, stiffness: FingerStiffness
+    ) -> "SidewaysLimit":
+        """Return it for the lowest trip and the touch threshold (gwt)."""
+        late_s = settings.force.latency_s + late_reading_s(settings) + PREPARED_S
+        stop = Stopping(settings.habits.travel_speed_mm_s, late_s, settings.stage.acceleration_mm_s2, math.inf)
+        touch_mm = stiffness.depth_mm(touch_gwt)
+        fastest_mm_s = stop.fastest_mm_s(stiffness.depth_mm(_SIDEWAYS_SHARE * trip_gwt) - touch_mm)
+        speed_mm_s = min(max(fastest_mm_s, SLOWEST_MM_S), stop.speed_mm_s)
+        way_mm = touch_mm + replace(stop, speed_mm_s=speed_mm_s).distance_mm
+        return cls(speed_mm_s, way_mm, stiffness.gwt_at_1_mm * way_mm**CONTACT_EXPONENT)
+
+
+_SIDEWAYS_SHARE = 0.5  # of the trip
 RAMP_MARGIN = 1.25
 """Lowest trip of a ramp over the force at its depth: a fast ramp leaves the tissue less time to relax."""
 

@@ -86,11 +86,11 @@ class Motion:
         self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
         self.set_position(self._stage.status())
 
-    def aside(self, x_mm: float, along_mm: float, speed_mm_s: float) -> None:
-        """Move laterally at the present height. Raises StageError, and the errors of `glance`."""
+    def aside(self, x_mm: float, along_mm: float, speed_mm_s: float, look_s: float = LOOK_S) -> None:
+        """Move laterally at this height, polled every look_s. Raises StageError, and the errors of `glance`."""
         frame = self._settings.frame
         x, y = frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm
-        looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s)
+        looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s, look_s=look_s)
         self._watched(looks, self._be_over, self._stage.halt, self._corridor(x, y, self._machine_mm[2], speed_mm_s))
         self.x_mm, self.along_mm = x_mm, along_mm
 

@@ -2,16 +2,17 @@
 
 import math
 import statistics
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import Any, TypeVar
 
 from rig.clock import Clock
+from rig.devices.base import LOOK_S
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
-from rig.engine.limits import AT_MM
-from rig.engine.sensing import APART_S, zero_readings_gwt
+from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
+from rig.engine.sensing import ForceZero, Sensing, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.units import GWT_N
@@ -19,8 +20,14 @@ from rig.units import GWT_N
 _T = TypeVar("_T")
 
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
-"""Poll intervals of the stop inputs, and of stage and force sensor, during a wait at clearance (s)."""
-_LOOK_TAKES_S = 0.25  # No look begins so shortly before the end of a rest.
+"""Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
+
+ZERO_LIFT_MM = 0.3
+"""Lift after a zero, which must not change the force (mm)."""
+NOISE_STEPS = 10.0
+"""Largest noise of a zero in steps of the sensor."""
+_LIFTED_READINGS = 4
+_MOST_INTERRUPTIONS = 20  # of one move sideways, by single readings of a touch and by late readings
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -110,25 +117,34 @@ def zero(engine: Engine) -> None:
     """Zero the force sensor in the air, and journal its drift since the last zero.
 
     A finger that has come up to the indentor looks like a drift. A drift as large as a touch is therefore measured
-    again at habits.park_height_mm, where the sensor is then zeroed; a touch ends the descent back to clearance.
+    again at habits.park_height_mm, where the sensor is then zeroed; a touch ends the descent back to clearance. The
+    zero counts only if its readings scatter no more than a sensor may, and if a lift of `ZERO_LIFT_MM` does not
+    change the force by a touch; otherwise it trips.
     """
     engine.require_clear("zero")
     sensing, settings = engine.sensing, engine.settings
     drift_gwt = _drift_gwt(engine)
-    air_mm = min(settings.habits.park_height_mm, -settings.frame.apex_z_mm)
+    top_mm = -settings.frame.apex_z_mm
+    air_mm = min(settings.habits.park_height_mm, top_mm)
     lifts = drift_gwt is not None and abs(drift_gwt) >= sensing.touch_gwt and engine.height_mm < air_mm - AT_MM
     if lifts:
         engine.lift(air_mm)
         drift_gwt = _drift_gwt(engine)
+    from_mm = engine.height_mm
+    if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
+        engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
     engine.keep_zero(None)
     found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
+    if refused := refused_zero(sensing, found) or _changed_by_lift(engine):
+        sensing.zero = None
+        engine.trip(refused)
     engine.keep_zero(sensing.lasting_zero)
     known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
-    engine.know_contact(0.0)  # The reading just taken is the new zero.
+    engine.know_contact(0.0)  # The lift has shown that nothing touched while the zero was taken.
     engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
@@ -143,6 +159,42 @@ def zero(engine: Engine) -> None:
         )
     if lifts:
         _go_to_clearance(engine, settings.habits.travel_speed_mm_s)
+    else:
+        _descend(engine, from_mm)
+
+
+def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
+    """Return the error for a zero whose readings scatter more than those of a sensor in the air, else None."""
+    most_gwt = NOISE_STEPS * sensing.resolution_gwt
+    if zero.noise_gwt <= most_gwt:
+        return None
+    return TripError(
+        "the readings of the zero scatter by {noise_gwt:.2f} gwt (standard deviation), more than {most_gwt:.2f} gwt, "
+        "{steps:g} steps of the sensor: the finger moved, or the cell is too noisy; keep the finger away and zero "
+        "again, shield the cell, or set force.resolution_gwt to its real step",
+        code="zero_scatters",
+        noise_gwt=zero.noise_gwt,
+        most_gwt=most_gwt,
+        steps=NOISE_STEPS,
+    )
+
+
+def changed_zero(change_gwt: float) -> TripError:
+    """Return the error for a zero from which a lift has changed the force as a touch does."""
+    return TripError(
+        "the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {lift_mm:g} mm after the zero; "
+        "the finger touches it, so keep the finger away and zero again",
+        code="zero_in_contact",
+        change_gwt=change_gwt,
+        lift_mm=ZERO_LIFT_MM,
+    )
+
+
+def _changed_by_lift(engine: Engine) -> TripError | None:
+    """Lift after a zero, and return the error if the force changes by a touch, else None."""
+    engine.lift(engine.height_mm + ZERO_LIFT_MM)
+    change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
+    return changed_zero(change_gwt) if abs(change_gwt) >= engine.sensing.touch_gwt else None
 
 
 def _drift_gwt(engine: Engine) -> float | None:
@@ -165,13 +217,51 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
                 high_mm=high,
             )
     safe_point(engine)
-    if engine.sensing.zeroed and engine.measured_ago_s > APART_S:  # The finger may have come up to the indentor.
-        _refuse_contact_at_rest(engine)
-    speed = engine.settings.habits.travel_speed_mm_s
-    engine.move(lambda: engine.motion.aside(x_mm, along_mm, speed))
-    _go_to_clearance(engine, speed)
+    with _counted_from_here(engine):
+        _go_sideways(engine, x_mm, along_mm)
+        _go_to_clearance(engine, engine.settings.habits.travel_speed_mm_s)
     engine.placed = True
     engine.record("move", {"x_mm": x_mm, "along_mm": along_mm, "height_mm": engine.height_mm})
+
+
+@contextmanager
+def _counted_from_here(engine: Engine) -> Iterator[None]:
+    """Before the first zero, count forces from readings at the present position."""
+    provisional = not engine.sensing.zeroed
+    if provisional:
+        engine.sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
+    try:
+        yield
+    finally:
+        if provisional:
+            engine.sensing.zero = None
+
+
+def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
+    """Move sideways; contact is measured before, and a touch ends the move and trips.
+
+    A touch that vanishes at rest (vibration of the stage) and a late reading only interrupt the move.
+    """
+    limit = SidewaysLimit.of(engine.settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(engine.settings)
+    for _ in range(_MOST_INTERRUPTIONS):
+        _refuse_contact_at_rest(engine)
+        if engine.sensing.absolute and not engine.is_lifted and engine.measure_contact().may_touch:
+            engine.trip(engine.not_lifted)
+        if engine.move(
+            lambda: engine.motion.aside(x_mm, along_mm, limit.speed_mm_s, look_s), touch_ends_it=True, late_s=late_s
+        ):
+            return
+    engine.trip(
+        TripError(
+            "the move sideways to x = {x_mm:g} mm was interrupted {times} times by single readings of a touch, or by "
+            "readings later than {late_s:g} s; check the force sensor for noise and its cable",
+            code="sideways_interrupted",
+            x_mm=x_mm,
+            times=_MOST_INTERRUPTIONS,
+            late_s=late_s,
+        )
+    )
 
 
 def be_over(engine: Engine, x_mm: float) -> None:
@@ -191,49 +281,47 @@ def retract(engine: Engine) -> None:
 
 
 def rest(engine: Engine, seconds: float) -> None:
-    """Wait at clearance (s).
+    """Wait at clearance (s), watched as a hold is.
 
-    A pause takes effect at once, and its time counts. A stop input or a lost device ends the wait.
+    A pause takes effect at once, and its time counts. A force above the soft trip, the end of the contact time, a
+    stop input or a lost device ends the wait.
     """
     engine.require_clear("rest")
     clock, look = engine.clock, LooksAtClearance(engine, engine.clock)
     until_s = clock.monotonic_s() + seconds
+    takes_s = 2 * engine.sensing.wait_s + STOP_LOOK_S  # No look begins so shortly before the end.
     while (now_s := clock.monotonic_s()) < until_s:
         clock.wait_until(engine.bench.operator.pause.asked, min(now_s + STOP_LOOK_S, until_s))
         safe_point(engine)
-        if until_s - clock.monotonic_s() > _LOOK_TAKES_S:
+        if until_s - clock.monotonic_s() > takes_s:
             look()
     engine.record("rest", {"rest_s": seconds})
 
 
-def look_at_devices(engine: Engine) -> None:
-    """Ask stage and force sensor in a wait at clearance, so that the loss of one ends the wait.
-
-    Raises TripError for the sensor or a stop input, StageError or TransportError for the stage.
-    """
-    engine.guarded(engine.bench.stage.status)
-    engine.reading()
-
-
 class LooksAtClearance:
-    """Checks of stop inputs and devices during a wait of any length; each call checks only what is due.
+    """Checks of stop inputs, force and stage during a wait of any length; each call checks only what is due.
 
     While a person handles the indentor or the finger, only the participant's button acts, because the force of a hand
     must neither trip nor lift. The next step asks the devices.
 
-    The devices of a virtual bench are not asked: they cannot be lost, and by the wall clock their time would depend
-    on the speed of the computer.
+    The devices of a virtual bench are asked only by its own clock: they cannot be lost, and by the wall clock their
+    time would depend on the speed of the computer.
     """
 
     def __init__(self, engine: Engine, clock: Clock, *, handled: bool = False) -> None:
         """clock: the clock that times the wait. handled: whether a person handles indentor or finger."""
         self._engine, self._clock, self._handled = engine, clock, handled
         self._inputs_s = clock.monotonic_s()
-        asked = not (handled or getattr(engine.bench, "virtual", False))
-        self._devices_s = self._inputs_s + REST_LOOK_S if asked else math.inf
+        asked = not handled and (clock is engine.clock or not getattr(engine.bench, "virtual", False))
+        self._force_s = self._inputs_s if asked else math.inf
+        self._stage_s = self._recorded_s = self._inputs_s + REST_LOOK_S if asked else math.inf
 
     def __call__(self) -> None:
-        """Check the inputs and devices that are due. Raises the errors of `look_at_devices`."""
+        """Check what is due.
+
+        Raises TripError for the force, its sensor or a stop input, LimitError for the contact time, StageError or
+        TransportError for the stage.
+        """
         engine, now_s = self._engine, self._clock.monotonic_s()
         if engine.state is not State.READY:
             return
@@ -241,9 +329,15 @@ class LooksAtClearance:
             self._inputs_s = now_s + STOP_LOOK_S
             if (problem := engine.stop_problem(at_rest=True)) and not self._handled:
                 engine.trip(problem)
-        if now_s >= self._devices_s:
-            look_at_devices(engine)
-            self._devices_s = self._clock.monotonic_s() + REST_LOOK_S
+        if now_s >= self._stage_s:
+            engine.guarded(engine.bench.stage.status)
+            self._stage_s = self._clock.monotonic_s() + REST_LOOK_S
+        if now_s >= self._force_s:
+            recorded = now_s >= self._recorded_s
+            engine.watch_at_clearance(recorded=recorded)
+            self._force_s = self._clock.monotonic_s() + STOP_LOOK_S
+            if recorded:
+                self._recorded_s = self._clock.monotonic_s() + REST_LOOK_S
 
 
 def checkpoint(engine: Engine, name: str) -> None:
@@ -292,25 +386,23 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
     docs/safety_design.md. A touch that vanishes at rest (vibration of the stage) is passed by one step. Before the
     first zero, forces count from readings before the descent.
     """
-    habits, sensing = engine.settings.habits, engine.sensing
-    down_mm, slow_mm_s, step_mm = habits.clearance_mm, habits.descent_speed_mm_s, habits.descent_step_mm
-    provisional = not sensing.zeroed and engine.height_mm > down_mm + AT_MM
-    try:
-        if provisional:
-            sensing.take_zero(zero_readings_gwt(engine.raw_reading), provisional=True)
-        while sensing.zeroed and engine.height_mm > down_mm + AT_MM:
-            engine.go_to_height(down_mm, slow_mm_s, touch_ends_it=True)
-            _refuse_contact_at_rest(engine)
-            if engine.height_mm > down_mm + AT_MM:
-                engine.go_to_height(max(engine.height_mm - step_mm, down_mm), slow_mm_s)
-                _refuse_contact_at_rest(engine)
-    finally:
-        if provisional:
-            sensing.zero = None
+    down_mm = engine.settings.habits.clearance_mm
+    _descend(engine, down_mm)
     if engine.height_mm != down_mm:
         engine.go_to_height(down_mm, speed_mm_s)
-    if sensing.zeroed:
+    if engine.sensing.absolute:
         _refuse_contact(engine, engine.read_force_gwt(NO_PRESS, "clearance"))
+
+
+def _descend(engine: Engine, down_mm: float) -> None:
+    habits = engine.settings.habits
+    slow_mm_s, step_mm = habits.descent_speed_mm_s, habits.descent_step_mm
+    while engine.height_mm > down_mm + AT_MM:
+        engine.go_to_height(down_mm, slow_mm_s, touch_ends_it=True)
+        _refuse_contact_at_rest(engine)
+        if engine.height_mm > down_mm + AT_MM:
+            engine.go_to_height(max(engine.height_mm - step_mm, down_mm), slow_mm_s)
+            _refuse_contact_at_rest(engine)
 
 
 def _refuse_contact_at_rest(engine: Engine) -> None:
@@ -320,8 +412,8 @@ def _refuse_contact_at_rest(engine: Engine) -> None:
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:
     if abs(force_gwt) >= engine.sensing.touch_gwt:
         touched = TripError(
-            "the sensor reads {force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex; "
-            "check frame.apex_z_mm and the zero of the sensor",
+            "the sensor reads {force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex; check "
+            "whether the finger has come up, frame.apex_z_mm, and the zero of the sensor",
             code="touch_at_clearance",
             force_gwt=force_gwt,
             height_mm=engine.height_mm,

@@ -49,6 +49,8 @@ class FinalPosition:
     may_touch: bool | None = None
     contact: ContactKind | None = None
     force_gwt: float | None = None
+    measured_unix_s: float | None = None
+    aged: bool = False  # Since that measurement nothing is known about contact.
 
     @classmethod
     def of(cls, engine: Engine) -> "FinalPosition":
@@ -61,15 +63,22 @@ class FinalPosition:
         left: Left = "held" if not (above and trusted) else "raised" if known.may_touch else "lifted"
         return cls(
             left, _known(engine.x_mm), _known(engine.height_mm), left != "held",  # A held stage was stopped.
-            known.may_touch, known.kind, known.force_gwt,
+            known.may_touch, known.kind, known.force_gwt, known.unix_s, known.aged,
         )  # fmt: skip
 
     @classmethod
     def last_known(cls, run: Run) -> "FinalPosition":
         """Return the last known position of a run without an end, whose killed program could not lift."""
         state = run.state
-        at = cls("held", state.x_mm, state.height_mm, False, None, state.contact, state.force_gwt)
-        return replace(at, may_touch=None if at.contact is None else at.contact != "lifted")
+        at = cls("held", state.x_mm, state.height_mm)
+        if state.contact is None:
+            return at
+        last = KnownContact(state.contact, state.force_gwt, unix_s=state.unix_s or 0.0)
+        known = last.after(math.inf, trusted=False)
+        return replace(
+            at, may_touch=True, contact=known.kind, force_gwt=known.force_gwt, measured_unix_s=known.unix_s,
+            aged=known.aged,
+        )  # fmt: skip
 
     @property
     def words(self) -> str:
@@ -92,7 +101,9 @@ class FinalPosition:
         kind = self.contact
         if kind is None:  # from before contact was measured
             kind = "raised" if self.left == "lifted" else "unknown"
-        return KnownContact(kind, self.force_gwt, self.x_mm, self.height_mm)
+        return KnownContact(
+            kind, self.force_gwt, self.x_mm, self.height_mm, self.measured_unix_s or 0.0, aged=self.aged
+        )
 
 
 @dataclass(frozen=True)

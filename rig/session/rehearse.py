@@ -15,7 +15,7 @@ from rig.bench.virtual import bench_around, with_stand_ins
 from rig.data import Run
 from rig.data.run_state import Course, Marks, Milestone, Timeline
 from rig.engine import Engine, Target, verbs
-from rig.engine.limits import CONTACT_EXPONENT
+from rig.engine.limits import CONTACT_EXPONENT, FingerStiffness
 from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan
@@ -150,7 +150,8 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
 
     bench = bench_around(make_plant, settings, clock, io.StringIO())
     timeline = Timeline(clock.monotonic_s)
-    engine = Engine(settings, bench, timeline, plan.soft_trip_n)
+    stiffness = FingerStiffness.of(plan.all_presses)
+    engine = Engine(settings, bench, timeline, plan.soft_trip_n, stiffness=stiffness)
     where = str if before is None else partial(with_stored_file, before.folder.path)
     walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.identified))
     handler: Handler = Rehearsing(engine, walk, plants[0])

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from rig.devices.base import ForceError, StageError
-from rig.engine import Engine, EngineError, ScriptError
+from rig.engine import Engine, EngineError, ScriptError, TripError
 from rig.errors import BadInputError
 from rig.protocol.api import Rig
 from rig.protocol.handlers import SilentScriptError, impatient
@@ -32,10 +32,16 @@ def stopped_at_once(
         if isinstance(error, Exception) and not stopped():
             raise
         engine.stop()
+        reason = with_trip(engine, str(error) if error.args and not isinstance(error, Exception) else why())
         if isinstance(error, Exception):
-            raise KeyboardInterrupt(why()) from error
-        error.args = error.args or (why(),)
+            raise KeyboardInterrupt(reason) from error
+        error.args = (reason,) if reason else ()
         raise
+
+
+def with_trip(engine: Engine, why: str) -> str:
+    """Return the reason of a stop with the trip before it, whose lift it may have interrupted."""
+    return f"{engine.problem}; then {why}" if isinstance(engine.problem, TripError) else why
 
 
 def run_script(script: Script, engine: Engine, rig: Rig) -> None:

@@ -22,6 +22,7 @@ from rig.data.schema import STREAMS, streams_with
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.engine.bench import Meanwhile
+from rig.engine.limits import FingerStiffness
 from rig.errors import LostRecordError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
@@ -35,7 +36,7 @@ from rig.session.execute import Live
 from rig.session.hardware_stop import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
 from rig.session.lost_files import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
-from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once
+from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once, with_trip
 from rig.transport.wire import Sink
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger, FingerProcess
@@ -269,7 +270,8 @@ def _on_a_bench(
             refuse_stop_inputs(session.config, bench)
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
-            engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s)
+            stiffness = FingerStiffness.of((session.possible or session.plan).all_presses)
+            engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness)
             engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             journal.interrupted_by = lambda: session.stopped_by
@@ -286,7 +288,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
             stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
             stop_inputs_heeded(session.config, engine, session.button),
         ):
-            with bench.monitor(engine.heartbeat):
+            with bench.monitor(engine.heartbeat), _measured_at_end(engine, session.attendant.stopped):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
                 run_script(session.script, engine, rig)
             if session.attendant.stopped():  # The script has swallowed the interrupt.
@@ -295,12 +297,26 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
-        return RunAborted("{stopped_by}", code="stopped_at_once", stopped_by=session.stopped_by)
+        return RunAborted(
+            "{why}", code="stopped_at_once", why=with_trip(engine, session.stopped_by), stopped_by=session.stopped_by
+        )
     finally:
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
     return None
+
+
+@contextmanager
+def _measured_at_end(engine: Engine, stopped: Callable[[], bool]) -> Iterator[None]:
+    """Measure contact after an error, so that the ending reports the present state; a stop comes before all."""
+    try:
+        yield
+    except Exception:
+        if not stopped():
+            with suppress(Exception):  # The error that ended the run is reported.
+                engine.measure_at_end()
+        raise
 
 
 def _begin(session: Session, journal: Journal, *, virtual: bool) -> None:
