@@ -16,6 +16,7 @@ from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
 from rig.engine.sensing import ForceZero, Sensing, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
+from rig.settings import ZERO_LIFT_MM
 from rig.units import GWT_N
 
 _T = TypeVar("_T")
@@ -23,8 +24,6 @@ _T = TypeVar("_T")
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
 
-ZERO_LIFT_MM = 0.3
-"""Lift after a zero, which must not change the force (mm)."""
 NOISE_STEPS = 10.0
 """Largest noise of a zero in steps of the sensor."""
 _LIFTED_READINGS = 4
@@ -281,8 +280,7 @@ def retract(engine: Engine) -> None:
         raise engine.not_allowed("retract")
     engine.lift()
     engine.confirm_lifted()
-    about = {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s}
-    engine.record("retract", {**about, **_contact(engine)})
+    engine.record("retract", engine.after_lift())
 
 
 def rest(engine: Engine, seconds: float) -> None:
