@@ -159,7 +159,7 @@ def zero(engine: Engine) -> None:
     if lifts:
         _go_to_clearance(engine, settings.habits.travel_speed_mm_s)
     else:
-        _descend(engine, from_mm)
+        _descend(engine, max(from_mm, settings.habits.clearance_mm))
 
 
 def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
