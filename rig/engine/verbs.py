@@ -191,7 +191,7 @@ def changed_zero(change_gwt: float) -> TripError:
 
 def _changed_by_lift(engine: Engine) -> TripError | None:
     """Lift after a zero, and return the error if the force changes by a touch, else None."""
-    engine.lift(engine.height_mm + ZERO_LIFT_MM)
+    engine.lift(max(engine.height_mm + ZERO_LIFT_MM, engine.settings.habits.clearance_mm))
     change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
     return changed_zero(change_gwt) if abs(change_gwt) >= engine.sensing.touch_gwt else None
 
