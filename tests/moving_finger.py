@@ -53,8 +53,9 @@ OVERSHOOT_GWT = 1.5
 FACT_S = 1.0
 """How long a measurement at rest is a fact (s)."""
 STAGES = ("grbl", "leadshine", "zaber", "standa", "tmcl")
-_TRUTH_S, _STILL_S = 0.002, 0.01
-"""Time between two samples of the truth (s): while stage or finger move, and while both are still."""
+_TRUTH_S, _FREE_S, _STILL_S = 0.004, 0.05, 0.02
+"""Time between two samples of the truth (s): in contact; at most, far above; in contact while nothing moves."""
+_FASTEST_MM_S = 60.0  # of finger and stage towards each other
 
 
 # --- the finger ---
@@ -76,11 +77,6 @@ class Movement:
         if self.cycles:
             return self.cycles * 2 * math.pi * abs(self.by_mm) / self.speed_mm_s
         return abs(self.by_mm) / self.speed_mm_s
-
-    def moves(self, t_s: float) -> bool:
-        """Return whether the skin moves at a time."""
-        back_s = self.at_s + self.lasts_s + self.stays_s
-        return self.at_s <= t_s <= self.at_s + self.lasts_s or back_s <= t_s <= back_s + self.lasts_s
 
     def rise_mm(self, t_s: float) -> float:
         """Return by how much the skin is higher at a time (mm)."""
@@ -118,10 +114,6 @@ class MovingFinger:
     def stands_beside(self, x_mm: float, by_mm: float, flank_mm: float) -> None:
         """Put a second finger beside it, so much higher."""
         self.beside_x_mm, self.beside_mm, self.flank_mm = x_mm, by_mm, flank_mm
-
-    def moves(self, t_s: float) -> bool:
-        """Return whether it moves at a time."""
-        return any(movement.moves(t_s) for movement in self.movements)
 
     def rise_mm(self, t_s: float) -> float:
         """Return the height of the first finger above the nominal apex (mm)."""
@@ -185,9 +177,13 @@ class Witness:
     def _sample(self) -> None:
         now, before = self.now(), self.samples[-1] if self.samples else None
         self.samples.append(now)
-        still = before is not None and (before.x_mm, before.height_mm) == (now.x_mm, now.height_mm)
-        still = still and not self.finger.moves(now.t_s)
-        self.clock.call_at(now.t_s + (_STILL_S if still else _TRUTH_S), self._sample)
+        next_s = _TRUTH_S
+        if now.force_gwt == 0.0:
+            gap_mm = now.height_mm - self.finger.skin_mm(now.x_mm, now.t_s)
+            next_s = min(max(gap_mm / _FASTEST_MM_S, _TRUTH_S), _FREE_S)
+        elif before is not None and before.force_gwt == now.force_gwt and before.x_mm == now.x_mm:
+            next_s = _STILL_S
+        self.clock.call_at(now.t_s + next_s, self._sample)
 
     def touched_s(self, least_gwt: float) -> float:
         """Return for how long the finger has been touched without a break (s)."""
