@@ -18,21 +18,21 @@ from tests.moving_finger import (
     STAGES,
     STOP_MM,
     TRIP_GWT,
+    FingerBench,
     FingerOnBytes,
     FingerOnStub,
     MovingFinger,
 )
 from tests.stub_bench import raising
 
-Bench = FingerOnStub | FingerOnBytes
-BENCHES: dict[str, Callable[[], Bench]] = {
+BENCHES: dict[str, Callable[[], FingerBench]] = {
     "stub": FingerOnStub,
     **{kind: lambda kind=kind: FingerOnBytes(kind) for kind in STAGES},  # type: ignore[misc]
 }
 
 
 @pytest.fixture(params=BENCHES)
-def bench(request: pytest.FixtureRequest) -> Bench:
+def bench(request: pytest.FixtureRequest) -> FingerBench:
     return BENCHES[request.param]()
 
 
@@ -41,15 +41,14 @@ def by_hand(request: pytest.FixtureRequest) -> FingerOnBytes:
     """A bench that the last run left at clearance, lifted."""
     bench = FingerOnBytes(request.param)
     bench.ready()
-    bench.left()
     return bench
 
 
-def in_s(bench: Bench, seconds: float) -> float:
+def in_s(bench: FingerBench, seconds: float) -> float:
     return bench.clock.monotonic_s() + seconds
 
 
-def not_dragged(bench: Bench) -> None:
+def not_dragged(bench: FingerBench) -> None:
     far_mm, force_gwt = bench.witness.dragged(bench.least_gwt)
     assert far_mm <= STOP_MM, f"dragged by {far_mm:.2f} mm at up to {force_gwt:.1f} gwt"
 
@@ -58,17 +57,17 @@ def not_dragged(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("rises_mm", [2.5, 4.0])
-def test_a_finger_that_came_up_after_the_lift_is_not_called_lifted(bench: Bench, rises_mm: float) -> None:
+def test_a_finger_that_came_up_after_the_lift_is_not_called_lifted(bench: FingerBench, rises_mm: float) -> None:
     bench.ready()
     bench.ask()
     assert any(said.lifted for said in bench.witness.said), "as long as it is"
-    bench.finger.moves(in_s(bench, 1.0), rises_mm)
+    bench.finger.rises(in_s(bench, 1.0), rises_mm)
     bench.clock.wait_s(10.0)
     bench.ask()
     assert not bench.witness.lies()
 
 
-def ends(bench: Bench, how: str) -> None:
+def ends(bench: FingerBench, how: str) -> None:
     """Let the next poll of a pause end what is done."""
     at_s = in_s(bench, 6.0)
 
@@ -85,9 +84,9 @@ def ends(bench: Bench, how: str) -> None:
 
 
 @pytest.mark.parametrize("how", ["rig stop", "SIGTERM", "cut cable"])
-def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: Bench, how: str) -> None:
+def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 1.0), 2.8)
+    bench.finger.rises(in_s(bench, 1.0), 2.8)
     ends(bench, how)
     with suppress(KeyboardInterrupt, *ENDINGS), stopped_at_once(engine):
         verbs.rest(engine, 12.0)
@@ -99,7 +98,7 @@ def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: Bench, ho
 def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     by_hand: FingerOnBytes, rises_mm: float
 ) -> None:
-    by_hand.finger.moves(in_s(by_hand, 1.0), rises_mm)
+    by_hand.finger.rises(in_s(by_hand, 1.0), rises_mm)
     by_hand.clock.wait_s(10.0)
     with suppress(RigError):
         by_hand.jog("x", 9.0)
@@ -109,7 +108,7 @@ def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
 
 
 def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
-    by_hand.finger.moves(in_s(by_hand, 1.2), 2.8, 5.0)
+    by_hand.finger.rises(in_s(by_hand, 1.2), 2.8, 5.0)
     with suppress(RigError):
         by_hand.jog("x", 9.0, 5.0)
     not_dragged(by_hand)
@@ -120,10 +119,10 @@ def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: Finger
 
 @pytest.mark.parametrize(("after_s", "speed_mm_s"), [(0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0), (0.8, 20.0)])
 def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
-    bench: Bench, after_s: float, speed_mm_s: float
+    bench: FingerBench, after_s: float, speed_mm_s: float
 ) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, after_s), 4.0, speed_mm_s)
+    bench.finger.rises(in_s(bench, after_s), 4.0, speed_mm_s)
     with suppress(*ENDINGS):
         verbs.zero(engine)
         assert bench.witness.now().force_gwt < bench.least_gwt, "the zero counts"
@@ -135,7 +134,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
 
 @pytest.mark.parametrize("after_s", [0.4, 0.6, 0.8])
 def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
-    by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
+    by_hand.finger.rises(in_s(by_hand, after_s), 4.0)
     with suppress(RigError):
         by_hand.zero_by_hand()
         assert by_hand.witness.now().force_gwt < by_hand.least_gwt, "the zero counts"
@@ -144,13 +143,13 @@ def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: Fing
     not_dragged(by_hand)
 
 
-def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: Bench) -> None:
+def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench) -> None:
     engine = bench.ready()
     zero = bench.force.zero
 
     def shake() -> None:
         zero()
-        bench.finger.moves(in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
+        bench.finger.rises(in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
         bench.finger.shakes(in_s(bench, 0.1), 0.6, 8.0, cycles=30)
 
     bench.force.zero = shake  # type: ignore[method-assign]
@@ -164,16 +163,16 @@ def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: Bench) -> N
 
 
 @pytest.mark.parametrize("rises_mm", [2.7, 3.2])
-def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: Bench, rises_mm: float) -> None:
+def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 0.4), rises_mm)
+    bench.finger.rises(in_s(bench, 0.4), rises_mm)
     with suppress(*ENDINGS):
         verbs.move_to(engine, 6.0)
     not_dragged(bench)
 
 
 @pytest.mark.parametrize(("higher_mm", "flank_mm"), [(2.6, 0.2), (2.6, 2.6), (3.3, 3.3)])
-def test_a_move_ends_at_a_second_finger_beside_the_first(bench: Bench, higher_mm: float, flank_mm: float) -> None:
+def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, higher_mm: float, flank_mm: float) -> None:
     engine = bench.ready()
     bench.finger.stands_beside(2.0, higher_mm, flank_mm)
     with suppress(*ENDINGS):
@@ -185,18 +184,18 @@ def test_a_move_ends_at_a_second_finger_beside_the_first(bench: Bench, higher_mm
 # --- rests are watched ---
 
 
-def test_a_force_above_the_trip_ends_a_rest(bench: Bench) -> None:
+def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 2.0), 4.0)
+    bench.finger.rises(in_s(bench, 2.0), 4.0)
     with pytest.raises(TripError):
         verbs.rest(engine, 12.0)
     above = [sample for sample in bench.witness.samples if sample.force_gwt > TRIP_GWT]
     assert above[-1].t_s - above[0].t_s < FACT_S + 0.5, "it lifts"
 
 
-def test_contact_counts_while_a_finger_touches_in_a_rest(bench: Bench) -> None:
+def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 2.0), 2.3)
+    bench.finger.rises(in_s(bench, 2.0), 2.3)
     with suppress(*ENDINGS):
         verbs.rest(engine, 12.0)
     touched = [sample for sample in bench.witness.samples if sample.force_gwt >= bench.least_gwt]
@@ -209,9 +208,9 @@ def test_contact_counts_while_a_finger_touches_in_a_rest(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize("rises_mm", [2.6, 3.5, 4.4])
-def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: Bench, rises_mm: float) -> None:
+def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 8.0), rises_mm, 20.0)
+    bench.finger.rises(in_s(bench, 8.0), rises_mm, 20.0)
     with pytest.raises(TripError):
         indent(engine, Target("force_gwt", 6.0), hold_s=30.0)
     assert bench.stage.homed
@@ -222,7 +221,7 @@ def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: Bench, rises_mm
 def test_a_trip_survives_a_stop_during_its_lift() -> None:
     bench = FingerOnStub()
     engine = bench.ready()
-    bench.finger.moves(in_s(bench, 8.0), 1.0, 20.0)
+    bench.finger.rises(in_s(bench, 8.0), 1.0, 20.0)
     looks = itertools.count()
 
     def stop() -> None:
@@ -240,7 +239,7 @@ def test_a_trip_survives_a_stop_during_its_lift() -> None:
 # --- and the bench itself is a fair one ---
 
 
-def test_a_still_finger_is_pressed_and_left(bench: Bench) -> None:
+def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
     engine = bench.ready()
     indent(engine, Target("force_gwt", 6.0))
     verbs.rest(engine, 3.0)
@@ -255,7 +254,7 @@ def test_a_still_finger_is_pressed_and_left(bench: Bench) -> None:
 
 def test_the_truth_of_a_moving_finger_is_what_it_was_asked_to_do() -> None:
     finger = MovingFinger(k_gwt=10.0)
-    finger.moves(1.0, 2.0, 4.0, stays_s=1.0)
+    finger.rises(1.0, 2.0, 4.0, stays_s=1.0)
     finger.stands_beside(3.0, 1.0, flank_mm=1.0)
     heights_mm = [finger.skin_mm(0.0, t_s) for t_s in (0.9, 1.25, 2.0, 2.75, 9.0)]
     assert heights_mm == pytest.approx([0.0, 1.0, 2.0, 1.0, 0.0])
