@@ -623,9 +623,16 @@ class Engine:
     # --- journal and heartbeat ---
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event; it is on disk on return. If that fails, lift and raise RecordError."""
+        """Journal an event, without waiting for the disk. If that fails, lift and raise RecordError."""
         try:
             self._journalled(stream, data)
+        except RecordError as error:
+            self._lift_unrecorded(error)
+
+    def settle(self) -> None:
+        """Wait until all events are on disk. If that fails, lift and raise RecordError."""
+        try:
+            self._journal.settle()
         except RecordError as error:
             self._lift_unrecorded(error)
 

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, replace
 from datetime import UTC, datetime
 from functools import cached_property, partial
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, Protocol
 
 from rig.bench.checks import refuse_expired
 from rig.bench.real import Request, open_bench, refuse_silent_sensor
@@ -28,10 +28,9 @@ from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, with_stored_file
 from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Spot, Walk
+from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, ResumeHandler
 from rig.protocol.script import Script
-from rig.protocol.steps import Step
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
 from rig.session.hardware_stop import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
@@ -41,9 +40,6 @@ from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once
 from rig.transport.wire import Sink
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger, FingerProcess
-
-E = TypeVar("E")
-A = TypeVar("A")
 
 
 class Attendant(Protocol):
@@ -281,7 +277,7 @@ def _on_a_bench(
             journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
-            problem = _carry_out(session, journal, engine, _rig(session, folder, engine, journal), bench)
+            problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
         return problem, FinalPosition.of(engine), LostRun.of(folder, copies, journal, byte_log)
 
 
@@ -353,29 +349,11 @@ def _removed_if_empty(session: Session, folder: RunFolder) -> Iterator[None]:
         raise
 
 
-class SettledSteps:
-    """Handler that waits after each step until the disk has its events; without them, it lifts."""
-
-    def __init__(self, then: Handler, engine: Engine, journal: Journal) -> None:
-        self._then, self._engine, self._journal = then, engine, journal
-
-    def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Return the answer of `then`. Raises RecordError."""
-        answer = self._then.handle(step, spot)
-        try:
-            self._journal.settle()
-        except RecordError as error:
-            self._engine.problem = self._engine.problem or error
-            self._engine.make_safe()
-            raise
-        return answer
-
-
-def _rig(session: Session, folder: RunFolder, engine: Engine, journal: Journal) -> Rig:
+def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     """Return the script's rig on an engine; in a resumed run, one that does the remaining steps."""
     config, where = session.config, partial(with_stored_file, folder.path)
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
-    handler: Handler = SettledSteps(session.handler(engine, walk), engine, journal)
+    handler = session.handler(engine, walk)
     if session.before is not None:
         engine.first_reference_gwt = first_reference_gwt(session.before)
         handler = ResumeHandler(session.before, handler)
