@@ -256,8 +256,9 @@ def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
         _refuse_contact_before_move(engine)
         left_mm = math.hypot(x_mm - engine.x_mm, along_mm - engine.along_mm)
         share = min(step_mm / left_mm, 1.0) if left_mm else 1.0
-        to_mm = [at + share * (to - at) for at, to in ((engine.x_mm, x_mm), (engine.along_mm, along_mm))]
-        engine.move(partial(engine.motion.aside, *to_mm, speed_mm_s, look_s))
+        next_x_mm = engine.x_mm + share * (x_mm - engine.x_mm)
+        next_along_mm = engine.along_mm + share * (along_mm - engine.along_mm)
+        engine.move(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s))
         _refuse_contact_before_move(engine)
 
 

@@ -172,7 +172,9 @@ def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, ris
 
 
 @pytest.mark.parametrize(("higher_mm", "flank_mm"), [(2.6, 0.2), (2.6, 2.6), (3.3, 3.3)])
-def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, higher_mm: float, flank_mm: float) -> None:
+def test_a_move_ends_at_a_second_finger_beside_the_first(
+    bench: FingerBench, higher_mm: float, flank_mm: float
+) -> None:
     engine = bench.ready()
     bench.finger.stands_beside(2.0, higher_mm, flank_mm)
     with suppress(*ENDINGS):

@@ -54,7 +54,12 @@ RISES_MM = st.one_of(tenths(0.2, 4.0), tenths(-4.0, -0.2))
 SPEEDS_MM_S = st.sampled_from([5.0, 1.0, 2.0, 20.0, 50.0])
 HABITS: dict[str, dict[str, Any]] = {
     "usual": {},
-    "fast": {"approach_speed_mm_s": 2.0, "press_speed_mm_s": 2.0, "retouch_margin_mm": 0.05, "travel_speed_mm_s": 9.0},
+    "fast": {
+        "approach_speed_mm_s": 2.0,
+        "press_speed_mm_s": 2.0,
+        "retouch_margin_mm": 0.05,
+        "travel_speed_mm_s": 9.0,
+    },
     "park": {"park_height_mm": 4.0, "clearance_mm": 1.5},
 }
 SENSORS: dict[str, dict[str, Any]] = {

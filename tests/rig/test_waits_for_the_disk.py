@@ -10,7 +10,7 @@ import pytest
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
 from rig.control.stop import OwnedStage
-from rig.session.session import SettledSteps
+from rig.session.execute import Live
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program
@@ -38,14 +38,15 @@ def test_each_step_of_a_run_is_on_the_disk_when_the_next_begins_and_of_a_rehears
     synced: dict[int, int] = {}
     monkeypatch.setattr(os, "fsync", lambda fd: synced.update({os.fstat(fd).st_ino: os.fstat(fd).st_size}))
     begun: list[tuple[int, int | None]] = []
-    handle = SettledSteps.handle
+    handle = Live.handle
 
-    def sizes(steps: SettledSteps, step: Any, spot: Any) -> Any:
-        journal = steps._journal.path.stat()
+    def sizes(live: Live, step: Any, spot: Any) -> Any:
+        (folder,) = (tmp_path / "runs").iterdir()
+        journal = (folder / "events.jsonl").stat()
         begun.append((journal.st_size, synced.get(journal.st_ino)))
-        return handle(steps, step, spot)
+        return handle(live, step, spot)
 
-    monkeypatch.setattr(SettledSteps, "handle", sizes)
+    monkeypatch.setattr(Live, "handle", sizes)
     monkeypatch.setattr(sessions, "open_bench", open_bench)
     monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
