@@ -12,7 +12,7 @@ from rig.devices.base import LOOK_S
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
-from rig.engine.sensing import ForceZero, Sensing, zero_readings_gwt
+from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.units import GWT_N
@@ -24,8 +24,6 @@ STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 
 ZERO_LIFT_MM = 0.3
 """Lift after a zero, which must not change the force (mm)."""
-NOISE_STEPS = 10.0
-"""Largest noise of a zero in steps of the sensor."""
 _LIFTED_READINGS = 4
 _MOST_INTERRUPTIONS = 20  # of one move sideways, by single readings of a touch and by late readings
 
