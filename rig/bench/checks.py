@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing
-from dataclasses import replace
 from typing import Any
 
 import tomlkit
@@ -15,7 +14,9 @@ from rig.control.client import activity_of
 from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
-from rig.engine.bench_memory import BenchMemory
+from rig.engine.bench_memory import BenchMemory, LastKnown
+from rig.engine.contact import KnownContact, contact_at
+from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError, around, code_of
 from rig.plan.config import Config
 from rig.protocol.check import refuse_place
@@ -134,9 +135,15 @@ def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]
 
 
 def look_and_contact(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
-    """Return the state of both devices and the recorded state of contact."""
+    """Return the state of both devices and of contact: measured now where possible, else as recorded.
+
+    It is measured where the stage stands homed as it was left, the sensor has a zero on record, and both are free.
+    Such a measurement connects the sensor, as the commands that count from this zero do.
+    """
     found, at = _look(settings, closely=closely)
-    return {**found, "contact": contact(settings, at)}
+    record = BenchMemory(settings).read()
+    known = _measured_contact(settings, at, record) if "force_n" in found["force"] else None
+    return {**found, "contact": contact_as_json(known or record.aged_contact(at))}
 
 
 def _look(settings: Config, *, closely: bool) -> tuple[dict[str, dict[str, Any]], StageStatus | None]:
@@ -148,15 +155,28 @@ def _look(settings: Config, *, closely: bool) -> tuple[dict[str, dict[str, Any]]
     }, at
 
 
-def contact(settings: Config, at: StageStatus | None = None) -> dict[str, Any]:
-    """Return the recorded state of contact; a lift no longer counts if the stage (`at`) has moved since."""
-    record = BenchMemory(settings).read()
-    known = record.contact
+def _measured_contact(settings: Config, at: StageStatus | None, record: LastKnown) -> KnownContact | None:
+    """Return contact as position and force show it now, or None where one of them cannot be relied on."""
+    if at is None or record.zero is None or not record.is_where_left(at):
+        return None
+    clock = WallClock()
+    try:
+        with closing(open_force(settings, clock)) as force:
+            sensing = Sensing(settings, clock, force)
+            sensing.connect()
+            sensing.zero = record.zero
+            force_gwt = sensing.at_rest_gwt()
+    except (ForceError, TransportError, NoReadingError):
+        return None
+    touch_gwt, now_s = sensing.touch_gwt, clock.unix_s()
+    return contact_at(settings, at, placed=True, force_gwt=force_gwt, touch_gwt=touch_gwt, unix_s=now_s)
+
+
+def contact_as_json(known: KnownContact | None) -> dict[str, Any]:
+    """Return the state of contact as JSON; None: nothing is on record."""
     if known is None:
-        nothing = dict.fromkeys(("contact", "may_touch", "force_gwt"))
+        nothing = dict.fromkeys(("contact", "may_touch", "force_gwt", "measured_unix_s"))
         return {**nothing, "where_text": "nothing on record", "to_do_text": None}
-    if at is not None and record.left_at_mm is not None and record.is_lifted and not record.is_where_left(at):
-        known = replace(known, kind="unknown", force_gwt=None)  # switched off, or moved by something else
     return known.as_json()
 
 

@@ -2,7 +2,7 @@
 
 import io
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -14,7 +14,7 @@ from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.signals import at_once, interrupt_main
 from rig.clock import Clock, WallClock
-from rig.devices.base import Stage, StageStatus
+from rig.devices.base import Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
@@ -24,6 +24,7 @@ from rig.manual.home_and_zero import at_hand, feel, no_force_readings
 from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
+from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
 
 
@@ -80,17 +81,40 @@ def _home_without_force(settings: Config) -> tuple[StageStatus, KnownContact]:
 
 def zero(
     config: ConfigOption,
-    anyway: Annotated[bool, typer.Option("--anyway", help="Zero the sensor even if a contact is detected.")] = False,
+    anyway: Annotated[
+        bool, typer.Option("--anyway", help="Zero the sensor unchecked, even if a contact is detected.")
+    ] = False,
     as_json: JsonOption = False,
 ) -> None:
-    """Zero the force sensor; refused if the last recorded zero indicates a contact."""
+    """Zero the force sensor, then check by a lift of 0.3 mm that nothing touched; the indentor stays there."""
     with one_line_errors(as_json=as_json), at_once():
-        settings, clock = load_config(config), WallClock()
-        with busy("zeroing the force sensor …", quick=True), closing(open_force(settings, clock)) as force:
-            sensing = Sensing(settings, clock, force)
-            name = home_and_zero.zero(settings, sensing, anyway=anyway)
-            force_n = sensing.raw().force_n
+        settings = load_config(config)
+        with busy("zeroing the force sensor …", quick=True):
+            name, force_n = (_zero_anyway if anyway else _zero)(settings)
+        if not anyway:
+            err.print(f"lifted by {ZERO_LIFT_MM:g} mm to check the zero")
         print_entries({"identity": name, "force_n": force_n}, as_json=as_json)
+
+
+def _zero(settings: Config) -> tuple[str, float]:
+    known = BenchMemory(settings).read()
+    with ExitStack() as stack:
+        force = stack.enter_context(closing(open_force(settings, WallClock())))
+        try:
+            stage, clock = stack.enter_context(connected_stage(settings))
+        except (StageError, TransportError) as error:
+            raise home_and_zero.not_checked(error) from error
+        sensing = Sensing(settings, clock, force)
+        sensing.connect()
+        hand = stack.enter_context(at_hand(settings, stage, clock, sensing, lambda at, force_gwt: None, known))
+        return home_and_zero.zero(settings, sensing, hand), sensing.raw().force_n
+
+
+def _zero_anyway(settings: Config) -> tuple[str, float]:
+    clock = WallClock()
+    with closing(open_force(settings, clock)) as force:
+        sensing = Sensing(settings, clock, force)
+        return home_and_zero.zero(settings, sensing, None), sensing.raw().force_n
 
 
 def status(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -119,12 +143,15 @@ def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
         out.print(f"{titled(name):<12}{value}")
 
 
+_CONTACT_KEYS = ("contact", "may_touch", "measured_unix_s", "where_text", "to_do_text")
+
+
 def _for_people(found: dict[str, Any]) -> dict[str, Any]:
     """Replace the contact entries by one sentence and the next step for the operator."""
-    if "words" not in found:
+    if "where_text" not in found:
         return found
-    rest = {name: value for name, value in found.items() if name not in ("contact", "may_touch", "words", "to_do")}
-    return {**rest, "contact": found["words"], "next": found["to_do"]}
+    rest = {name: value for name, value in found.items() if name not in _CONTACT_KEYS}
+    return {**rest, "contact": found["where_text"], "next": found["to_do_text"]}
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from typing import Annotated, get_args
 
 import typer
 
-from rig.bench.checks import contact, position
+from rig.bench.checks import position
 from rig.cli.bench import by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
@@ -62,10 +62,11 @@ def command(
             else:
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)
+            known = hand.measured_contact()
         print_entries(
             {
                 **position(moved.at),
-                **contact(settings),
+                **known.as_json(),
                 "force_gwt": moved.force_gwt,
                 "ended_by_text": moved.ended_by,
                 **({} if moved.problem is None else {"code": moved.problem.code}),

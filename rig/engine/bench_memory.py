@@ -1,12 +1,14 @@
 """State of a bench between commands: zero of the sensor, position of the stage, contact.
 
 Every command reads the same record of contact. It is written before the first motion below clearance, and only a
-confirmed lift clears it. It therefore outlives a killed program, and runs that never moved.
+confirmed lift clears it. It therefore outlives a killed program, and runs that never moved. A finger moves: what
+another process measured is the state of its time, and unknown since.
 
 Each command is a process of its own, and a driver that has just connected trusts no position. It may trust the
 position if the stage still reports exactly where the last command left it, homed.
 """
 
+import math
 import os
 from collections.abc import Mapping
 from contextlib import suppress
@@ -50,6 +52,10 @@ class LastKnown(BaseModel):
     def is_lifted(self) -> bool:
         """Whether a lift is on record, with nothing since that may have touched."""
         return self.contact is not None and not self.contact.may_touch
+
+    def aged_contact(self, at: StageStatus | None) -> KnownContact | None:
+        """Return the contact on record as another process reports it; at: where the stage stands now, if known."""
+        return self.contact and self.contact.after(math.inf, trusted=at is not None and self.is_where_left(at))
 
     def is_where_left(self, at: StageStatus) -> bool:
         """Return whether a stage is still where it was left, homed."""
@@ -106,11 +112,12 @@ class BenchMemory:
         """Record the known state of contact.
 
         Only a confirmed lift clears a finger that may have been touched, and only a motion below clearance or a force
-        makes a clear one doubtful. Raises RecordError if the file would still record a clear finger.
+        makes a clear one doubtful; a position alone does neither. Raises RecordError if the file would still record a
+        clear finger.
         """
         last = self.read()
         before, clear = last.contact, last.is_lifted
-        if clear and known.kind in ("raised", "disagreement"):
+        if clear and known.kind == "raised":
             return
         self._write(contact=known)
         if clear and known.may_touch and self.read().contact == before:

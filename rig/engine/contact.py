@@ -10,6 +10,10 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from typing import Any, Literal, get_args
 
+from rig.devices.base import StageStatus
+from rig.engine.limits import AT_MM
+from rig.settings import RigSettings
+
 ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
 KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
 
@@ -150,3 +154,24 @@ def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> Contact
     if abs(force_gwt) >= touch_gwt:
         return "disagreement" if clear else "touching"
     return "lifted" if clear else "unknown"
+
+
+def contact_at(
+    settings: RigSettings,
+    at: StageStatus,
+    *,
+    placed: bool,
+    force_gwt: float | None,
+    touch_gwt: float,
+    unix_s: float,
+    kind: ContactKind | None = None,
+) -> KnownContact:
+    """Return the state of contact at a place, judged from position and force unless `kind` is given.
+
+    placed: whether the position is trusted. force_gwt, touch_gwt: as for `judged`.
+    """
+    x_mm = round(at.x_mm - settings.frame.pad_centre_x_mm, 6) if placed else None
+    height_mm = at.z_mm - settings.frame.apex_z_mm if placed else None
+    clear = height_mm is not None and height_mm >= settings.habits.clearance_mm - AT_MM
+    found = kind or judged(clear=clear, force_gwt=force_gwt, touch_gwt=touch_gwt)
+    return KnownContact(found, force_gwt, x_mm, height_mm, unix_s)

@@ -28,6 +28,9 @@ BUSY_S = 1.0
 
 _NOISE_WIDTH = 6.0  # Standard deviations of noise that count as one step.
 
+NOISE_STEPS = 10.0
+"""Largest noise of a zero in steps of the sensor."""
+
 APART_S = 0.5
 """Time between the two readings of a force at rest (s)."""
 AT_REST_S = 3.0
@@ -141,8 +144,11 @@ class Sensing:
 
     @property
     def noise_gwt(self) -> float:
-        """Standard deviation of single readings (gwt), measured at each zero."""
-        return 0.0 if self.zero is None else self.zero.noise_gwt
+        """Standard deviation of single readings (gwt), measured at each zero, at most `NOISE_STEPS` steps.
+
+        A finger that moved while the readings were taken must not raise the touch threshold.
+        """
+        return 0.0 if self.zero is None else min(self.zero.noise_gwt, NOISE_STEPS * self.resolution_gwt)
 
     @property
     def touch_gwt(self) -> float:

@@ -13,7 +13,7 @@ from rig.devices.base import LOOK_S
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
-from rig.engine.sensing import ForceZero, Sensing, zero_readings_gwt
+from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.settings import ZERO_LIFT_MM
@@ -24,8 +24,6 @@ _T = TypeVar("_T")
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
 
-NOISE_STEPS = 10.0
-"""Largest noise of a zero in steps of the sensor."""
 _LIFTED_READINGS = 4
 
 

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Callable
 
-from rig.engine.limits import TRIP_MARGIN, Trips
+from rig.engine.limits import TRIP_MARGIN, FingerStiffness, SidewaysLimit, Trips
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.press import Unanswered
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
@@ -17,17 +17,18 @@ _LOST_INCREMENTS = 2.0
 class Guard:
     """Guard of the force (gwt) in the motions of one program; heights are machine z (mm).
 
-    A touch is measured from the force before the motion, so that a drift of an old zero does not hide it; trips
-    count from the zero.
+    A touch is measured from the force before the motion, so that a drift of an old zero does not hide it, and
+    sideways from the zero as well, so that a touch of before does not hide it either; trips count from the zero.
     """
 
     def __init__(self, settings: RigSettings, sensing: Sensing) -> None:
-        self._sensing, self._trips = sensing, Trips(settings.limits, None)
+        self._settings, self._sensing, self._trips = settings, sensing, Trips(settings.limits, None)
         self._increment_mm = settings.habits.increment_mm
         self.force_gwt: float | None = None  # last force; None if the sensor has no reading
         self.forget()
         # State of each motion, from `begin` on.
         self._up: bool
+        self._sideways: bool
         self._unanswered: Unanswered
         self._air_gwt: float  # before the motion that touched
         self._rest_gwt: float  # at the last rest
@@ -48,9 +49,7 @@ class Guard:
         return self.force_gwt if self._sensing.absolute else None
 
     def refuse_contact(self, meanwhile: Callable[[float], object]) -> None:
-        """Raise LimitError if the force at rest, from a zero taken in the air, is a touch or does not settle."""
-        if not self._sensing.absolute:
-            return
+        """Raise LimitError if the force at rest is a touch or does not settle."""
         problem = self.read_at_rest(meanwhile)
         if problem is not None and problem.code == "unsteady":
             words = (
@@ -74,6 +73,17 @@ class Guard:
         return self._sensing.touch_gwt
 
     @property
+    def may_be_a_touch(self) -> bool:
+        """Whether the last force is a touch, or nothing shows that it is none."""
+        return self.from_air_gwt is None or abs(self.from_air_gwt) >= self.touch_gwt
+
+    @property
+    def sideways_mm_s(self) -> float:
+        """Highest speed sideways (mm/s), at which a touch ends a motion below half the soft trip."""
+        trip_gwt, unknown = self._trips.lowest_gwt, FingerStiffness.unknown()
+        return SidewaysLimit.of(self._settings, trip_gwt, self.touch_gwt, unknown).speed_mm_s
+
+    @property
     def room_mm(self) -> float:
         """Distance down (mm) to nine tenths of the soft trip, at the stiffness of the last step."""
         if self._stiffness_gwt_mm <= 0:
@@ -83,9 +93,17 @@ class Guard:
     def begin(self, *, up: bool, down: bool) -> None:
         """Begin a motion. Raises LimitError if there is no force, or, except upwards, if it exceeds a trip.
 
-        Upwards a sensor may be out of range, but it must respond.
+        Upwards a sensor may be out of range, but it must respond. Sideways there must be a zero taken in the air,
+        because without one a touch of before cannot be measured.
         """
         self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
+        self._sideways = not (up or down)
+        if self._sideways and not self._sensing.absolute:
+            raise LimitError(
+                "the force sensor has no zero, so a touch cannot be measured; nothing was moved: use `rig zero` "
+                "while nothing touches the indentor; to move without force, use --without-force",
+                code="not_zeroed",
+            )
         try:
             if not self._sensing.zeroed:
                 self._sensing.take_zero(zero_readings_gwt(self._sensing.raw), provisional=True)
@@ -180,7 +198,8 @@ class Guard:
             raise InterruptedMotionError(words, force_gwt, code="frozen")
 
     def _touches(self, force_gwt: float) -> bool:
-        return force_gwt - self._air_gwt >= self._sensing.touch_gwt
+        touch_gwt = self._sensing.touch_gwt
+        return force_gwt - self._air_gwt >= touch_gwt or (self._sideways and abs(force_gwt) >= touch_gwt)
 
     def _refuse_touch(self, z_mm: float, force_gwt: float) -> None:
         if self._touched_z_mm is None and self._touches(force_gwt):

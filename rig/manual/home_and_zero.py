@@ -6,17 +6,19 @@ from datetime import datetime
 
 from rig.clock import Clock
 from rig.data.journal import NoJournal
-from rig.devices.base import ForceError, Stage
+from rig.devices.base import ForceError, Stage, StageError
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact
+from rig.engine.dead_man import DOWN, UP, Direction
+from rig.engine.limits import AT_MM
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError, around, recast
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
 from rig.session.script_run import stopped_at_once
-from rig.settings import RigSettings
+from rig.settings import ZERO_LIFT_MM, RigSettings
 from rig.transport.wire import TransportError
 
 
@@ -41,7 +43,8 @@ def at_hand(
 ) -> Iterator[ByHand]:
     """Yield the manual control of a connected stage; without force readings if `sensing` is None.
 
-    The position is known if the last command left the homed stage there, and is recorded again at a normal end.
+    The position is known if the last command left the homed stage there, and is recorded again at the end, also after
+    a refusal.
     """
     memory = BenchMemory(settings)
     guard = None
@@ -50,8 +53,16 @@ def at_hand(
     placed = stage.homed or known.is_where_left(stage.status())
     memory.moves()
     hand = ByHand(settings, stage, clock, guard, show, placed=placed)
-    hand.keep_contact, hand.may_touch = memory.touched, not (placed and known.is_lifted)
-    yield hand
+    hand.keep_contact = memory.touched
+    try:
+        yield hand
+    except LimitError:  # Refused, at rest.
+        _leave(hand, stage, memory)
+        raise
+    _leave(hand, stage, memory)
+
+
+def _leave(hand: ByHand, stage: Stage, memory: BenchMemory) -> None:
     if hand.placed:
         memory.left(stage.status())
 
@@ -74,39 +85,101 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
     return engine.known_contact
 
 
-def zero(settings: RigSettings, sensing: Sensing, *, anyway: bool) -> str:
+def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
     """Zero the sensor, record the zero, and return the sensor's identification.
 
-    Raises LimitError if there are no readings; if `anyway` is false, also if the last recorded zero shows a contact,
-    or without one the record of contact; ForceError, TransportError.
+    Parameters
+    ----------
+    hand : ByHand or None
+        Manual control of the stage, which then lifts by `ZERO_LIFT_MM` and stays there. None zeros unchecked,
+        although a contact may be detected.
+
+    Raises
+    ------
+    LimitError
+        There are no readings; they scatter; or, with `hand`, the last recorded zero or the lift shows a contact.
+    StageError
+        The stage did not lift.
+    ForceError, TransportError
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()
     if last.zero is not None:
         sensing.zero = last.zero
-        if not anyway:
-            _refuse_touched(sensing, last)
-    elif not anyway and last.contact is not None and last.contact.kind not in ("lifted", "raised"):
-        raise LimitError(
-            "there is no zero on record, and the indentor is {words}, so nothing was zeroed; free the finger and "
-            "home, or, if nothing touches the indentor, use --anyway",
-            code="maybe_touched",
-            words=last.contact.words,
-            contact=last.contact.kind,
-        )
+    if hand is not None:
+        _refuse_touched(sensing, last)
+        _make_room(settings, hand)
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
     memory.forget_zero()
     try:
         zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
-        memory.zeroed(sensing.lasting_zero or zero)
+        if refused := verbs.refused_zero(sensing, zero):
+            raise recast(LimitError, refused)
+        if hand is not None:
+            _refuse_changed(settings, sensing, hand)
     except NoReadingError as error:
+        sensing.zero = None
         raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
+    except BaseException:
+        sensing.zero = None
+        raise
+    memory.zeroed(sensing.lasting_zero or zero)
     return name
 
 
+def not_checked(error: StageError | TransportError) -> StageError:
+    """Return the error for a zero without a stage that could check it by a lift."""
+    sentence = (
+        "the zero cannot be checked by a lift of {lift_mm:g} mm: {problem}; home first (`rig home`), or, if nothing "
+        "touches the indentor, use --anyway"
+    )
+    return around(StageError, sentence, error, lift_mm=ZERO_LIFT_MM)
+
+
+def _make_room(settings: RigSettings, hand: ByHand) -> None:
+    """Move down where the top of the travel leaves no room for the lift. Raises LimitError for a touch."""
+    at = hand.look().at
+    down_mm = at.z_mm + ZERO_LIFT_MM + AT_MM
+    if hand.placed and down_mm > 0:
+        _moved_by(settings, hand, DOWN, down_mm)
+
+
+def _refuse_changed(settings: RigSettings, sensing: Sensing, hand: ByHand) -> None:
+    """Lift after a zero. Raises LimitError if the force changes by a touch."""
+    _moved_by(settings, hand, UP, ZERO_LIFT_MM)
+    change_gwt = hand.measured_contact().force_gwt
+    if change_gwt is None:
+        raise LimitError("no steady force after the lift; zero the sensor again", code="no_reading")
+    if abs(change_gwt) >= sensing.touch_gwt:
+        raise recast(LimitError, verbs.changed_zero(change_gwt))
+
+
+def _moved_by(settings: RigSettings, hand: ByHand, direction: Direction, by_mm: float) -> None:
+    """Move straight by a distance. Raises LimitError if it was not covered, StageError."""
+    from_mm = hand.look().at.z_mm
+    try:
+        moved = hand.go(lambda: direction, settings.habits.descent_speed_mm_s, by_mm)
+    except StageError as error:
+        raise not_checked(error) from error
+    if moved.problem is not None:
+        raise around(LimitError, "{problem}; nothing was zeroed; keep the finger away", moved.problem)
+    if abs(moved.at.z_mm - from_mm) < by_mm - AT_MM:
+        raise not_checked(StageError("the stage did not move", code="did_not_move"))
+
+
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
-    """Raise LimitError if the force may be a contact, or does not settle."""
+    """Raise LimitError if the force from the last zero, or without one the record of contact, may be a contact."""
+    if last.zero is None:
+        if last.contact is not None and last.contact.kind not in ("lifted", "raised"):
+            raise LimitError(
+                "there is no zero on record, and the indentor is {words}, so nothing was zeroed; free the finger and "
+                "home, or, if nothing touches the indentor, use --anyway",
+                code="maybe_touched",
+                words=last.contact.words,
+                contact=last.contact.kind,
+            )
+        return
     try:
         force_gwt = sensing.at_rest_gwt()
     except NoReadingError as error:

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStatus
-from rig.engine.contact import ContactKind, KnownContact, judged
-from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog, jog_up_from_rest
-from rig.engine.limits import AT_MM
+from rig.engine.contact import FRESH_S, ContactKind, KnownContact, contact_at
+from rig.engine.dead_man import DOWN, SLICE_S, UP, Direction, dead_man_jog, jog_up_from_rest
+from rig.engine.limits import AT_MM, late_reading_s, park_height_mm
 from rig.engine.motion import InterruptedMotionError, StrayedError, insist
 from rig.errors import LimitError, RigError, code_of, recast
 from rig.manual.guard import Guard
@@ -40,10 +40,11 @@ class Moved:
 class ByHand:
     """Manual jogs over a finger at an unknown position.
 
-    A lateral or upward motion continues until the force ends it; upward from a touch it is made in slices from rest
-    until lifted. A downward motion is made in steps with a reading at rest after each: habits.descent_step_mm above
-    clearance, habits.increment_mm below it or if the height is unknown. It ends at the first touch; a new motion
-    continues from there, up to the soft trip.
+    A lateral motion begins only where no touch is measured at rest; a touch ends it, and the indentor is lifted off.
+    The dead man's switch halts it if a force reading is late. An upward motion is made in slices from rest until a
+    lift is measured, and then continues until the force ends it. A downward motion is made in steps with a reading
+    at rest after each: habits.descent_step_mm above clearance, habits.increment_mm below it or if the height is
+    unknown. It ends at the first touch; a new motion continues from there, up to the soft trip.
     """
 
     def __init__(
@@ -55,7 +56,9 @@ class ByHand:
         self._settings, self._stage, self._clock = settings, stage, clock
         self._guard, self._show, self.placed = guard, show, placed
         self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
-        self.may_touch = False  # as recorded
+        self.may_touch = True  # until a measurement at rest of this process shows otherwise
+        self._known: KnownContact | None = None  # measured since the last motion
+        self._measured_s = -math.inf
 
     def set_placed(self, *, placed: bool) -> None:
         """Record that the stage was homed or has lost its position; earlier touches are forgotten."""
@@ -82,16 +85,26 @@ class ByHand:
         def same() -> Direction | None:
             return direction if held() == direction else None  # Another direction is another motion.
 
+        self._begin(same, direction, at)
         try:
             return self._go(same, direction, at, speed_mm_s, by_mm)
         finally:
             self._remember_contact()
 
-    def _go(self, held: Held, direction: Direction, at: StageStatus, speed_mm_s: float, by_mm: float | None) -> Moved:
+    def _begin(self, held: Held, direction: Direction, at: StageStatus) -> None:
+        """Measure the force before a motion, sideways contact as well. Raises LimitError."""
         if self._guard is not None:
             self._guard.begin(up=direction == UP, down=direction == DOWN)
-            if self.may_touch and direction.axis != "z":
-                self._guard.refuse_contact(lambda seconds: held())
+            self.may_touch = self.may_touch or self._guard.may_be_a_touch
+            if direction.axis != "z":
+                try:
+                    self._guard.refuse_contact(lambda seconds: held())
+                except LimitError:
+                    self._found(self._contact(at, self._guard.from_air_gwt))
+                    raise
+        self._known = None
+
+    def _go(self, held: Held, direction: Direction, at: StageStatus, speed_mm_s: float, by_mm: float | None) -> Moved:
         if direction == DOWN:
             self._below_clearance(at, by_mm)
         try:
@@ -99,6 +112,8 @@ class ByHand:
                 end = self._down(held, speed_mm_s, by_mm)
             elif direction == UP and self.may_touch:
                 end = self._off_the_finger(held, speed_mm_s, by_mm)
+            elif direction == UP:
+                end = self._at_once(held, speed_mm_s, by_mm)
             else:
                 end = self._aside(held, speed_mm_s, by_mm)
         except StrayedError as strayed:
@@ -119,18 +134,31 @@ class ByHand:
         """Record a possible contact before a motion that may end below clearance."""
         height_mm, far_mm = self._height_mm(at), math.inf if by_mm is None else by_mm
         stays_clear = height_mm is not None and height_mm - far_mm >= self._settings.habits.clearance_mm - AT_MM
-        if not (stays_clear or self.may_touch):
+        if not stays_clear:
             self.may_touch = True
-            self.keep_contact(self._contact("unknown", at, self._force_gwt))
+            self.keep_contact(self._contact(at, self._force_gwt, "unknown"))
 
     def _remember_contact(self) -> None:
         """Record the state of contact at rest, if contact was possible."""
-        if not self.may_touch:
-            return
-        with suppress(StageError, TransportError):  # The error that ended the motion is reported.
-            known = self._judged(self._stage.status(), lambda seconds: None)
-            self.may_touch = known.may_touch
-            self.keep_contact(known)
+        if self.may_touch:
+            with suppress(StageError, TransportError):  # The error that ended the motion is reported.
+                self.measured_contact()
+
+    def measured_contact(self) -> KnownContact:
+        """Return the state of contact at rest, measured since the last motion, at most `FRESH_S` ago.
+
+        Raises StageError, TransportError.
+        """
+        if self._known is None or self._clock.monotonic_s() - self._measured_s > FRESH_S:
+            return self._found(self._judged(self._stage.status(), lambda seconds: None))
+        return self._known
+
+    def _found(self, known: KnownContact) -> KnownContact:
+        """Record a state of contact just measured."""
+        self._known, self._measured_s = known, self._clock.monotonic_s()
+        self.may_touch = known.may_touch
+        self.keep_contact(known)
+        return known
 
     def _judged(self, at: StageStatus, meanwhile: Callable[[float], object]) -> KnownContact:
         """Return the state of contact at rest."""
@@ -138,19 +166,19 @@ class ByHand:
             self._guard.read_at_rest(meanwhile)
         elif self._guard is not None:
             self._guard.look()
-        force_gwt = None if self._guard is None else self._guard.from_air_gwt
-        touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
-        found = judged(clear=self._is_clear(at), force_gwt=force_gwt, touch_gwt=touch_gwt)
-        return self._contact(found, at, force_gwt)
+        return self._contact(at, None if self._guard is None else self._guard.from_air_gwt)
 
     def _is_clear(self, at: StageStatus) -> bool:
         """Return whether the height is known and at clearance or higher."""
         height_mm = self._height_mm(at)
         return height_mm is not None and height_mm >= self._settings.habits.clearance_mm - AT_MM
 
-    def _contact(self, kind: ContactKind, at: StageStatus, force_gwt: float | None) -> KnownContact:
-        x_mm = round(at.x_mm - self._settings.frame.pad_centre_x_mm, 6) if self.placed else None
-        return KnownContact(kind, force_gwt, x_mm, self._height_mm(at), self._clock.unix_s())
+    def _contact(self, at: StageStatus, force_gwt: float | None, kind: ContactKind | None = None) -> KnownContact:
+        touch_gwt = math.inf if self._guard is None else self._guard.touch_gwt
+        return contact_at(
+            self._settings, at, placed=self.placed, force_gwt=force_gwt, touch_gwt=touch_gwt,
+            unix_s=self._clock.unix_s(), kind=kind,
+        )  # fmt: skip
 
     def steps_per_mm(self, axis: Axis) -> float:
         """Return the controller's steps per mm. Raises StageError."""
@@ -169,10 +197,19 @@ class ByHand:
         return None if self._guard is None else self._guard.force_gwt
 
     def _aside(self, held: Held, speed_mm_s: float, by_mm: float | None) -> StageStatus:
-        """Move sideways or up in one motion, monitored by the guard or left to the controller's dead man's switch."""
-        return dead_man_jog(
-            self._stage, self._clock, held, speed_mm_s, by_mm, None if self._guard is None else self._glance
-        )
+        """Move sideways so slowly that a touch ends the motion below half the soft trip.
+
+        Two slices last as long as a reading may be late. Without a reading none is sent, and the stage halts.
+        """
+        if self._guard is None:
+            return self._at_once(held, speed_mm_s, by_mm)
+        slice_s = min(SLICE_S, late_reading_s(self._settings) / 2)
+        return self._at_once(held, min(speed_mm_s, self._guard.sideways_mm_s), by_mm, slice_s)
+
+    def _at_once(self, held: Held, speed_mm_s: float, by_mm: float | None, slice_s: float = SLICE_S) -> StageStatus:
+        """Move in one motion, monitored by the guard or left to the controller's dead man's switch."""
+        glance = None if self._guard is None else self._glance
+        return dead_man_jog(self._stage, self._clock, held, speed_mm_s, by_mm, glance, slice_s=slice_s)
 
     def _glance(self, at: StageStatus) -> None:
         if self._guard is not None:
@@ -187,7 +224,7 @@ class ByHand:
         at, whole_mm = self._stage.status(), math.inf if by_mm is None else by_mm
         for at, left_mm in jog_up_from_rest(self._stage, self._clock, held, speed_mm_s, whole_mm, self._glance):
             if left_mm > _TINY_MM and held() == UP and self._is_clear(at) and self._lifted(at, held):
-                return self._aside(held, speed_mm_s, None if by_mm is None else left_mm)
+                return self._at_once(held, speed_mm_s, None if by_mm is None else left_mm)
         return at
 
     def _lifted(self, at: StageStatus, held: Held) -> bool:
@@ -225,11 +262,10 @@ class ByHand:
             )
         return min(step_mm, room_mm)
 
-    def _up_to(self, z_mm: float) -> StageStatus:
-        """Move up from a trip, even if an operator changes the speed meanwhile."""
+    def _up_to(self, z_mm: float) -> None:
+        """Lift, even if an operator changes the speed meanwhile."""
         speed_mm_s = self._settings.habits.travel_speed_mm_s
         insist(lambda: self._lift(z_mm, speed_mm_s))
-        return self._stage.status()
 
     def _lift(self, z_mm: float, speed_mm_s: float) -> None:
         by_mm = z_mm - self._stage.status().z_mm
@@ -265,7 +301,7 @@ class ByHand:
         )
 
     def _ended(self, direction: Direction, start: StageStatus, interruption: InterruptedMotionError) -> Moved:
-        """End a motion; above a trip, first lift to where it began, or by clearance if that is less."""
+        """End a motion: lift off a touch that ended one sideways; above a trip, lift back to where it began."""
         at, above, words = self._stage.status(), None, "{reason}"
         fields = {**interruption.fields, "reason": str(interruption)}
         if self._guard is not None and direction != UP:
@@ -274,14 +310,42 @@ class ByHand:
         if above is not None and str(above) not in str(interruption):
             words += "; then {then}"
             fields |= {"then": str(above), "then_code": above.code}
-        back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
-        lifts = above is not None and self._settings.limits.on_trip != "stop"
-        if lifts and back_mm > _TINY_MM:
-            at = self._up_to(at.z_mm + back_mm)
+        lifted_mm = 0.0
+        if self._settings.limits.on_trip != "stop":
+            lifted_mm = self._lift_back(start, at, above) if direction.axis == "z" else self._lift_off(at)
+        if lifted_mm > _TINY_MM:
+            at = self._stage.status()
             words += "; lifted by {lifted_mm:.2f} mm"
-            fields["lifted_mm"] = back_mm
+            fields["lifted_mm"] = lifted_mm
         self._show(at, self._force_gwt)
         return Moved(at, self._force_gwt, InterruptedMotionError(words, code=interruption.code, **fields))
+
+    def _lift_back(self, start: StageStatus, at: StageStatus, above: RigError | None) -> float:
+        """Lift above a trip to where the motion began, or by clearance if that is less; return how far (mm)."""
+        back_mm = min(start.z_mm - at.z_mm, self._settings.habits.clearance_mm)
+        if above is None or back_mm <= _TINY_MM:
+            return 0.0
+        self._up_to(at.z_mm + back_mm)
+        return back_mm
+
+    def _lift_off(self, at: StageStatus) -> float:
+        """Lift straight up by clearances while a touch remains, to the park height at most; return how far (mm).
+
+        A height that is unknown counts as clearance.
+        """
+        if self._guard is None or not self._guard.may_be_a_touch:
+            return 0.0
+        self.may_touch = True
+        self.keep_contact(self._contact(at, self._guard.from_air_gwt))
+        step_mm, height_mm = self._settings.habits.clearance_mm, self._height_mm(at)
+        from_mm = step_mm if height_mm is None else height_mm
+        room_mm, lifted_mm = park_height_mm(self._settings, from_mm) - from_mm, 0.0
+        while self._guard.may_be_a_touch and room_mm - lifted_mm > _TINY_MM:
+            lifted_mm += min(step_mm, room_mm - lifted_mm)
+            self._up_to(at.z_mm + lifted_mm)
+            self._guard.look()
+        self._guard.forget()
+        return lifted_mm
 
 
 FASTEST_MM_S = 10.0

@@ -185,15 +185,15 @@ class ManualOwner:
         if verb == "home":
             self._status.seen(None)
             self._set_placed(placed=False)
-            at_hand.home(self._settings, self._bench, self._sensing)
+            known = at_hand.home(self._settings, self._bench, self._sensing)
             self._set_placed(placed=True)
-            self._hand.may_touch = not BenchMemory(self._settings).read().is_lifted
+            self._hand.may_touch = known.may_touch
             self._orders.homed()
             self._lost = False
             self._show(self._stage.status(), None)
             return None
         try:
-            at_hand.zero(self._settings, self._sensing, anyway=verb == "zero anyway")
+            at_hand.zero(self._settings, self._sensing, None if verb == "zero anyway" else self._hand)
         finally:
             self._set_placed(placed=self._hand.placed)
             self._status.zeroed = BenchMemory(self._settings).read().zero is not None

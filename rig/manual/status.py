@@ -16,9 +16,9 @@ from rig.clock import Clock
 from rig.data.journal import ByteLog
 from rig.devices.base import ForceError, ForceReading, ForceSensor, StageStatus, ZeroedByDriver
 from rig.engine.bench_memory import state_folder
-from rig.engine.contact import KnownContact
+from rig.engine.contact import FRESH_S, KnownContact, contact_at
 from rig.engine.limits import Trips
-from rig.engine.sensing import Sensing
+from rig.engine.sensing import APART_S, Sensing
 from rig.manual.jog import FASTEST_MM_S
 from rig.manual.orders import HOME_FIRST
 from rig.settings import RigSettings
@@ -137,13 +137,15 @@ class ManualStatus:
         self.placed = self.zeroed = False
         self.ended_by: str | None = None
         self.contact: KnownContact | None = None  # as recorded
+        self._recent: deque[tuple[float, float]] = deque()  # times (s) and forces (gwt) of the last APART_S
+        self._looked_s = -math.inf  # when the stage reported
 
     # --- written by one thread ---
 
     def seen(self, at: StageStatus | None) -> None:
         """Record the stage's status; None if it does not report."""
         with self._lock:
-            self._at, self._seen_unix_s = at, self._clock.unix_s()
+            self._at, self._seen_unix_s, self._looked_s = at, self._clock.unix_s(), self._clock.monotonic_s()
             self._problems["stage"] = None
 
     def unseen(self, problem: str) -> None:
@@ -161,13 +163,24 @@ class ManualStatus:
         t_s = round(self._clock.run_s(reading.t_s), 3)
         with self._lock:
             self._force_gwt, self._read_unix_s, self._read_run_s = force_gwt, unix_s, t_s
+            self._recall(reading.t_s, force_gwt)
             self._problems["force"] = None
             location = (*self._place, self._height_mm)
             self._backlog.add((round(unix_s, 3), t_s, round(force_gwt, 6), *location))
 
+    def _recall(self, read_s: float, force_gwt: float) -> None:
+        """Keep the readings back to one that is APART_S old; a gap, or another zero, begins anew."""
+        if self._recent and not 0.0 <= read_s - self._recent[-1][0] <= FRESH_S:
+            self._recent.clear()
+        self._recent.append((read_s, force_gwt))
+        while len(self._recent) > 1 and read_s - self._recent[1][0] >= APART_S:
+            self._recent.popleft()
+
     def unread(self, problem: str) -> None:
         """Record a failure of the sensor."""
-        self._problems["force"] = problem
+        with self._lock:
+            self._problems["force"] = problem
+            self._recent.clear()
 
     # --- read by others ---
 
@@ -185,9 +198,25 @@ class ManualStatus:
             }  # fmt: skip
             if since is not None:
                 found["readings"] = self._backlog.since(since)
-        contact = None if self.contact is None else self.contact.as_json()
+            known = self._contact(homed=homed)
+        contact = None if known is None else known.as_json()
         return {**found, **self._limits(), "homed": homed, "zeroed": self.zeroed, "ended_by": self.ended_by,
                 "contact": contact, "next": self._next(stopped=stopped)}  # fmt: skip
+
+    def _contact(self, *, homed: bool) -> KnownContact | None:
+        """Return contact as the last readings and the last position show it, or as it was recorded."""
+        now_s, at = self._clock.monotonic_s(), self._at
+        fresh = at is not None and bool(self._recent) and now_s - min(self._looked_s, self._recent[-1][0]) <= FRESH_S
+        if at is None or not (fresh and self._sensing.absolute):
+            return self.contact and self.contact.after(math.inf, trusted=homed)
+        touch_gwt, forces_gwt = self._sensing.touch_gwt, [force_gwt for _, force_gwt in self._recent]
+        touches = abs(forces_gwt[-1]) >= touch_gwt
+        apart = self._recent[-1][0] - self._recent[0][0] >= APART_S
+        agree = max(forces_gwt) - min(forces_gwt) <= max(touch_gwt / 2, self._sensing.least_gwt)
+        return contact_at(
+            self._settings, at, placed=homed, force_gwt=forces_gwt[-1] if touches or (apart and agree) else None,
+            touch_gwt=touch_gwt, unix_s=self._clock.unix_s(),
+        )  # fmt: skip
 
     @property
     def _place(self) -> tuple[float | None, float | None, float | None]:

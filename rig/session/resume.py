@@ -136,12 +136,13 @@ def left_on_record(runs: Path, config: Config) -> str | None:
 
 
 def careful_of(left: Ending | None, config: Config) -> str | None:
-    """Return the same warning for a run with this ending."""
-    known = BenchMemory(config).read().contact
+    """Return the same warning for a run with this ending; none after a lift, which is confirmed again by force."""
+    record = BenchMemory(config).read()
+    known = record.aged_contact(None)
     ended = None if left is None else f"{left.reason}; the indentor was {left.at.words}; {left.next} ({left.resume})"
     if known is None:
         return ended
-    if not known.may_touch:
+    if record.is_lifted:
         return None
     return f"{known.words}; {known.to_do}" if ended is None else f"{ended}; on record: {known.words}"
 

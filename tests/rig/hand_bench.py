@@ -25,6 +25,11 @@ KINDS: dict[str, dict[str, Any]] = {
     "grbl": {"force": {"baud": 115200}},
     "leadshine": {"stage": {"kind": "leadshine"}, "force": {"kind": "laumas", "baud": 115200}},
 }
+STAGES: dict[str, dict[str, Any]] = {
+    **KINDS,
+    **{kind: {"stage": {"kind": kind}} for kind in ("zaber", "standa", "tmcl")},
+}
+"""Every stage, where a table has a row for each; most tests are made on the two of KINDS."""
 APEX_MM = Config().frame.apex_z_mm
 STOPS = {
     "grbl": b"!\x18",
@@ -53,12 +58,16 @@ class Spring:
 
     def pose_at(self, t_s: float) -> TruePose:
         pose = self.carriage.pose_at(t_s)
-        return TruePose(pose.x_mm, pose.above_apex_mm, self.skin_mm - pose.above_apex_mm)
+        return TruePose(pose.x_mm, pose.above_apex_mm, self.skin_at_mm(t_s) - pose.above_apex_mm)
 
     def true_gwt(self, t_s: float) -> float:
         pose = self.pose_at(t_s)
         wall_gwt = abs(self.k_gwt) * max(pose.x_mm - self.wall_x_mm, 0.0) ** 1.5
         return float(self.k_gwt * max(pose.doi_mm, 0.0) ** 1.5 + wall_gwt)
+
+    def skin_at_mm(self, t_s: float) -> float:
+        """How high above the nominal apex the skin is at a time."""
+        return self.skin_mm
 
     def next_look_s(self, t_s: float) -> float:
         """When the truth is looked at again: later where nothing is met meanwhile, at up to 25 mm/s."""
@@ -81,15 +90,16 @@ class HandBench:
         zero: ForceZero | None = None,
         lifted: bool = False,
         sample_period_s: float = 0.05,
+        spring: type["Spring"] | None = None,
         **limits: Any,
     ) -> None:
-        force = {**KINDS[kind]["force"], "sample_period_s": sample_period_s}
-        self.kind, self.config = kind, Config.model_validate({**KINDS[kind], "force": force, "limits": limits})
+        force = {**STAGES[kind].get("force", {}), "sample_period_s": sample_period_s}
+        self.kind, self.config = kind, Config.model_validate({**STAGES[kind], "force": force, "limits": limits})
         self.clock, self.wire, self.gate = VirtualClock(1.7e9), io.StringIO(), StopGate()
         springs: list[Spring] = []
 
         def make(carriage: Carriage) -> Spring:
-            springs.append(Spring(carriage, k_gwt))
+            springs.append((spring or Spring)(carriage, k_gwt))
             return springs[0]
 
         self.bench = bench_around(make, self.config, self.clock, self.wire, gate=self.gate)

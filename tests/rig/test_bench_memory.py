@@ -7,7 +7,6 @@ from typing import Any
 
 import pytest
 
-from rig.bench.checks import contact
 from rig.bench.virtual import bench_around, virtual_force, virtual_line
 from rig.devices.base import StageStatus
 from rig.devices.make_drivers import force_driver
@@ -131,18 +130,21 @@ def test_a_stage_that_was_switched_off_is_not_where_it_was_left(kind: str, off: 
 
 
 @pytest.mark.parametrize("kind", BUILT_IN["stage"])
-def test_a_lift_on_record_counts_as_long_as_the_stage_is_where_it_was_left(kind: str) -> None:
-    """Switched off, its carriage may have sunk into the finger: `rig status` and `rig doctor` say so."""
-    bench, config, memory = _bench(kind)
-    memory.touched(KnownContact("lifted", 0.0, 0.0, 25.0))
+def test_an_aged_lift_is_a_raised_position_only_where_the_stage_was_left(kind: str) -> None:
+    """The finger may have come up since, and the carriage of a stage without current may have sunk into it."""
+    bench, _, memory = _bench(kind)
+    memory.touched(KnownContact("lifted", 0.0, 0.0, 25.0, 1.7e9))
     bench.stage.connect()
-    said = contact(config, bench.stage.status())
-    assert (said["contact"], said["may_touch"]) == ("lifted", False)
+    found = memory.read().aged_contact(bench.stage.status())
+    assert found is not None
+    assert (found.kind, found.may_touch, found.aged) == ("raised", True, True)
+    assert "last measured at 2023-11-1" in found.words
     _switched_off_and_on(bench.board)
     bench.stage.connect()
-    said = contact(config, bench.stage.status())
-    assert (said["contact"], said["may_touch"], said["force_gwt"]) == ("unknown", True, None)
-    assert contact(config)["contact"] == "lifted", "what is on record, if the stage cannot be asked"
+    for at in (bench.stage.status(), None):
+        found = memory.read().aged_contact(at)
+        assert found is not None
+        assert (found.kind, found.may_touch, found.aged) == ("unknown", True, True)
 
 
 @pytest.mark.parametrize("kind", [kind for kind in BUILT_IN["stage"] if kind != "grbl"])
@@ -195,7 +197,7 @@ def test_the_next_command_counts_from_the_same_zero(kind: str) -> None:
         found.connect()
         return found
 
-    zero(config, connected(), anyway=True)
+    zero(config, connected(), None)
     gwt = 48.0
     then = connected()
     then.zero = BenchMemory(config).read().zero

@@ -26,7 +26,7 @@ from rig.units import GWT_N
 from sim.carriage import Carriage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
-from tests.rig.hand_bench import APEX_MM, KINDS, Spring
+from tests.rig.hand_bench import APEX_MM, KINDS, STAGES, Spring
 
 TOUCH_GWT = Config().habits.touch_force_gwt
 INCREMENT_MM = Config().habits.increment_mm
@@ -50,7 +50,7 @@ class AtHand:
         spring: type[Spring] = Spring,
         **limits: Any,
     ) -> None:
-        self.config = Config.model_validate({**KINDS[kind], "limits": limits})
+        self.config = Config.model_validate({**STAGES[kind], "limits": limits})
         springs: list[Spring] = []
 
         def make(carriage: Carriage) -> Spring:
@@ -235,14 +235,19 @@ def test_from_a_trip_it_is_lifted_by_clearance_at_most(at_hand: Callable[..., At
     assert bench.height_mm == pytest.approx(2.0, abs=0.06)
 
 
-def test_from_a_trip_beside_something_nothing_is_lifted(at_hand: Callable[..., AtHand]) -> None:
-    bench = at_hand(k_gwt=200.0, soft_trip_n=0.02)
+@pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 10.0), ("park", 10.0), ("stop", 3.0)])
+def test_a_touch_sideways_lifts_to_the_park_height_while_the_force_remains(
+    at_hand: Callable[..., AtHand], on_trip: str, height_mm: float
+) -> None:
+    """A wall has no end upwards; with limits.on_trip = stop the indentor stays."""
+    bench = at_hand(k_gwt=200.0, soft_trip_n=0.02, zero=ForceZero(0.0, 0.0), on_trip=on_trip)
     bench.spring.wall_x_mm = 1.0
     moved = bench.jog("x", 2.0, 5.0)
     assert moved.problem is not None
-    assert codes(moved)[-1] == "soft_trip"
-    assert "lifted_mm" not in moved.problem.fields
-    assert bench.height_mm == pytest.approx(3.0, abs=0.004)
+    assert codes(moved)[0] in ("touched", "soft_trip")
+    assert moved.problem.fields.get("lifted_mm", 0.0) == pytest.approx(height_mm - 3.0, abs=0.005)
+    assert bench.height_mm == pytest.approx(height_mm, abs=0.005)
+    assert bench.hand.measured_contact().kind == "disagreement"
 
 
 def test_the_next_step_down_is_no_longer_than_the_room_that_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,30 +303,24 @@ def test_with_on_trip_stop_it_stays(at_hand: Callable[..., AtHand]) -> None:
 
 
 def test_sideways_into_something_it_stops(at_hand: Callable[..., AtHand]) -> None:
-    bench = at_hand()
+    bench = at_hand(zero=ForceZero(0.0, 0.0))
     bench.spring.wall_x_mm = 2.0
     assert codes(bench.jog("x", 6.0, 2.0))[0] == "touched"
     assert 2.0 < bench.x_mm < 2.0 + 2.0 * 0.6
 
 
-@pytest.mark.parametrize(("may_touch", "zero", "refused"), [
-    (True, ForceZero(0.0, 0.0), True),
-    (False, ForceZero(0.0, 0.0), False),  # the zero has drifted, and nothing was touched
-    (True, None, False),  # the force counts from what was there before
-])  # fmt: skip
-def test_sideways_is_refused_in_contact(
-    at_hand: Callable[..., AtHand], may_touch: bool, zero: ForceZero | None, refused: bool
+@pytest.mark.parametrize("may_touch", [True, False])
+@pytest.mark.parametrize(("zero", "code"), [(ForceZero(0.0, 0.0), "touches_still"), (None, "not_zeroed")])
+def test_sideways_is_refused_in_contact_and_without_a_zero(
+    at_hand: Callable[..., AtHand], may_touch: bool, zero: ForceZero | None, code: str
 ) -> None:
-    """As after a jog up that the motor did not follow: 0.1 mm in a spring, 0.19 gwt."""
+    """As after a jog up that the motor did not follow, or a finger that came up: 0.1 mm in a spring, 0.19 gwt."""
     bench = at_hand(above_mm=-0.1, zero=zero)
     bench.hand.may_touch = may_touch
     from_mm = bench.x_mm
-    if refused:
-        with raises(LimitError, "touches_still"):
-            bench.jog("x", 1.0)
-    else:
+    with raises(LimitError, code):
         bench.jog("x", 1.0)
-    assert bench.x_mm == pytest.approx(from_mm if refused else from_mm + 1.0, abs=0.003)
+    assert bench.x_mm == from_mm
     assert bench.jog("z", 2.0).ended_by is None
 
 
@@ -345,7 +344,7 @@ def test_up_into_something_it_stops(at_hand: Callable[..., AtHand]) -> None:
 
 
 def test_a_sensor_beyond_its_range_lets_it_go_up_and_nowhere_else(at_hand: Callable[..., AtHand]) -> None:
-    bench = at_hand(above_mm=0.5)
+    bench = at_hand(above_mm=0.5, zero=ForceZero(0.0, 0.0))
     bench.spring.offset_gwt = 500.0
     for axis, by_mm in (("x", 1.0), ("z", -0.2)):
         with raises(LimitError, "no_reading") as refused:
@@ -361,7 +360,7 @@ def test_a_sensor_beyond_its_range_lets_it_go_up_and_nowhere_else(at_hand: Calla
 
 @pytest.mark.parametrize(("axis", "by_mm"), [("x", 1.0), ("x", -1.0), ("z", -0.5), ("z", 1.0)])
 def test_a_sensor_that_does_not_answer_moves_nothing(at_hand: Callable[..., AtHand], axis: str, by_mm: float) -> None:
-    bench = at_hand()
+    bench = at_hand(zero=ForceZero(0.0, 0.0))
     at = bench.x_mm, bench.height_mm
 
     def nan() -> ForceReading:
@@ -412,7 +411,7 @@ def test_position_and_force_are_shown_while_it_moves(at_hand: Callable[..., AtHa
 def test_a_way_that_is_free_is_gone_to_its_end(
     at_hand: Callable[..., AtHand], axis: str, by_mm: float, felt: bool
 ) -> None:
-    bench = at_hand(felt=felt)
+    bench = at_hand(felt=felt, zero=ForceZero(0.0, 0.0))
     before = {"x": bench.x_mm, "z": bench.height_mm}[axis]
     assert bench.jog(axis, by_mm).ended_by is None
     assert {"x": bench.x_mm, "z": bench.height_mm}[axis] - before == pytest.approx(by_mm, abs=0.0035)
@@ -487,7 +486,7 @@ def test_with_nothing_held_nothing_moves(at_hand: Callable[..., AtHand]) -> None
 @pytest.mark.parametrize("axis", ["x", "z"])
 @pytest.mark.parametrize("felt", [True, False])
 def test_a_key_that_is_let_go_ends_it_well(at_hand: Callable[..., AtHand], axis: Any, felt: bool) -> None:
-    bench = at_hand(above_mm=2.0, felt=felt)
+    bench = at_hand(above_mm=2.0, felt=felt, zero=ForceZero(0.0, 0.0))
     until_s = bench.clock.monotonic_s() + 1.5
     start = bench.x_mm, bench.height_mm
     way = Direction(axis, -1)
@@ -533,7 +532,7 @@ def test_a_look_says_where_it_stands_and_what_is_felt(at_hand: Callable[..., AtH
 
 def test_it_is_shown_while_it_moves_and_at_every_rest(at_hand: Callable[..., AtHand]) -> None:
     """At rest the settled force of each step; in motion more often than that."""
-    bench = at_hand(above_mm=0.5)
+    bench = at_hand(above_mm=0.5, zero=ForceZero(0.0, 0.0))
     bench.jog("z", -0.2)
     rests = [at.z_mm for at, _ in bench.shown]
     assert {round(z - APEX_MM, 2) for z in rests} >= {0.45, 0.4, 0.35, 0.3}
@@ -578,6 +577,7 @@ def test_a_stage_that_lost_its_reference_has_lost_its_place(
 
 def test_only_a_place_that_is_lost_puts_the_finger_in_doubt(at_hand: Callable[..., AtHand]) -> None:
     hand = at_hand().hand
+    hand.may_touch = False
     for placed, may_touch in ((True, False), (False, True), (True, True)):
         hand.set_placed(placed=placed)
         assert hand.may_touch is may_touch
@@ -589,6 +589,7 @@ def test_down_to_clearance_no_touch_is_possible(
 ) -> None:
     """From 3 mm with clearance at 2 mm; heights within 0.02 mm of it are clearance."""
     bench = at_hand(zero=ForceZero(0.0, 0.0))
+    bench.hand.may_touch = False
     found: list[str] = []
     bench.hand.keep_contact = lambda known: found.append(known.kind)
     assert bench.jog("z", -by_mm).ended_by is None
@@ -601,8 +602,9 @@ def test_down_to_clearance_no_touch_is_possible(
 def test_up_to_clearance_the_finger_is_clear_and_where_is_on_record(
     at_hand: Callable[..., AtHand], to_mm: float, kind: str
 ) -> None:
-    bench = at_hand(above_mm=-0.05, zero=ForceZero(0.0, 0.0))
+    bench = at_hand(above_mm=-0.05, skin_mm=-1.0, zero=ForceZero(0.0, 0.0))
     bench.jog("x", 0.5)
+    bench.spring.skin_mm = 0.0
     found: list[KnownContact] = []
     bench.hand.may_touch, bench.hand.keep_contact = True, found.append
     assert bench.jog("z", to_mm + 0.05).ended_by is None

@@ -7,6 +7,7 @@ the seconds after. `rtu/jog up/9660/z stalls + drifts down` of the fault campaig
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -118,7 +119,7 @@ def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
         at_hand = Drifted(kind, 2.5, crossing_s).bench
         BenchMemory(at_hand.config).zeroed(ForceZero(0.0, 0.0))
         with pytest.raises(LimitError) as found:
-            zero_by_hand(at_hand.config, at_hand.sensing, anyway=False)
+            zero_by_hand(at_hand.config, at_hand.sensing, at_hand.hand)
         assert found.value.code in ("maybe_touched", "unsteady"), f"{crossing_s:.2f} s"
 
 
@@ -174,7 +175,7 @@ def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
     settings = RigSettings()
     BenchMemory(settings).zeroed(ForceZero(0.0, 0.0))
     with raises(LimitError, "unsteady"):
-        zero_by_hand(settings, sensing, anyway=False)
+        zero_by_hand(settings, sensing, Mock())
     assert BenchMemory(settings).read().zero == ForceZero(0.0, 0.0)
 
 

@@ -421,7 +421,7 @@ def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
     memory.zeroed(ZERO)
     sensor.zero = raising(ForceTimeout("not stable"))  # type: ignore[method-assign]
     with pytest.raises(ForceTimeout) as caught:
-        at_hand.zero(settings, sensing, anyway=False)
+        at_hand.zero(settings, sensing, None)
     assert str(caught.value) == "not stable"
     assert memory.read().zero == sensing.zero == ZERO
 

@@ -46,7 +46,7 @@ def ended(bench: HandBench, person: Person) -> str:
 
 @promise
 def a_sensor_that_does_not_answer_moves_nothing(make: Make) -> None:
-    bench = make()
+    bench = make(zero=ZERO)
     nan(bench)
     before = (bench.x_mm, bench.height_mm, len(bench.moves_sent()))
 
@@ -135,14 +135,14 @@ def where_it_was_left_homed_it_is_known_and_left_to_the_next_command(make: Make)
 
 @promise
 def a_changed_override_ends_it_and_the_next_motion_goes_at_full_speed(make: Make) -> None:
-    bench = make()
+    bench = make(zero=ZERO)
     halts: list[float] = []
     stage = bench.bench.stage
     halt, status = stage.halt, stage.status
 
     def person() -> Person:
         holding = bench.hold("x", 1, 20.0)
-        yield from (next(holding) for _ in range(5))
+        yield from (next(holding) for _ in range(14))  # Contact is measured first.
         stage.halt = lambda: (halts.append(bench.clock.monotonic_s()), halt())[1]  # type: ignore[method-assign]
 
         def overridden() -> Any:
@@ -153,7 +153,7 @@ def a_changed_override_ends_it_and_the_next_motion_goes_at_full_speed(make: Make
         yield from holding
         assert "feed override 200 %" in bench("status")["ended_by"]
         assert bench("status")["homed"], "its position is kept"
-        yield from bench.hold("x", -1, 0.5)
+        yield from bench.hold("x", -1, 1.5)
 
     assert ended(bench, person()) == "None"
     assert len(halts) == 1
@@ -162,12 +162,12 @@ def a_changed_override_ends_it_and_the_next_motion_goes_at_full_speed(make: Make
 @promise
 def it_ends_within_two_slices_and_a_hold_of_the_last_one(make: Make) -> None:
     for speed_mm_s in (0.5, 2.0, 10.0):
-        bench = make()
+        bench = make(zero=ZERO)
         last: list[float] = []
 
         def person(bench: HandBench = bench, last: list[float] = last, speed_mm_s: float = speed_mm_s) -> Person:
             holding = bench.hold("x", 1, 20.0, speed_mm_s)
-            for _ in range(9):
+            for _ in range(18):  # Contact is measured first.
                 last[:] = [bench.x_mm]
                 yield next(holding)
             yield from bench.done()
@@ -336,7 +336,7 @@ def _idle(bench: HandBench) -> Person:
 
 def _jogging(bench: HandBench) -> Person:
     holding = bench.hold("x", 1, 20.0, 5.0)
-    yield from (next(holding) for _ in range(4))
+    yield from (next(holding) for _ in range(14))  # Contact is measured first.
 
 
 def _stepping_down(bench: HandBench) -> Person:
