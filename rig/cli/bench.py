@@ -19,12 +19,12 @@ from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import Sensing
-from rig.engine.verbs import ZERO_LIFT_MM
 from rig.manual import home_and_zero
 from rig.manual.home_and_zero import at_hand, feel, no_force_readings
 from rig.manual.jog import ByHand, Show
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
+from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
 
 

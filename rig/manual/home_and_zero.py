@@ -18,7 +18,7 @@ from rig.errors import BadInputError, around, recast
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
 from rig.session.script_run import stopped_at_once
-from rig.settings import RigSettings
+from rig.settings import ZERO_LIFT_MM, RigSettings
 from rig.transport.wire import TransportError
 
 
@@ -134,20 +134,20 @@ def not_checked(error: StageError | TransportError) -> StageError:
         "the zero cannot be checked by a lift of {lift_mm:g} mm: {problem}; home first (`rig home`), or, if nothing "
         "touches the indentor, use --anyway"
     )
-    return around(StageError, sentence, error, lift_mm=verbs.ZERO_LIFT_MM)
+    return around(StageError, sentence, error, lift_mm=ZERO_LIFT_MM)
 
 
 def _make_room(settings: RigSettings, hand: ByHand) -> None:
     """Move down where the top of the travel leaves no room for the lift. Raises LimitError for a touch."""
     at = hand.look().at
-    down_mm = at.z_mm + verbs.ZERO_LIFT_MM + AT_MM
+    down_mm = at.z_mm + ZERO_LIFT_MM + AT_MM
     if hand.placed and down_mm > 0:
         _moved_by(settings, hand, DOWN, down_mm)
 
 
 def _refuse_changed(settings: RigSettings, sensing: Sensing, hand: ByHand) -> None:
     """Lift after a zero. Raises LimitError if the force changes by a touch."""
-    _moved_by(settings, hand, UP, verbs.ZERO_LIFT_MM)
+    _moved_by(settings, hand, UP, ZERO_LIFT_MM)
     change_gwt = hand.measured_contact().force_gwt
     if change_gwt is None:
         raise LimitError("no steady force after the lift; zero the sensor again", code="no_reading")
