@@ -28,6 +28,8 @@ from rig.errors import RuleError
 Framing = Literal["rtu", "tcp"]
 EIGHT_N_ONE = "8N1"
 
+ZERO_LIFT_MM = 0.3
+"""Lift after a zero, which must not change the force (mm)."""
 SLOWEST_MM_S = 1 / 60  # GRBL moves no slower, whatever F says
 FASTEST_PRESS_MM_S = 5.0
 NOMINAL_STEPS_PER_MM = 400.0

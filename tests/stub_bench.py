@@ -154,6 +154,9 @@ class StubBench:
         self.at_event(stream)
         self.events.append((stream, dict(data)))
 
+    def settle(self) -> None:
+        """There is no disk."""
+
     def of(self, stream: str) -> list[dict[str, Any]]:
         """The events of one stream so far."""
         return [data for name, data in self.events if name == stream]

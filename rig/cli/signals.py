@@ -74,11 +74,10 @@ class PauseRequest:
         at_terminal = sys.stdin.isatty() and sys.stderr.isatty()
         if at_terminal and not self._alone:
             err.print(
-                "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run (rig resume "
-                "can finish it later)"
+                "paused after a lift: press Enter to continue, Ctrl-C to end the run (rig resume can finish it later)"
             )
         elif self._from_elsewhere:
-            err.print("paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run")
+            err.print("paused after a lift: continue from the panel, or press Ctrl-C to end the run")
         self.waits = True
         try:
             goes_on = self._answer(meanwhile, at_terminal=at_terminal)

@@ -5,13 +5,18 @@ missing stop means a crash; a torn last line is ignored by the reader and remove
 """
 
 import contextlib
+import itertools
 import json
 import os
+import queue
+import threading
+import time
 import uuid
+from collections import deque
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
 from rig_shared.user_files import json_of, open_file, read_bytes
@@ -114,6 +119,17 @@ class LineFile:
             raise
         # The file may be longer: an interrupt, or a line of another thread, may have come between.
         self._size = end + len(line)
+
+    @property
+    def size(self) -> int:
+        """Size (bytes) of the lines that this program wrote or found."""
+        return self._size
+
+    def cut(self, size: int) -> None:
+        """Remove what is beyond this size (bytes). Raises OSError."""
+        if os.fstat(self._file.fileno()).st_size > size:
+            self._file.truncate(size)
+            self._file.seek(size)
 
     def check(self) -> None:
         """Check that the path still leads to the written file.
@@ -219,11 +235,48 @@ class Recorder(Protocol):
     """Destination of events: the journal of a run, or the memory of a rehearsal."""
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Record an event, before returning. Raises RecordError."""
+        """Record an event, without waiting for a disk. Raises RecordError, also about earlier events."""
+
+    def settle(self) -> None:
+        """Wait, for a limited time, until all events are on disk. Raises RecordError."""
+
+
+LONGEST_WAIT_S = 2.0
+"""Longest time that an event may wait for the disk in a run."""
+LONGEST_END_S = 10.0
+"""Longest time that the end of a run waits for the disk."""
+
+
+class _Line(NamedTuple):
+    """Document to be written: JSON before and after its number, its event, its order, and its time (s)."""
+
+    before: str
+    after: str
+    event: tuple[str, Mapping[str, Any]] | None
+    order: int
+    since_s: float
+
+
+class _Written(NamedTuple):
+    """What the file has: the order of the last line, the number of documents, and the size (bytes)."""
+
+    order: int
+    documents: int
+    size: int
+
+
+_Answer = queue.SimpleQueue[None]
+_MORE: _Answer = queue.SimpleQueue()
+"""Call of the writing thread that waits for no answer."""
 
 
 class Journal:
-    """Writer of events.jsonl; on return a document is on the disk (of a virtual run: in the file)."""
+    """Writer of events.jsonl.
+
+    `event` queues a document and returns; one thread writes what is queued, with one flush. `settle` waits for it.
+    A virtual run can be repeated, so each document is written before `event` returns, and no disk is waited for: it
+    survives a killed process, but not a power failure.
+    """
 
     def __init__(
         self,
@@ -234,87 +287,212 @@ class Journal:
         witness: Callable[[str, Mapping[str, Any]], Mapping[str, Any]] = lambda stream, data: {},
         *,
         virtual: bool = False,
+        now_s: Callable[[], float] = time.monotonic,
     ) -> None:
         """Open the journal, or mend and continue an existing one. Raises JournalError.
 
-        `streams`: keys of each stream and their units ("" for text). `watch` is called for each event on disk.
-        `witness` adds keys to an event that only the bench knows (`true_…`). A `virtual` run can be repeated, so it
-        does not wait for the disk: it survives a killed process, but not a power failure.
+        `streams`: keys of each stream and their units ("" for text). `watch` is called for each event on disk, in
+        order, by the thread that records: at the next event, or when it settles. `witness` adds keys to an event
+        that only the bench knows (`true_…`). `now_s` measures how long an event waits for the disk.
         """
         self._watch, self._witness = watch, witness
-        self._clock = clock
+        self._clock, self._now_s = clock, now_s
         self._streams = streams
         self._described: set[str] = set()
         self.path = path
         self._virtual = virtual
-        self._seq = mend_journal(path)
+        documents = mend_journal(path)
         self.file = LineFile(path)
-        self._stopped = False
+        self._stopped = self._closed = False
         self.at_end: Callable[[], Mapping[str, Any]] = dict  # further fields of a stop before the end
         self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt without a message
+        # One thread records and one writes. Each step of both is atomic, so that an interrupt leaves no lock behind,
+        # and no line is written twice.
+        self._waiting: deque[_Line] = deque()
+        self._order = itertools.count()
+        self._written, self._sure = _Written(-1, documents, self.file.size), True
+        self._on_disk: deque[tuple[str, Mapping[str, Any]]] = deque()
+        self._recorded = self._saved = 0  # events
+        self._problem: Exception | None = None  # of the last attempt to write
+        self._calls: queue.SimpleQueue[_Answer | None] = queue.SimpleQueue()
+        self._writer: threading.Thread | None = None
+        self._given_up = False
 
     def start(self, about: Mapping[str, Any]) -> None:
         """Write the first document, the script and its inputs, at t_s = 0, when the byte log began."""
-        self._write("start", about)
+        self._put("start", about)
+        self._settle_or_give_up()
 
     def resume(self, about: Mapping[str, Any]) -> None:
         """Write that a stopped run continues."""
-        self._write("resume", about)
+        self._put("resume", about)
+        self._settle_or_give_up()
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Write an event; the descriptor of the stream precedes its first event."""
+        """Record an event; the descriptor of the stream precedes its first event.
+
+        Raises RecordError if an earlier event could not be written, or waits for the disk for too long.
+        """
         keys, data = self._streams[stream], {**data, **self._witness(stream, data)}
         unknown = set(data) - set(keys)
         if unknown:
             raise KeyError(f"stream {stream!r} has no {sorted(unknown)}")
         if stream not in self._described:
+            self._put("descriptor", {"stream": stream, "units": dict(keys)})
             self._described.add(stream)
-            self._write("descriptor", {"stream": stream, "units": dict(keys)})
-        self._write("event", {"stream": stream, "data": data})
-        self._watch(stream, data)
+        self._put("event", {"stream": stream, "data": data}, (stream, data))
+        self._report()
+        if not self._virtual:
+            self._refuse_slow_disk()
+
+    def settle(self, within_s: float = LONGEST_WAIT_S) -> None:
+        """Wait until everything recorded is on disk, and report it to `watch`. Raises RecordError."""
+        if self._virtual:
+            self._write()
+        elif self._writer is not None and not self._answered(within_s):
+            self._report()
+            raise self._slow_disk(within_s)
+        self._report()
+
+    def _settle_or_give_up(self) -> None:
+        try:
+            self.settle(LONGEST_END_S)
+        except RecordError as error:
+            self._given_up = error.code == "slow_disk"
+            raise
 
     def stop(self, status: str, reason: str = "") -> None:
-        """Write the last document; status is done, aborted, tripped, limited or failed."""
-        self._write("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
+        """Write the last document; status is done, aborted, tripped, limited or failed. Raises RecordError."""
+        self._put("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
         self._stopped = True
+        self._settle_or_give_up()
+
+    @property
+    def unsaved(self) -> int:
+        """Number of events that are not on disk."""
+        return self._recorded - self._saved
 
     def close(self) -> None:
-        """Close the file."""
-        self.file.close()
+        """Close the file, after what is queued is written; give up on a disk that does not answer."""
+        self._closed = True
+        if self._writer is None:
+            self.file.close()
+            return
+        self._calls.put(None)
+        self._writer.join(0.0 if self._given_up else LONGEST_END_S)
+        self._given_up = True
 
     def _default_reason(self, error: BaseException) -> str:
         """Return the reason of an error without a message; an interrupt has the person or program behind it."""
         return self.interrupted_by() if isinstance(error, KeyboardInterrupt) else type(error).__name__
 
-    def _write(self, kind: str, body: Mapping[str, Any]) -> None:
+    def _put(self, kind: str, body: Mapping[str, Any], event: tuple[str, Mapping[str, Any]] | None = None) -> None:
+        """Queue a document; of a virtual run, write it. Raises ValueError for a number that JSON does not have."""
+        if self._closed:
+            raise ValueError("the journal is a closed file")
         t_s, unix_s = self._clock.run_s(), self._clock.unix_s()
         if kind == "start":
             t_s, unix_s = 0.0, unix_s - t_s
-        document = {
-            "doc": kind,
-            "uid": uuid.uuid4().hex,
-            "seq": self._seq,
-            "t_s": round(t_s, 6),
-            "unix_s": round(unix_s, 6),
-            **body,
-        }
-        self._append((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))
-        self._seq += 1
+        after = json.dumps({"t_s": round(t_s, 6), "unix_s": round(unix_s, 6), **body}, allow_nan=False)
+        before = f'{{"doc": "{kind}", "uid": "{uuid.uuid4().hex}", "seq": '
+        self._recorded += event is not None
+        self._waiting.append(_Line(before, after[1:], event, next(self._order), self._now_s()))
+        if self._virtual:
+            self._write()
+            return
+        if self._writer is None:
+            self._writer = threading.Thread(target=self._write_behind, name="journal", daemon=True)
+            self._writer.start()
+        self._calls.put(_MORE)
 
-    def _append(self, line: bytes) -> None:
-        """Append a whole line on disk at its path, or none of it. Raises RecordError."""
+    def _answered(self, within_s: float) -> bool:
+        """Return whether the writing thread has tried to write everything within this time."""
+        answer: _Answer = queue.SimpleQueue()
+        self._calls.put(answer)
         try:
-            self.file.append(line, sync=not self._virtual)
+            answer.get(timeout=within_s)
+        except queue.Empty:
+            return False
+        return True
+
+    def _report(self) -> None:
+        """Report the events on disk to `watch`. Raises RecordError if the others could not be written."""
+        while self._on_disk:
+            self._watch(*self._on_disk.popleft())
+        if (problem := self._problem) is not None:
+            raise self._record_error(problem) from problem
+
+    def _refuse_slow_disk(self) -> None:
+        try:
+            waits_s = self._now_s() - self._waiting[0].since_s
+        except IndexError:  # it has just been written
+            return
+        if waits_s > LONGEST_WAIT_S:
+            raise self._slow_disk(waits_s)
+
+    def _slow_disk(self, waits_s: float) -> RecordError:
+        return RecordError(
+            "{path}: the disk does not keep up with the run: an event has waited for it for {waits_s:.1f} s; record "
+            "on a faster disk",
+            code="slow_disk",
+            path=str(self.path),
+            waits_s=waits_s,
+        )
+
+    def _write_behind(self) -> None:
+        """Write what is recorded, until the journal is closed."""
+        ends = False
+        while not ends:
+            calls = [self._calls.get()]
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    calls.append(self._calls.get_nowait())
+            if not self._given_up:
+                self._write()
+            for call in calls:
+                if call is None:
+                    ends = True
+                elif call is not _MORE:
+                    call.put(None)
+        self.file.close()
+
+    def _write(self) -> None:
+        """Append all waiting lines with one flush, or none of them; an error becomes the `_problem`."""
+        try:
+            while self._waiting and self._waiting[0].order <= self._written.order:
+                self._waiting.popleft()
+            lines = [self._waiting[n] for n in range(len(self._waiting))]
+            if lines:
+                self._append(lines)
+                self._saved += sum(line.event is not None for line in lines)
+                for _ in lines:
+                    self._waiting.popleft()
             self.file.check()
-        except LostFileError as error:
-            raise LostRecordError("{path}: {error}", path=str(self.path), error=str(error)) from error
-        except OSError as error:
-            raise RecordError(
-                "{path}: cannot be written: {error}",
-                code="cannot_be_written",
-                path=str(self.path),
-                error=error.strerror or str(error),
-            ) from error
+        except Exception as error:  # which the recording thread raises
+            self._problem = error
+        else:
+            self._problem = None
+            self._on_disk.extend(line.event for line in lines if line.event is not None)
+
+    def _append(self, lines: Sequence[_Line]) -> None:
+        """Append lines with their numbers. Raises OSError."""
+        _, documents, size = self._written
+        if not self._sure:  # an interrupt may have left whole lines
+            self.file.cut(size)
+        self._sure = False
+        text = "".join(f"{line.before}{n}, {line.after}\n" for n, line in enumerate(lines, documents)).encode("ascii")
+        self.file.append(text, sync=not self._virtual)
+        self._written = _Written(lines[-1].order, documents + len(lines), size + len(text))
+        self._sure = True
+
+    def _record_error(self, error: Exception) -> RecordError:
+        """Return the error of an event that is not on disk at its path."""
+        if isinstance(error, LostFileError):
+            return LostRecordError("{path}: {error}", path=str(self.path), error=str(error))
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        return RecordError(
+            "{path}: cannot be written: {error}", code="cannot_be_written", path=str(self.path), error=reason
+        )
 
     def __enter__(self) -> "Journal":
         return self
@@ -335,6 +513,9 @@ class NoJournal:
     """Recorder that discards events, for commands outside of runs."""
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
+        """Do nothing."""
+
+    def settle(self) -> None:
         """Do nothing."""
 
 

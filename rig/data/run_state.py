@@ -56,6 +56,9 @@ class Timeline:
             if stream in _ONE_BY_ONE or stream.endswith(BEGUN):
                 self._steps[name] = data
 
+    def settle(self) -> None:
+        """Do nothing: there is no disk."""
+
     @property
     def words(self) -> dict[Milestone, str]:
         """Step in words, by the milestone that ends it, or that begins a press."""

@@ -538,6 +538,7 @@ class Engine:
         with contextlib.suppress(RecordError):  # The caller reports the trip.
             data = {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s}
             self._journalled("trip", data)
+        lifted = False
         try:
             if self.settings.limits.on_trip == "stop":
                 self.stop()
@@ -545,13 +546,22 @@ class Engine:
                 to_mm = trip_height_mm(self.settings, self.height_mm)
                 insist(lambda: self._leave(to_mm))
                 insist(self._leave_force)
+                lifted = True
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
         with contextlib.suppress(RecordError):  # The caller reports the trip.
             self.measure_contact()
+            if lifted:
+                self._journalled("retract", self.after_lift())
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, reason
         raise reason
+
+    def after_lift(self) -> dict[str, Any]:
+        """Return height, contact time and state of contact for the journal."""
+        known = self.known_contact
+        about = {"height_mm": round(self.height_mm, 6), "contact_s": self.contact.rounded_s}
+        return {**about, "contact": known.kind, "force_gwt": known.force_gwt}
 
     def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
         """Trip with the reading that is the reason; a journal that fails does not delay the lift."""
@@ -561,7 +571,7 @@ class Engine:
 
     def _leave_force(self) -> None:
         """Go on up to the park height after a lift while the force does not vanish."""
-        top_mm = park_height_mm(self.settings, self.height_mm)
+        top_mm = min(self.settings.habits.park_height_mm, -self.settings.frame.apex_z_mm)
         if not (self.bench.stage.homed and self.sensing.zeroed) or self.height_mm >= top_mm - AT_MM:
             return
         try:
@@ -613,9 +623,16 @@ class Engine:
     # --- journal and heartbeat ---
 
     def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event; it is on disk on return. If that fails, lift and raise RecordError."""
+        """Journal an event, without waiting for the disk. If that fails, lift and raise RecordError."""
         try:
             self._journalled(stream, data)
+        except RecordError as error:
+            self._lift_unrecorded(error)
+
+    def settle(self) -> None:
+        """Wait until all events are on disk. If that fails, lift and raise RecordError."""
+        try:
+            self._journal.settle()
         except RecordError as error:
             self._lift_unrecorded(error)
 

@@ -5,6 +5,7 @@ import statistics
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any, TypeVar
 
 from rig.clock import Clock
@@ -15,6 +16,7 @@ from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
 from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
+from rig.settings import ZERO_LIFT_MM
 from rig.units import GWT_N
 
 _T = TypeVar("_T")
@@ -22,10 +24,7 @@ _T = TypeVar("_T")
 STOP_LOOK_S, REST_LOOK_S = 0.1, 1.0
 """Intervals in a wait at clearance (s): of stop inputs and force; of the stage and of readings in the journal."""
 
-ZERO_LIFT_MM = 0.3
-"""Lift after a zero, which must not change the force (mm)."""
 _LIFTED_READINGS = 4
-_MOST_INTERRUPTIONS = 20  # of one move sideways, by single readings of a touch and by late readings
 
 
 def mount(engine: Engine, indentor: str) -> None:
@@ -128,14 +127,14 @@ def zero(engine: Engine) -> None:
     if lifts:
         engine.lift(air_mm)
         drift_gwt = _drift_gwt(engine)
-    from_mm = engine.height_mm
-    if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
-        engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
     name = sensing.connect()
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
     engine.keep_zero(None)
+    from_mm = engine.height_mm
+    if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
+        engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
     found = sensing.take_zero(zero_readings_gwt(engine.raw_reading))
     if refused := refused_zero(sensing, found) or _changed_by_lift(engine):
         sensing.zero = None
@@ -158,7 +157,7 @@ def zero(engine: Engine) -> None:
     if lifts:
         _go_to_clearance(engine, settings.habits.travel_speed_mm_s)
     else:
-        _descend(engine, from_mm)
+        _descend(engine, max(from_mm, settings.habits.clearance_mm))
 
 
 def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
@@ -190,7 +189,7 @@ def changed_zero(change_gwt: float) -> TripError:
 
 def _changed_by_lift(engine: Engine) -> TripError | None:
     """Lift after a zero, and return the error if the force changes by a touch, else None."""
-    engine.lift(engine.height_mm + ZERO_LIFT_MM)
+    engine.lift(max(engine.height_mm + ZERO_LIFT_MM, engine.settings.habits.clearance_mm))
     change_gwt = statistics.fmean(engine.reading().force_n / GWT_N for _ in range(_LIFTED_READINGS))
     return changed_zero(change_gwt) if abs(change_gwt) >= engine.sensing.touch_gwt else None
 
@@ -238,28 +237,34 @@ def _counted_from_here(engine: Engine) -> Iterator[None]:
 def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
     """Move sideways; contact is measured before, and a touch ends the move and trips.
 
-    A touch that vanishes at rest (vibration of the stage) and a late reading only interrupt the move.
+    A late reading interrupts the move. A touch that vanishes at rest (vibration of the stage) is passed by a step no
+    longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
+    has its travel speed.
     """
-    limit = SidewaysLimit.of(engine.settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
-    look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(engine.settings)
-    for _ in range(_MOST_INTERRUPTIONS):
-        _refuse_contact_at_rest(engine)
-        if engine.sensing.absolute and not engine.is_lifted and engine.measure_contact().may_touch:
-            engine.trip(engine.not_lifted)
-        if engine.move(
-            lambda: engine.motion.aside(x_mm, along_mm, limit.speed_mm_s, look_s), touch_ends_it=True, late_s=late_s
-        ):
-            return
-    engine.trip(
-        TripError(
-            "the move sideways to x = {x_mm:g} mm was interrupted {times} times by single readings of a touch, or by "
-            "readings later than {late_s:g} s; check the force sensor for noise and its cable",
-            code="sideways_interrupted",
-            x_mm=x_mm,
-            times=_MOST_INTERRUPTIONS,
-            late_s=late_s,
-        )
-    )
+    settings, habits = engine.settings, engine.settings.habits
+    limit = SidewaysLimit.of(settings, engine.trips.soft_gwt, engine.sensing.touch_gwt, engine.stiffness)
+    speed_mm_s, step_mm = limit.speed_mm_s, limit.in_contact_mm
+    if engine.height_mm >= habits.park_height_mm - AT_MM:
+        speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
+    look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(settings)
+    _refuse_contact_before_move(engine)
+    while not engine.move(
+        lambda: engine.motion.aside(x_mm, along_mm, speed_mm_s, look_s), touch_ends_it=True, late_s=late_s
+    ):
+        _refuse_contact_before_move(engine)
+        left_mm = math.hypot(x_mm - engine.x_mm, along_mm - engine.along_mm)
+        share = min(step_mm / left_mm, 1.0) if left_mm else 1.0
+        next_x_mm = engine.x_mm + share * (x_mm - engine.x_mm)
+        next_along_mm = engine.along_mm + share * (along_mm - engine.along_mm)
+        engine.move(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s))
+        _refuse_contact_before_move(engine)
+
+
+def _refuse_contact_before_move(engine: Engine) -> None:
+    """Trip unless the force at rest shows that the indentor is lifted."""
+    _refuse_contact_at_rest(engine)
+    if engine.sensing.absolute and not engine.is_lifted and engine.measure_contact().may_touch:
+        engine.trip(engine.not_lifted)
 
 
 def be_over(engine: Engine, x_mm: float) -> None:
@@ -274,8 +279,7 @@ def retract(engine: Engine) -> None:
         raise engine.not_allowed("retract")
     engine.lift()
     engine.confirm_lifted()
-    about = {"height_mm": engine.height_mm, "contact_s": engine.contact.rounded_s}
-    engine.record("retract", {**about, **_contact(engine)})
+    engine.record("retract", engine.after_lift())
 
 
 def rest(engine: Engine, seconds: float) -> None:

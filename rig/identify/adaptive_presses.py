@@ -162,8 +162,11 @@ class Identification:
 
     def trip_n(self, press: PressAt) -> float:
         """Return the soft trip of a press (N), from the upper end of its predicted band."""
-        highest = highest_gwt(self.predicted, self.learned.draws, press, self.chooser.pace, _TRIP_SHARE)
-        return max(SOFT_TRIP_OVER_BAND * highest * GWT_N, SMALLEST_SOFT_TRIP_N)
+        return max(SOFT_TRIP_OVER_BAND * self.highest_gwt(press) * GWT_N, SMALLEST_SOFT_TRIP_N)
+
+    def highest_gwt(self, press: PressAt) -> float:
+        """Return the upper end of the predicted band of a press (gwt)."""
+        return float(highest_gwt(self.predicted, self.learned.draws, press, self.chooser.pace, _TRIP_SHARE))
 
     def take(self, press: PressAt, measured: MeasuredPress) -> PressReport:
         """Update the estimate with a measured press and return its report."""

@@ -9,13 +9,13 @@ from rig.data import RunFolder
 from rig.data.folder import SCRIPT
 from rig.data.run import Events, Following, add_event
 from rig.engine import Engine, LimitError
-from rig.engine.limits import Trips
+from rig.engine.limits import CONTACT_EXPONENT, FingerStiffness, Trips
 from rig.identify.adaptive_presses import Identification, PressReport
 from rig.identify.press_record import measured_press
 from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
-from rig.protocol.steps import Indent, Step
+from rig.protocol.steps import Indent, MoveTo, Step
 from rig.session.execute import Live
 from sim.identification.next_press import PressAt
 
@@ -62,6 +62,14 @@ class IdentificationScript:
     def trip_n(self) -> float | None:
         """Soft trip of the current press (N); None before the first."""
         return None if self._pressing is None else self.identification.trip_n(self._pressing)
+
+    @property
+    def stiffness(self) -> FingerStiffness:
+        """Highest likely stiffness under the current press."""
+        press = self._pressing
+        if press is None:
+            return FingerStiffness.unknown()
+        return FingerStiffness(self.identification.highest_gwt(press) / press.doi_mm**CONTACT_EXPONENT)
 
     def run(self, rig: Rig) -> None:
         """Press until the identification is finished."""
@@ -115,7 +123,7 @@ def _noted(report: PressReport) -> dict[str, float | list[float]]:
 
 
 class Tripping(Live):
-    """Handler that sets the soft trip before each press."""
+    """Handler that sets soft trip and stiffness before each move and press."""
 
     def __init__(self, engine: Engine, walk: Walk, script: IdentificationScript) -> None:
         super().__init__(engine, walk)
@@ -123,6 +131,7 @@ class Tripping(Live):
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
         """Execute a step and return its result."""
-        if isinstance(step, Indent):
+        if isinstance(step, MoveTo | Indent):
             self._engine.trips = Trips(self._engine.settings.limits, self._script.trip_n)
+            self._engine.stiffness = self._script.stiffness
         return super().handle(step, spot)

@@ -115,7 +115,7 @@ _NOTICES = {
     "planning": "checking the script; nothing has moved yet",
     "asking": "waiting for an answer at its terminal",
     "pausing": "pausing; lifting at the next safe point",
-    "paused": "paused, indentor lifted",
+    "paused": "paused after a lift",
     "reporting": "making the report",
 }
 

@@ -10,7 +10,7 @@ from typing import Any, Literal, Protocol
 from rig.devices.registry import highest_hz, moves_along, ramps
 from rig.errors import BadInputError, RigError
 from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, SineMotion, Target
-from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings, StageSettings
+from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, LimitSettings, RigSettings, StageSettings
 from rig.units import GWT_N
 
 
@@ -210,7 +210,8 @@ def refuse_place(x_mm: float, along_mm: float, settings: RigSettings) -> None:
     """Raise an error for a position at clearance that the stage cannot reach."""
     refuse_travel("x", settings.frame.pad_centre_x_mm + x_mm, settings)
     refuse_travel("y", settings.frame.pad_y_mm + along_mm, settings)
-    refuse_travel("z", settings.frame.apex_z_mm + settings.habits.clearance_mm, settings)
+    highest_mm = settings.habits.clearance_mm + ZERO_LIFT_MM
+    refuse_travel("z", settings.frame.apex_z_mm + highest_mm, settings)
 
 
 def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSettings) -> None:

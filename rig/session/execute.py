@@ -61,7 +61,7 @@ def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], 
 
 
 def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
-    """Carry out a step with the engine.
+    """Carry out a step with the engine; at its end all events are on disk.
 
     Parameters
     ----------
@@ -90,6 +90,7 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
         )
     try:
         answer: A = executor(engine, step, expected)
+        engine.settle()
     except Exception:
         raise
     except BaseException:  # Stop the stage before the script can handle the exception.

@@ -55,7 +55,7 @@ class FaultyBench:
         self.on_sample: dict[str, Callable[[], object]] = {}
         self.journal_path = folder / "events.jsonl"
         streams = streams_with(find(ForceKind, config.force.kind).also)
-        self.journal = Journal(self.journal_path, clock, streams, self._watch)
+        self.journal = Journal(self.journal_path, clock, streams, self._watch, virtual=True)
         self.operator, self.pause = self, NO_PAUSE
         self.engine = Engine(config, self, self.journal, SOFT_TRIP_N)
         self.worst_n = 0.0

@@ -9,15 +9,18 @@ import random
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol
 
 import rig.bench.virtual as benches
 import rig.session.session as sessions
 from rig.clock import Clock
-from rig.data.journal import Journal
+from rig.data.folder import RunFolder
+from rig.data.journal import LineFile
 from rig.transport.wire import HostLine, LoopbackTransport
 
 SIGNALS = ("KILL", "TERM", "HUP")
+JOURNAL = RunFolder(Path()).events.name
 STAGES = ("before the write", "half written", "before the flush", "on disk")
 CABLES = ("stage, port gone", "stage, silent", "force, port gone", "force, silent")
 
@@ -61,22 +64,22 @@ class Kill:
         os.kill(os.getpid(), getattr(signal, f"SIG{self.how}"))
 
     def _arm_journal(self) -> None:
-        append, numbers = Journal._append, itertools.count()
+        append, numbers = LineFile.append, itertools.count()
 
-        def struck(journal: Journal, line: bytes) -> None:
-            if next(numbers) != self.write:
-                append(journal, line)
+        def struck(file: LineFile, line: bytes, *, sync: bool = False) -> None:
+            if file.path.name != JOURNAL or next(numbers) != self.write:
+                append(file, line, sync=sync)
                 return
             written = {STAGES[0]: 0, STAGES[1]: len(line) // 2, STAGES[2]: len(line)}.get(self.stage)
             if written is None:
-                append(journal, line)
+                append(file, line, sync=sync)
                 self._strike()
                 return
-            journal.file.append(line[:written])
+            append(file, line[:written])
             self._strike()
-            append(journal, line[written:])
+            append(file, line[written:], sync=sync)
 
-        Journal._append = struck  # type: ignore[method-assign, assignment]
+        LineFile.append = struck  # type: ignore[method-assign, assignment]
 
     def _arm_clock(self, t_s: float) -> None:
         make = benches.virtual_bench

@@ -149,7 +149,7 @@ class SpringBench:
         self.interrupt: Callable[[], bool] = lambda: False
         self.mounted: str | None = None
         self.journal_path = folder / "events.jsonl"
-        self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch, self.witness)
+        self.journal = Journal(self.journal_path, self.clock, STREAMS, self._watch, self.witness, virtual=True)
         self.stage = stage_driver(lambda _: self._logged(self.stage_line, "stage"), self.clock, self.settings)
         self.force = force_driver(lambda _: self._logged(self.force_line, "force"), self.clock, self.settings)
         self.operator, self.pause = self, Pause(lambda: self.interrupt())

@@ -153,6 +153,9 @@ class PlainBench:
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         self.events.append((stream, dict(data)))
 
+    def settle(self) -> None:
+        """There is no disk."""
+
 
 class GlidingBench(PlainBench):
     """A bench whose sensor is read on the way, too. `at_event` may act, once an event is on record."""

@@ -310,7 +310,7 @@ def test_a_touch_on_the_way_that_is_none_at_rest_is_followed_by_increments(sprin
 
 
 def test_only_a_long_move_ends_at_a_touch() -> None:
-    """Lifts, increments and what is done sideways go on through less than a trip."""
+    """Lifts and increments go on through less than a trip; a move sideways does not."""
     bench = PlainBench(lambda bench: 1.0 if bench.height_mm < 1.5 else 0.0, {})
     engine = bench.ready()
     engine.touched.at(0.0, 0.0, -1.0)
@@ -320,5 +320,6 @@ def test_only_a_long_move_ends_at_a_touch() -> None:
         engine.go_to_height(height_mm, 0.5)
         assert not engine._touch_ends_it
     verbs.retract(engine)
-    verbs.move_to(engine, 0.0)
     assert not engine._touch_ends_it
+    verbs.move_to(engine, 1.0)
+    assert engine._touch_ends_it

@@ -85,7 +85,8 @@ def _engine_that(known: KnownContact) -> Engine:
     bench.stage = Stage()  # type: ignore[assignment]
     engine.settings, engine.bench = Config(), bench
     engine.state, engine.may_touch = verbs.State.READY, known.may_touch
-    engine._known, engine._measured = known, True
+    engine.clock = VirtualClock(1.7e9)
+    engine._known, engine._measured, engine._measured_s = known, True, engine.clock.monotonic_s()
 
     class Motion:
         begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm

@@ -19,6 +19,7 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.records import Prediction
 from rig.session.rehearse import rehearsed
+from rig.settings import ZERO_LIFT_MM
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
@@ -59,14 +60,15 @@ def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"right {way}", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}}
         yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by, **HIGH}}
         yield f"back {way}", {"frame": {"pad_y_mm": -by, **HIGH}}
-        yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}}
+        yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}}
         for what, below_mm in (("search", SEARCH_MM), ("0.8 mm", 0.8), ("1 mm", 1.0)):
             yield f"bottom {way}, {what}", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + below_mm + by}}
         low = {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}
         given = {"compliance_mm_per_n": {"value": 0.5, **MEASURED}}
         yield f"bottom {way}, the rig gives", {"frame": low, "calibration": given}
         slack = {"z_backlash_mm": {"value": 0.1, **MEASURED}, "x_backlash_mm": {"value": 0.1, **MEASURED}}
-        yield f"top {way}, with backlash", {"frame": {"apex_z_mm": -CLEARANCE_MM - by}, "calibration": slack}
+        top = {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}
+        yield f"top {way}, with backlash", {"frame": top, "calibration": slack}
         yield f"bottom {way}, with backlash", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}, "calibration": slack}
         yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}, "calibration": slack}
     yield "clearance above travel", {"frame": {"apex_z_mm": -0.1}}
@@ -165,7 +167,7 @@ def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
 
 @pytest.mark.parametrize(
     ("frame", "beyond"),
-    [({"apex_z_mm": -39.6}, "z = -40.1"), ({"apex_z_mm": -1.0}, "z = 1.0"), ({"pad_centre_x_mm": 0.5}, "x = 0.5")],
+    [({"apex_z_mm": -39.6}, "z = -40.1"), ({"apex_z_mm": -1.0}, "z = 1.3"), ({"pad_centre_x_mm": 0.5}, "x = 0.5")],
 )
 def test_a_block_out_of_reach_is_refused_before_a_port_is_opened(
     tmp_path: Path,

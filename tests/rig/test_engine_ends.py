@@ -67,14 +67,16 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
     engine = bench.in_contact()
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "press")
+    contact_s = engine.contact.rounded_s
+    bench.force.shows_gwt = 0.0
     with raises(TripError, "for_the_test", limit_mm=3.0) as tripped:
         engine.trip(_reason(), 7.0)
     assert bench.height_mm == pytest.approx(height_mm)
     assert (bench.stage.told[-1] == "stop", bench.stage.homed) == (on_trip == "stop", on_trip != "stop")
     assert (engine.state, engine.problem) == (State.TRIPPED, tripped.value)
-    assert bench.events[-1] == (
-        "trip", {"reason": str(_reason()), "force_gwt": 7.0, "contact_s": engine.contact.rounded_s},
-    )  # fmt: skip
+    assert bench.of("trip") == [{"reason": str(_reason()), "force_gwt": 7.0, "contact_s": contact_s}]
+    lifted = [name for name, _ in bench.events[-2:]] == ["trip", "retract"]
+    assert lifted == (on_trip != "stop")
 
 
 @pytest.mark.parametrize("error", [StageError("it does not move", code="stuck"), TransportError("stage is closed")])
@@ -87,8 +89,9 @@ def test_a_lift_that_fails_is_told_with_the_trip(error: RigError) -> None:
         engine.trip(_reason())
     assert engine.state is State.TRIPPED
     assert engine.problem is tripped.value
-    assert bench.of("trip")[0]["reason"] == str(tripped.value)
+    assert bench.of("trip")[0]["reason"] == str(_reason())
     assert str(_reason()) in str(tripped.value)
+    assert not bench.of("retract")
     assert bench.stage.told[-1] == "stop"
 
 
@@ -268,4 +271,6 @@ def test_a_lift_that_the_force_does_not_confirm_trips(
         bench.force.shows_gwt = shows_gwt
     with raises(TripError, code) if code else nullcontext():
         verbs.retract(engine)
-    assert (engine.state, len(bench.of("retract"))) == ((State.TRIPPED, 0) if code else (State.READY, 1))
+    assert engine.state is (State.TRIPPED if code else State.READY)
+    lifted = [event["contact"] == "lifted" for event in bench.of("retract")]
+    assert lifted == [code is None and zeroed]

@@ -1,10 +1,11 @@
 """A journal that is torn, mended, or on a disk that is full; and which lines are documents."""
 
+import contextlib
 import errno
 import json
 import os
-from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -119,38 +120,41 @@ def test_times_are_kept_in_microseconds(path: Path, synced: list[int]) -> None:
     assert repr(document["unix_s"]) == "1700000000.123457"
 
 
-def _full(after: int) -> Callable[[int], None]:
-    """A disk that is full at this flush and the next, and then has room again."""
-    left = [OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)) for _ in range(2)]
-    good = [None] * after
-
-    def fsync(fd: int) -> None:
-        if good:
-            good.pop()
-        elif left:
-            raise left.pop()
-
-    return fsync
-
-
-def test_a_full_disk_keeps_whole_lines_and_what_comes_after_it(
-    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("virtual", [False, True], ids=["run", "dry-run"])
+def test_a_full_disk_keeps_whole_lines_and_loses_no_event_when_it_has_room_again(
+    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch, virtual: bool
 ) -> None:
-    monkeypatch.setattr("rig.data.journal.os.fsync", _full(after=3))
-    with Journal(path, clock, SOME) as journal:
+    write, free = os.write, [True]
+
+    def full(fd: int, data: bytes) -> int:
+        if free[0]:
+            return write(fd, data)
+        write(fd, data[: len(data) // 2])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr("rig.data.journal.os.write", full)
+    watched: list[Any] = []
+    with Journal(path, clock, SOME, lambda stream, data: watched.append(data["text"]), virtual=virtual) as journal:
         journal.start({})
         journal.event("note", {"text": "a"})
-        before = path.read_bytes()
-        for _ in range(2):
+        journal.settle()
+        before, free[0] = path.read_bytes(), False
+        for text in "bc":
+            with contextlib.suppress(RecordError):
+                journal.event("note", {"text": text})
             with raises(RecordError, "cannot_be_written", path=str(path), error=os.strerror(errno.ENOSPC)):
-                journal.event("note", {"text": "x" * 100})
+                journal.settle()
             assert path.read_bytes() == before
-        journal.event("note", {"text": "b"})
+        assert (journal.unsaved, watched) == (2, ["a"])
+        free[0] = True
+        journal.settle()
+        journal.event("note", {"text": "d"})
         journal.stop("done")
+    assert (journal.unsaved, watched) == (0, ["a", "b", "c", "d"])
     assert path.read_bytes().startswith(before)
     found = list(read_journal(path))
-    assert [d["seq"] for d in found] == [0, 1, 2, 3, 4]
-    assert [d["data"]["text"] for d in found if d["doc"] == "event"] == ["a", "b"]
+    assert [d["seq"] for d in found] == list(range(7))
+    assert [d["data"]["text"] for d in found if d["doc"] == "event"] == ["a", "b", "c", "d"]
 
 
 def test_an_error_without_words_from_the_system_is_told_in_its_own(

@@ -138,10 +138,13 @@ def in_contact(bench: Bench) -> Iterator[Callable[[Callable[[Path], object]], No
     def at(deed: Callable[[Path], object]) -> None:
         def seen(journal: Journal, stream: str, data: Mapping[str, Any]) -> None:
             if bench.done_after < 0 and stream == "hold_start" and data["index"] == 1:
+                journal.settle()
                 bench.path = journal.path.parent.absolute()
                 deed(bench.path)
                 bench.done_after = len(bench.recorded)
             event(journal, stream, data)
+            if bench.done_after >= 0:  # as by a disk that answers before the next event
+                journal.settle()
             bench.recorded.append((stream, dict(data)))
 
         patch.setattr(Journal, "event", seen)

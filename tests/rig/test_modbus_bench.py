@@ -55,7 +55,7 @@ class Bench:
         self.stage, self.force = driver, sensor
         self.events: list[tuple[str, dict[str, Any]]] = []
         self.on_event: Callable[[str, Mapping[str, Any]], None] = lambda stream, data: None
-        self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch)
+        self.journal = Journal(folder / "events.jsonl", self.clock, STREAMS, self._watch, virtual=True)
         self.operator, self.pause = self, NO_PAUSE
         self.engine = Engine(self.config, self, self.journal)
 

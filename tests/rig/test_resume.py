@@ -278,11 +278,11 @@ def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pyt
     bench = spring()
     engine = bench.ready()
 
-    def full(fd: int) -> None:
+    def full(fd: int, data: bytes) -> int:
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.data.journal.os.fsync", full) if data.get("phase") == "press" else None
+        monkeypatch.setattr("rig.data.journal.os.write", full) if data.get("phase") == "press" else None
     )
     full_disk = {"path": str(bench.journal_path), "error": "No space left on device"}
     with raises(RecordError, "cannot_be_written", **full_disk):
@@ -296,11 +296,11 @@ def test_a_trip_on_a_full_disk_is_still_a_trip(spring: Make, monkeypatch: pytest
     bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
     engine = bench.ready()
 
-    def full(fd: int) -> None:
+    def full(fd: int, data: bytes) -> int:
         raise OSError(28, "No space left on device")
 
     bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.data.journal.os.fsync", full) if data.get("force_gwt", 0.0) > 2.0 else None
+        monkeypatch.setattr("rig.data.journal.os.write", full) if data.get("force_gwt", 0.0) > 2.0 else None
     )
     with pytest.raises(TripError):
         indent(engine, Target("force_gwt", 2.0), hold_s=0.2)

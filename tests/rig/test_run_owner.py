@@ -229,7 +229,7 @@ def test_at_a_terminal_it_goes_on_with_whoever_is_first(terminal: Terminal, aske
         assert pause.go_on() is True
     assert (pause.asked(), pause.waits) == (False, False)
     said = screen.getvalue()
-    assert "paused, indentor lifted: press Enter to continue, Ctrl-C to end the run" in said
+    assert "paused after a lift: press Enter to continue, Ctrl-C to end the run" in said
     assert ("continuing, as the panel requested" in said) is (answered == "elsewhere")
 
 
@@ -282,10 +282,7 @@ def test_without_a_terminal_the_panel_is_waited_for(nobody: pytest.CaptureFixtur
     pause.ask_from_elsewhere()
     with _as_soon_as_it_waits(pause, pause.continue_remotely):
         assert pause.go_on() is True
-    assert (
-        "paused, indentor lifted: continue from the panel, or press Ctrl-C to end the run\n"
-        in nobody.readouterr().err
-    )
+    assert "paused after a lift: continue from the panel, or press Ctrl-C to end the run\n" in nobody.readouterr().err
 
 
 def test_without_a_terminal_nobody_is_waited_for_where_a_signal_asked(nobody: pytest.CaptureFixture[str]) -> None:

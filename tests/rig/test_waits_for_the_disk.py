@@ -1,4 +1,4 @@
-"""Which runs wait for the disk at each event: those that move something."""
+"""Which runs are flushed to the disk: those that move something."""
 
 import os
 from dataclasses import replace
@@ -10,6 +10,7 @@ import pytest
 import rig.session.session as sessions
 from rig.bench.virtual import virtual_bench
 from rig.control.stop import OwnedStage
+from rig.session.execute import Live
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.program import Program
@@ -27,15 +28,25 @@ def run(rig: Rig) -> None:
 
 
 @pytest.mark.parametrize("command", ["run", "dry-run"])
-def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
+def test_each_step_of_a_run_is_on_the_disk_when_the_next_begins_and_of_a_rehearsal_in_the_file(
     command: str, finger: Fingertip, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def open_bench(config: Any, clock: Any, log: Any, ask: Any, pause: Any, stage: Any) -> Any:
         bench = virtual_bench(config, finger, log, VirtualClock(0.0, clock.monotonic_s()), pause)
         return replace(bench, virtual=False)  # type: ignore[arg-type]
 
-    synced: list[int] = []
-    monkeypatch.setattr(os, "fsync", lambda fd: synced.append(os.fstat(fd).st_ino))
+    synced: dict[int, int] = {}
+    monkeypatch.setattr(os, "fsync", lambda fd: synced.update({os.fstat(fd).st_ino: os.fstat(fd).st_size}))
+    begun: list[tuple[int, int | None]] = []
+    handle = Live.handle
+
+    def sizes(live: Live, step: Any, spot: Any) -> Any:
+        (folder,) = (tmp_path / "runs").iterdir()
+        journal = (folder / "events.jsonl").stat()
+        begun.append((journal.st_size, synced.get(journal.st_ino)))
+        return handle(live, step, spot)
+
+    monkeypatch.setattr(Live, "handle", sizes)
     monkeypatch.setattr(sessions, "open_bench", open_bench)
     monkeypatch.setattr(OwnedStage, "open", lambda stage: stage)
     monkeypatch.chdir(tmp_path)
@@ -47,6 +58,9 @@ def test_each_event_of_a_run_is_on_the_disk_and_of_a_rehearsal_in_the_file(
     options = ["--config", "rig.toml", "--yes"] if command == "run" else []
     assert program(command, "mine.py", *options).code == 0
     (folder,) = (tmp_path / "runs").iterdir()
-    documents = (folder / "events.jsonl").read_text(encoding="utf-8").count("\n")
-    assert documents > 4
-    assert synced.count((folder / "events.jsonl").stat().st_ino) == (documents if command == "run" else 0)
+    journal = (folder / "events.jsonl").stat()
+    begun.append((journal.st_size, synced.get(journal.st_ino)))
+    sizes_of_steps = [size for size, _ in begun]
+    assert len(begun) == 6
+    assert sizes_of_steps == sorted(set(sizes_of_steps)), "each step is recorded"
+    assert [flushed for _, flushed in begun] == (sizes_of_steps if command == "run" else [None] * 6)

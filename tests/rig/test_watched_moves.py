@@ -68,6 +68,9 @@ class Watched:
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         self.events.append((stream, dict(data)))
 
+    def settle(self) -> None:
+        """There is no disk."""
+
     def ready(self) -> Engine:
         for verb in (lambda e: verbs.mount(e, "bar:3.0"), verbs.home, verbs.zero, lambda e: verbs.move_to(e, 0.0)):
             verb(self.engine)

@@ -142,7 +142,7 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
     panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "paused"}}))
     with panel.watcher.outlet.joined() as client:
         state = told(panel.watcher, client)["state"]
-        assert (state["run"]["state"], state["notice"]) == ("running", "paused, indentor lifted")
+        assert (state["run"]["state"], state["notice"]) == ("running", "paused after a lift")
         panel.owners.clear()
         state = told(panel.watcher, client)["state"]
         assert (state["run"]["state"], state["notice"]) == ("killed", None)
@@ -239,7 +239,7 @@ def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) 
         assert told(watcher, client)["state"]["owner"]["reachable"] is False
         panel.owners[0].answers["status"] = {"ok": True, "state": "paused", "stopped": True}
         state = told(watcher, client)["state"]
-        assert (state["owner"]["stopped"], state["notice"]) == (True, "paused, indentor lifted")
+        assert (state["owner"]["stopped"], state["notice"]) == (True, "paused after a lift")
         watcher.find = _not_ours
         state = told(watcher, client)["state"]
         assert (state["owner"], state["problem"]) == (None, "/run/rig: not yours")

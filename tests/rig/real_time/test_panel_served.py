@@ -236,7 +236,7 @@ def test_stop_goes_over_the_private_socket_of_whoever_owns_the_ports(serve: Serv
     with closing(Stream(panel)) as page:
         with owned(answers):
             state = page.until("state", lambda told: told["owner"] and told["owner"]["reachable"])
-            assert (state["owner"]["pid"], state["notice"]) == (os.getpid(), "paused, indentor lifted")
+            assert (state["owner"]["pid"], state["notice"]) == (os.getpid(), "paused after a lift")
             assert post(panel, "/stop", tab="b")[1]["stopped"] == [os.getpid()]
             assert asked == ["stop"]
             refused = post(panel, "/pause")

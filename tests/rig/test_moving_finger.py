@@ -1,0 +1,267 @@
+"""Fingers that moved when nobody expected it: each failure that was ever found, kept as its steps."""
+
+import itertools
+from collections.abc import Callable
+from contextlib import suppress
+
+import pytest
+
+from rig.devices.base import StageError
+from rig.engine import Pause, TripError, verbs
+from rig.engine.indentation import indent
+from rig.errors import RigError
+from rig.records import Target
+from rig.session.script_run import ENDINGS, stopped_at_once
+from tests.moving_finger import (
+    FACT_S,
+    OVERSHOOT_GWT,
+    STAGES,
+    STOP_MM,
+    TRIP_GWT,
+    FingerBench,
+    FingerOnBytes,
+    FingerOnStub,
+    MovingFinger,
+)
+from tests.stub_bench import raising
+
+BENCHES: dict[str, Callable[[], FingerBench]] = {
+    "stub": FingerOnStub,
+    **{kind: lambda kind=kind: FingerOnBytes(kind) for kind in STAGES},  # type: ignore[misc]
+}
+
+
+@pytest.fixture(params=BENCHES)
+def bench(request: pytest.FixtureRequest) -> FingerBench:
+    return BENCHES[request.param]()
+
+
+@pytest.fixture(params=STAGES)
+def by_hand(request: pytest.FixtureRequest) -> FingerOnBytes:
+    """A bench that the last run left at clearance, lifted."""
+    bench = FingerOnBytes(request.param)
+    bench.ready()
+    return bench
+
+
+def in_s(bench: FingerBench, seconds: float) -> float:
+    return bench.clock.monotonic_s() + seconds
+
+
+def not_dragged(bench: FingerBench) -> None:
+    far_mm, force_gwt = bench.witness.dragged(bench.least_gwt)
+    assert far_mm <= STOP_MM, f"dragged by {far_mm:.2f} mm at up to {force_gwt:.1f} gwt"
+
+
+# --- contact has an age ---
+
+
+@pytest.mark.parametrize("rises_mm", [2.5, 4.0])
+def test_a_finger_that_came_up_after_the_lift_is_not_called_lifted(bench: FingerBench, rises_mm: float) -> None:
+    bench.ready()
+    bench.ask()
+    assert any(said.lifted for said in bench.witness.said), "as long as it is"
+    bench.finger.rises(in_s(bench, 1.0), rises_mm)
+    bench.clock.wait_s(10.0)
+    bench.ask()
+    assert not bench.witness.lies()
+
+
+def ends(bench: FingerBench, how: str) -> None:
+    """Let the next poll of a pause end what is done."""
+    at_s = in_s(bench, 6.0)
+
+    def asked() -> bool:
+        if bench.clock.monotonic_s() < at_s:
+            return False
+        if how == "rig stop":
+            raise KeyboardInterrupt
+        if how == "cut cable":
+            bench.stage.status = raising(StageError("the stage does not answer"))  # type: ignore[method-assign]
+        return how == "SIGTERM"
+
+    bench.pause = Pause(asked)
+
+
+@pytest.mark.parametrize("how", ["rig stop", "SIGTERM", "cut cable"])
+def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 1.0), 2.8)
+    ends(bench, how)
+    with suppress(KeyboardInterrupt, *ENDINGS), stopped_at_once(engine):
+        verbs.rest(engine, 12.0)
+    bench.ask()
+    assert not bench.witness.lies()
+
+
+@pytest.mark.parametrize("rises_mm", [2.3, 2.8, 3.0, 4.0])
+def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
+    by_hand: FingerOnBytes, rises_mm: float
+) -> None:
+    by_hand.finger.rises(in_s(by_hand, 1.0), rises_mm)
+    by_hand.clock.wait_s(10.0)
+    with suppress(RigError):
+        by_hand.jog("x", 9.0)
+    by_hand.ask()
+    not_dragged(by_hand)
+    assert not by_hand.witness.lies()
+
+
+def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
+    by_hand.finger.rises(in_s(by_hand, 1.2), 2.8, 5.0)
+    with suppress(RigError):
+        by_hand.jog("x", 9.0, 5.0)
+    not_dragged(by_hand)
+
+
+# --- a finger is not zeroed away ---
+
+
+@pytest.mark.parametrize(("after_s", "speed_mm_s"), [(0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0), (0.8, 20.0)])
+def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
+    bench: FingerBench, after_s: float, speed_mm_s: float
+) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, after_s), 4.0, speed_mm_s)
+    with suppress(*ENDINGS):
+        verbs.zero(engine)
+        assert bench.witness.now().force_gwt < bench.least_gwt, "the zero counts"
+        verbs.move_to(engine, 4.0)
+    assert engine.sensing.touch_gwt < 0.5, "or a touch is not felt any more"
+    not_dragged(bench)
+    assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
+
+
+@pytest.mark.parametrize("after_s", [0.4, 0.6, 0.8])
+def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
+    by_hand.finger.rises(in_s(by_hand, after_s), 4.0)
+    with suppress(RigError):
+        by_hand.zero_by_hand()
+        assert by_hand.witness.now().force_gwt < by_hand.least_gwt, "the zero counts"
+    with suppress(RigError):
+        by_hand.jog("x", 9.0)
+    not_dragged(by_hand)
+
+
+def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench) -> None:
+    engine = bench.ready()
+    zero = bench.force.zero
+
+    def shake() -> None:
+        zero()
+        bench.finger.rises(in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
+        bench.finger.shakes(in_s(bench, 0.1), 0.6, 8.0, cycles=30)
+
+    bench.force.zero = shake  # type: ignore[method-assign]
+    with suppress(*ENDINGS):
+        verbs.zero(engine)
+    assert engine.sensing.touch_gwt < 0.5
+    assert engine.sensing.noise_gwt < 0.1
+
+
+# --- a move sideways ends at a touch ---
+
+
+@pytest.mark.parametrize("rises_mm", [2.7, 3.2])
+def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, rises_mm: float) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 0.4), rises_mm)
+    with suppress(*ENDINGS):
+        verbs.move_to(engine, 6.0)
+    not_dragged(bench)
+
+
+@pytest.mark.parametrize(("higher_mm", "flank_mm"), [(2.6, 0.2), (2.6, 2.6), (3.3, 3.3)])
+def test_a_move_ends_at_a_second_finger_beside_the_first(
+    bench: FingerBench, higher_mm: float, flank_mm: float
+) -> None:
+    engine = bench.ready()
+    bench.finger.stands_beside(2.0, higher_mm, flank_mm)
+    with suppress(*ENDINGS):
+        verbs.move_to(engine, 6.0)
+    not_dragged(bench)
+    assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
+
+
+# --- rests are watched ---
+
+
+def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 2.0), 4.0)
+    with pytest.raises(TripError):
+        verbs.rest(engine, 12.0)
+    above = [sample for sample in bench.witness.samples if sample.force_gwt > TRIP_GWT]
+    assert above[-1].t_s - above[0].t_s < FACT_S + 0.5, "it lifts"
+
+
+def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 2.0), 2.3)
+    with suppress(*ENDINGS):
+        verbs.rest(engine, 12.0)
+    touched = [sample for sample in bench.witness.samples if sample.force_gwt >= bench.least_gwt]
+    assert touched, "it came up"
+    touched_s = touched[-1].t_s - touched[0].t_s
+    assert engine.contact.total_s >= touched_s - FACT_S - 0.5
+
+
+# --- a trip is left behind ---
+
+
+@pytest.mark.parametrize("rises_mm", [2.6, 3.5, 4.4])
+def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 8.0), rises_mm, 20.0)
+    with pytest.raises(TripError):
+        indent(engine, Target("force_gwt", 6.0), hold_s=30.0)
+    assert bench.stage.homed
+    now = bench.witness.now()
+    assert now.force_gwt < bench.least_gwt, f"left at {now.height_mm:.2f} mm with {now.force_gwt:.1f} gwt"
+
+
+def test_a_trip_survives_a_stop_during_its_lift() -> None:
+    bench = FingerOnStub()
+    engine = bench.ready()
+    bench.finger.rises(in_s(bench, 8.0), 1.0, 20.0)
+    looks = itertools.count()
+
+    def stop() -> None:
+        if engine.problem is not None and next(looks) == 2:
+            raise KeyboardInterrupt
+
+    bench.stage.at_look = stop
+    with pytest.raises(KeyboardInterrupt), stopped_at_once(engine):
+        indent(engine, Target("force_gwt", 6.0), hold_s=30.0)
+    trips = bench.of("trip")
+    assert trips
+    assert "soft trip" in str(trips[0]["reason"])
+
+
+# --- and the bench itself is a fair one ---
+
+
+def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
+    engine = bench.ready()
+    indent(engine, Target("force_gwt", 6.0))
+    verbs.rest(engine, 3.0)
+    verbs.move_to(engine, 1.0)
+    verbs.zero(engine)
+    bench.ask()
+    assert 5.5 < bench.witness.worst_gwt() < 7.0
+    assert bench.witness.dragged(bench.least_gwt) == (0.0, 0.0)
+    assert not bench.witness.lies()
+    assert any(said.lifted for said in bench.witness.said)
+
+
+def test_the_truth_of_a_moving_finger_is_what_it_was_asked_to_do() -> None:
+    finger = MovingFinger(k_gwt=10.0)
+    finger.rises(1.0, 2.0, 4.0, stays_s=1.0)
+    finger.stands_beside(3.0, 1.0, flank_mm=1.0)
+    heights_mm = [finger.skin_mm(0.0, t_s) for t_s in (0.9, 1.25, 2.0, 2.75, 9.0)]
+    assert heights_mm == pytest.approx([0.0, 1.0, 2.0, 1.0, 0.0])
+    assert finger.skin_mm(3.5, 9.0) == pytest.approx(0.5)
+    assert finger.force_gwt(9.0, 0.0, 0.0) == pytest.approx(10.0)
+    finger.shakes(10.0, 0.5, 5.0, cycles=2)
+    assert max(finger.skin_mm(0.0, 10.0 + 0.001 * n) for n in range(3000)) == pytest.approx(0.5, abs=1e-3)
+    assert finger.skin_mm(0.0, 13.0) == 0.0
