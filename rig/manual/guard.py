@@ -97,7 +97,7 @@ class Guard:
         because without one a touch of before cannot be measured.
         """
         self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
-        self._sideways = not (up or down)
+        self._sideways, self.force_gwt = not (up or down), None
         if self._sideways and not self._sensing.absolute:
             raise LimitError(
                 "the force sensor has no zero, so a touch cannot be measured; nothing was moved: use `rig zero` "

@@ -94,14 +94,15 @@ class ByHand:
     def _begin(self, held: Held, direction: Direction, at: StageStatus) -> None:
         """Measure the force before a motion, sideways contact as well. Raises LimitError."""
         if self._guard is not None:
-            self._guard.begin(up=direction == UP, down=direction == DOWN)
-            self.may_touch = self.may_touch or self._guard.may_be_a_touch
-            if direction.axis != "z":
-                try:
+            try:
+                self._guard.begin(up=direction == UP, down=direction == DOWN)
+                if direction.axis != "z":
                     self._guard.refuse_contact(lambda seconds: held())
-                except LimitError:
+            except LimitError:
+                if self._guard.from_air_gwt is not None:
                     self._found(self._contact(at, self._guard.from_air_gwt))
-                    raise
+                raise
+            self.may_touch = self.may_touch or self._guard.may_be_a_touch
         self._known = None
 
     def _go(self, held: Held, direction: Direction, at: StageStatus, speed_mm_s: float, by_mm: float | None) -> Moved:

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.checks import contact as printed_contact
+from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
 from rig.devices.base import StageError
 from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
@@ -131,14 +131,19 @@ def _panel(settings: Config, known: KnownContact, tmp_path: Path) -> str:
 PLACES: dict[str, Callable[[Config, KnownContact, Path], str]] = {
     "the outcome of run, dry-run, resume and stop, and the report": _ended,
     "rig show, of a journal": _shown,
-    "rig status, rig jog": lambda settings, known, tmp_path: printed_contact(settings)["where_text"],
-    "rig home": lambda settings, known, tmp_path: known.as_json()["where_text"],
-    "rig doctor, and the page of run": lambda settings, known, tmp_path: str(
-        left_on_record(tmp_path, settings) or DOES_NOT_TOUCH
-    ),
-    "the page of resume": lambda settings, known, tmp_path: str(careful_of(None, settings) or DOES_NOT_TOUCH),
-    "the panel": _panel,
+    "rig status of a bench that cannot be measured": lambda settings, known, tmp_path: contact_as_json(
+        BenchMemory(settings).read().aged_contact(None)
+    )["where_text"],
+    "rig home, rig jog": lambda settings, known, tmp_path: known.as_json()["where_text"],
+    "rig doctor, and the page of run": lambda settings, known, tmp_path: str(left_on_record(tmp_path, settings)),
+    "the page of resume": lambda settings, known, tmp_path: str(careful_of(None, settings)),
+    "the panel before its first readings": _panel,
 }
+FRESH = (
+    "the outcome of run, dry-run, resume and stop, and the report",
+    "rig show, of a journal",
+    "rig home, rig jog",
+)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -146,15 +151,19 @@ PLACES: dict[str, Callable[[Config, KnownContact, Path], str]] = {
 def test_every_place_says_what_is_known_and_no_more(
     settings: Config, tmp_path: Path, place: str, kind: ContactKind
 ) -> None:
+    """Of another process's measurement: when it was made, and never that the finger is not touched."""
     known = _known(kind)
     _on_record(settings, known)
     said = PLACES[place](settings, known, tmp_path)
-    assert (DOES_NOT_TOUCH in said) is (kind == "lifted")
-    assert (MAY_TOUCH in said) is (kind != "lifted")
+    assert (DOES_NOT_TOUCH in said) is (kind == "lifted" and place in FRESH)
+    assert (MAY_TOUCH in said) is (kind != "lifted" or (place not in FRESH and said != "None"))
     if kind in ("disagreement", "touching"):
         assert f"{FORCES[kind]:.2f} gwt" in said
-    if kind == "raised":
+    if kind == "raised" and place in FRESH:
         assert "not confirmed by force" in said
+    if place not in FRESH and said != "None" and FORCES[kind] is not None:
+        assert "last measured at 2023-11-1" in said
+        assert "unknown since because a finger moves" in said
 
 
 def test_before_a_resumed_run_its_ending_and_the_record_are_told(settings: Config) -> None:
@@ -162,7 +171,7 @@ def test_before_a_resumed_run_its_ending_and_the_record_are_told(settings: Confi
     at = FinalPosition.of(_engine_that(_known("touching")))
     ending = Ending.of(RunAborted("the cable was cut"), at, Path("runs") / "7")
     _on_record(settings, _known("disagreement"))
-    known = BenchMemory(settings).read().contact
+    known = BenchMemory(settings).read().aged_contact(None)
     assert known is not None
     both = str(careful_of(ending, settings))
     assert all(words in both for words in (ending.reason, ending.at.words, ending.next, known.words))
@@ -186,7 +195,7 @@ def test_only_a_confirmed_lift_makes_a_finger_clear(
     memory.touched(KnownContact(kind))
     contact = memory.read().contact
     assert contact is not None
-    stays = before == "lifted" and kind in ("raised", "disagreement")  # it was never below clearance since
+    stays = before == "lifted" and kind == "raised"  # a position alone; it was never below clearance since
     assert contact.kind == ("lifted" if stays else kind)
 
 
@@ -283,6 +292,9 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
         memory.touched(known)
 
     hand.keep_contact = keep
+    hand.go(lambda: Direction("x", 1), 5.0, 1.0)
+    assert [kind for kind, _ in kept] == ["lifted"], "what another process measured is measured again"
+    kept.clear()
     hand.go(lambda: Direction("x", 1), 5.0, 1.0)
     assert kept == [], "sideways at clearance nothing is doubtful"
     hand.go(lambda: Direction("z", -1), 1.0)

@@ -329,7 +329,9 @@ class HandScenario:
 
     def _zero(self, world: ScenarioBench) -> None:
         with closing(world.connected(moves=False)) as bench:
-            at_hand.zero(world.config, Sensing(world.config, world.clock, bench.force), anyway=False)
+            sensing = Sensing(world.config, world.clock, bench.force)
+            with _hand(world, bench, sensing) as hand:
+                at_hand.zero(world.config, sensing, hand)
 
     def _jog(self, world: ScenarioBench, phase: str, way: Direction, by_mm: float) -> Moved:
         world.phase = phase if phase in _CONNECTS else ""
@@ -348,9 +350,9 @@ def _far_mm(world: ScenarioBench) -> tuple[float, float]:
     return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
 
 
-def _hand(world: ScenarioBench, bench: RememberingBench) -> Any:
+def _hand(world: ScenarioBench, bench: RememberingBench, sensing: Sensing | None = None) -> Any:
     bench.stage.connect()
-    sensing = at_hand.feel(Sensing(world.config, world.clock, bench.force))
+    sensing = at_hand.feel(sensing or Sensing(world.config, world.clock, bench.force))
     return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)
 
 
