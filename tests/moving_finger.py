@@ -8,12 +8,12 @@ import io
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
-from rig.bench.checks import contact
+from rig.bench.checks import contact_as_json
 from rig.bench.virtual import bench_around
 from rig.devices.base import (
     LOOK_S,
@@ -35,7 +35,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import ForceZero, Sensing
 from rig.manual import home_and_zero
-from rig.manual.jog import Moved
+from rig.manual.jog import ByHand, Moved
 from rig.plan.config import Config
 from rig.session.early_ending import FinalPosition
 from rig.transport.stop_gate import StopGate
@@ -544,16 +544,19 @@ class FingerBench:
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float = 10.0) -> Moved:
         """As `rig jog --axis --by-mm`."""
         direction = Direction(axis, 1 if by_mm > 0 else -1)
-        sensing = home_and_zero.feel(self._sensing())
-        hand_of = home_and_zero.at_hand(
-            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, self.memory.read()
-        )
-        with hand_of as hand:
+        with self._by_hand(home_and_zero.feel(self._sensing())) as hand:
             return hand.go(lambda: direction, speed_mm_s, abs(by_mm))
 
     def zero_by_hand(self) -> None:
         """As `rig zero`."""
-        home_and_zero.zero(self.config, self._sensing(), anyway=False)
+        sensing = home_and_zero.feel(self._sensing())
+        with self._by_hand(sensing) as hand:
+            home_and_zero.zero(self.config, sensing, hand)
+
+    def _by_hand(self, sensing: Sensing) -> AbstractContextManager[ByHand]:
+        return home_and_zero.at_hand(
+            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, self.memory.read()
+        )
 
     def home_by_hand(self) -> None:
         """As `rig home`."""
@@ -566,7 +569,8 @@ class FingerBench:
 
     def ask(self) -> None:
         """Let the engine, the ending of its run and `rig status` say what they know of contact."""
-        known, at, found = self.engine.known_contact, FinalPosition.of(self.engine), contact(self.config)
+        known, at = self.engine.known_contact, FinalPosition.of(self.engine)
+        found = contact_as_json(self.memory.read().aged_contact(self.stage.status() if at.trusted else None))
         self._hears("the engine", known.words, lifted=not known.may_touch)
         ends_lifted = at.left != "not moved" and (at.left == "lifted" or at.may_touch is False)
         self._hears("the ending", at.words, lifted=ends_lifted)
