@@ -136,7 +136,10 @@ class SmallStrainJson(Output):
 
 
 class ContactJson(Output):
-    """State of contact between indentor and finger; null where nothing is on record."""
+    """State of contact between indentor and finger; null where nothing is on record.
+
+    measured_unix_s: when force and position were measured; null where the force never was.
+    """
 
     contact: ContactKind | None
     may_touch: bool | None
@@ -1553,7 +1556,7 @@ class ZeroedJson(Output):
 
 
 class StatusJson(Output):
-    """Both devices, and contact on record."""
+    """Both devices, and contact: measured now where both can be relied on, else as recorded."""
 
     stage: StageLookJson
     force: ForceLookJson

@@ -9,6 +9,7 @@ from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
 from rig.engine.motion import InterruptedMotionError, insist
+from rig.engine.sensing import ForceZero
 from rig.manual.jog import Moved
 from tests.error_codes import has_code
 from tests.rig.test_by_hand import AtHand
@@ -165,8 +166,9 @@ JOGS: dict[str, Callable[[AtHand], Moved]] = {
 @pytest.mark.parametrize("jog", JOGS)
 @pytest.mark.parametrize("felt", [True, False])
 def test_a_motion_by_hand_ends_at_rest_says_why_and_the_next_one_goes_at_full_speed(jog: str, felt: bool) -> None:
-    hand = AtHand("grbl", felt=felt)
-    _struck(hand, b"\x92" * 5, after_s=0.6)
+    hand = AtHand("grbl", felt=felt, zero=ForceZero(0.0, 0.0))
+    measured_s = 0.8 if felt and jog in ("sideways", "calibrate steps") else 0.0  # contact, before the motion
+    _struck(hand, b"\x92" * 5, after_s=0.6 + measured_s)
     moved = JOGS[jog](hand)
     assert moved.problem is not None
     has_code(moved.problem, "overridden", feed_percent=50)

@@ -60,9 +60,18 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     assert "--anyway" in contact.json["error_text"]
     assert rig("zero", "--config", bench, "--anyway").code == 0
     assert BenchMemory(load_config(bench)).read().zero is not None
-    assert rig("zero", "--config", bench).code == 0
+    lifted = rig("zero", "--config", bench, "--json")
+    assert (lifted.code, lifted.json["code"]) == (1, "zero_in_contact"), "the lift shows what the zero hides"
+    assert BenchMemory(load_config(bench)).read().zero is None
     assert jog(rig, bench, 2).code == 0
-    assert rig("zero", "--config", bench, "--anyway").code == 0
+    sideways = ("jog", "--config", bench, "--axis", "x", "--by-mm", -2, "--json")
+    assert rig(*sideways).json["code"] == "not_zeroed"
+    assert rig("zero", "--config", bench).code == 0
+    at_mm = ended_at(rig, bench)
+    status = rig("status", "--config", bench, "--json").json["contact"]
+    assert (status["contact"], status["may_touch"]) == ("lifted", False)
+    assert rig(*sideways).json["contact"] == "lifted"
+    assert ended_at(rig, bench) == at_mm
 
 
 @pytest.mark.parametrize(
