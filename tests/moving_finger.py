@@ -103,13 +103,9 @@ class MovingFinger:
         self.movements: list[Movement] = []
         self.beside_x_mm, self.beside_mm, self.flank_mm = math.inf, 0.0, 0.5
 
-    def rises(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, stays_s: float = math.inf) -> None:
-        """From a time on: rise or sink, and perhaps come back."""
-        self.movements.append(Movement(at_s, by_mm, speed_mm_s, stays_s))
-
-    def shakes(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, cycles: int = 5) -> None:
-        """From a time on: a sine."""
-        self.movements.append(Movement(at_s, by_mm, speed_mm_s, cycles=cycles))
+    def moves(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, **more: Any) -> None:
+        """From a time on: rise or sink, and perhaps come back (stays_s), or shake (cycles)."""
+        self.movements.append(Movement(at_s, by_mm, speed_mm_s, **more))
 
     def stands_beside(self, x_mm: float, by_mm: float, flank_mm: float) -> None:
         """Put a second finger beside it, so much higher."""
