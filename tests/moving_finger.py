@@ -8,12 +8,12 @@ import io
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
 
-from rig.bench.checks import contact
+from rig.bench.checks import contact_as_json
 from rig.bench.virtual import bench_around
 from rig.devices.base import (
     LOOK_S,
@@ -23,6 +23,7 @@ from rig.devices.base import (
     ForceSensor,
     ForceTimeout,
     Stage,
+    StageError,
     StageNotHomed,
     StageReset,
     StageStatus,
@@ -35,7 +36,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import ForceZero, Sensing
 from rig.manual import home_and_zero
-from rig.manual.jog import Moved
+from rig.manual.jog import ByHand, Moved
 from rig.plan.config import Config
 from rig.session.early_ending import FinalPosition
 from rig.transport.stop_gate import StopGate
@@ -492,6 +493,9 @@ class FingerBench:
         if "contact" in data:
             self._hears(f"event {stream}", str(data["contact"]), lifted=data["contact"] == "lifted")
 
+    def settle(self) -> None:
+        """Nothing is queued."""
+
     def of(self, stream: str) -> list[dict[str, Any]]:
         """The events of one stream so far."""
         return [data for name, data in self.events if name == stream]
@@ -540,16 +544,26 @@ class FingerBench:
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float = 10.0) -> Moved:
         """As `rig jog --axis --by-mm`."""
         direction = Direction(axis, 1 if by_mm > 0 else -1)
-        sensing = home_and_zero.feel(self._sensing())
-        hand_of = home_and_zero.at_hand(
-            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, self.memory.read()
-        )
-        with hand_of as hand:
-            return hand.go(lambda: direction, speed_mm_s, abs(by_mm))
+        with self._at_hand() as (hand, _):
+            moved = hand.go(lambda: direction, speed_mm_s, abs(by_mm))
+            known = hand.measured_contact()
+        self._hears("rig jog", known.words, lifted=not known.may_touch)
+        return moved
 
     def zero_by_hand(self) -> None:
         """As `rig zero`."""
-        home_and_zero.zero(self.config, self._sensing(), anyway=False)
+        with self._at_hand() as (hand, sensing):
+            home_and_zero.zero(self.config, sensing, hand)
+
+    @contextmanager
+    def _at_hand(self) -> Iterator[tuple[ByHand, Sensing]]:
+        sensing = home_and_zero.feel(self._sensing())
+        known = self.memory.read()
+        at_hand = home_and_zero.at_hand(
+            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, known
+        )
+        with at_hand as hand:
+            yield hand, sensing
 
     def home_by_hand(self) -> None:
         """As `rig home`."""
@@ -562,11 +576,13 @@ class FingerBench:
 
     def ask(self) -> None:
         """Let the engine, the ending of its run and `rig status` say what they know of contact."""
-        known, at, found = self.engine.known_contact, FinalPosition.of(self.engine), contact(self.config)
+        known, at = self.engine.known_contact, FinalPosition.of(self.engine)
         self._hears("the engine", known.words, lifted=not known.may_touch)
         ends_lifted = at.left != "not moved" and (at.left == "lifted" or at.may_touch is False)
         self._hears("the ending", at.words, lifted=ends_lifted)
-        self._hears("rig status", found["where_text"], lifted=found["may_touch"] is False)
+        with suppress(StageError, TransportError):
+            found = contact_as_json(self.memory.read().aged_contact(self.stage.status()))
+            self._hears("rig status", found["where_text"], lifted=found["may_touch"] is False)
 
     def _hears(self, by: str, words: str, *, lifted: bool) -> None:
         self.witness.hears(by, words, lifted=lifted, least_gwt=self.least_gwt)
