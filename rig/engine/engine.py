@@ -560,7 +560,8 @@ class Engine:
     def after_lift(self) -> dict[str, Any]:
         """Return height, contact time and state of contact for the journal."""
         known = self.known_contact
-        about = {"height_mm": round(self.height_mm, 6), "contact_s": self.contact.rounded_s}
+        height_mm = round(self.height_mm, 6) if math.isfinite(self.height_mm) else None
+        about = {"height_mm": height_mm, "contact_s": self.contact.rounded_s}
         return {**about, "contact": known.kind, "force_gwt": known.force_gwt}
 
     def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:

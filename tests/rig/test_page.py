@@ -350,7 +350,7 @@ def test_what_ends_before_it_begins_says_that_nothing_was_moved(
     assert said["ending"] == {
         "reason_text": said["error_text"],
         "indentor": {"left": "not moved", "x_mm": None, "height_mm": None, "trusted": False, "may_touch": None,
-                     "contact": None, "force_gwt": None},
+                     "contact": None, "force_gwt": None, "measured_unix_s": None, "aged": False},
         "where_text": words, "next_text": next_, "resume": None,
     }  # fmt: skip
 
