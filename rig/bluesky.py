@@ -168,7 +168,7 @@ class _Movable(_Readable):
         self._order, self._stop = order, stop
 
     def stop(self, *, success: bool = False) -> None:
-        """Stop the stage at once if an order is being carried out."""
+        """End an order that is being carried out, and the run: lift from a press, stop a move at once."""
         self._stop()
 
 
@@ -287,7 +287,7 @@ class BlueskyBench:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """End the run at clearance, or stop it if an order is being carried out, and wait for its report."""
+        """End the run at clearance, lift from a press if need be, and wait for the report."""
         try:
             if self._process.poll() is None and hasattr(self, "_owner"):
                 self._leave()
@@ -387,7 +387,7 @@ class BlueskyBench:
     def _refusal(self, order: Mapping[str, Any]) -> PressFailedError | None:
         """Send an order, again while the last one is about to end; return why it is refused.
 
-        An order without a reply may have begun, and nothing could stop it as one: the stage is stopped.
+        An order without a reply may have begun, and nothing could end it as one later: it is ended now.
         """
         deadline_s = self._clock.monotonic_s() + ANSWER_S
         while True:
@@ -403,10 +403,18 @@ class BlueskyBench:
             self._clock.wait_s(LOOK_S)
 
     def _stop(self) -> None:
-        """Stop the stage at once if an order is being carried out. Raises ControlError."""
-        if self._status is not None and self._process.poll() is None:
-            answer = self._owner.post_stop()
-            threading.Thread(target=_wait_for_reply, args=(answer,), name="answer", daemon=True).start()
+        """End an order that is being carried out, and the run. Raises ControlError.
+
+        A run that does not reply to the request to lift is stopped at once, as a move is.
+        """
+        if self._status is None or self._process.poll() is not None:
+            return
+        if self._what == "press":
+            with suppress(ControlError):
+                self._owner.ask("order", what="lift")
+                return
+        answer = self._owner.post_stop()
+        threading.Thread(target=_wait_for_reply, args=(answer,), name="answer", daemon=True).start()
 
     def _leave(self) -> None:
         """End the run; if it no longer answers, wait while it ends by itself and writes its report."""
@@ -456,9 +464,10 @@ def press(rig: BlueskyBench, **order: Any) -> Messages:
     try:
         yield from plans.abs_set(rig.press, order, wait=True)
     except failed:
+        rig.press.stop()  # Another device may have failed.
         yield from _emitted(rig, begins, plans)
         raise
-    except BaseException:  # An abort or a halt: the stage stops before any cleanup of an outer plan.
+    except BaseException:  # An abort or a halt: the indentor lifts before any cleanup of an outer plan.
         rig.press.stop()
         raise
     yield from _emitted(rig, begins, plans)

@@ -8,7 +8,7 @@ import io
 import math
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import Any
@@ -23,6 +23,7 @@ from rig.devices.base import (
     ForceSensor,
     ForceTimeout,
     Stage,
+    StageError,
     StageNotHomed,
     StageReset,
     StageStatus,
@@ -103,13 +104,9 @@ class MovingFinger:
         self.movements: list[Movement] = []
         self.beside_x_mm, self.beside_mm, self.flank_mm = math.inf, 0.0, 0.5
 
-    def rises(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, stays_s: float = math.inf) -> None:
-        """From a time on: rise or sink, and perhaps come back."""
-        self.movements.append(Movement(at_s, by_mm, speed_mm_s, stays_s))
-
-    def shakes(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, cycles: int = 5) -> None:
-        """From a time on: a sine."""
-        self.movements.append(Movement(at_s, by_mm, speed_mm_s, cycles=cycles))
+    def moves(self, at_s: float, by_mm: float, speed_mm_s: float = 10.0, **more: Any) -> None:
+        """From a time on: rise or sink, and perhaps come back (stays_s), or shake (cycles)."""
+        self.movements.append(Movement(at_s, by_mm, speed_mm_s, **more))
 
     def stands_beside(self, x_mm: float, by_mm: float, flank_mm: float) -> None:
         """Put a second finger beside it, so much higher."""
@@ -496,6 +493,9 @@ class FingerBench:
         if "contact" in data:
             self._hears(f"event {stream}", str(data["contact"]), lifted=data["contact"] == "lifted")
 
+    def settle(self) -> None:
+        """Nothing is queued."""
+
     def of(self, stream: str) -> list[dict[str, Any]]:
         """The events of one stream so far."""
         return [data for name, data in self.events if name == stream]
@@ -544,19 +544,26 @@ class FingerBench:
     def jog(self, axis: Axis, by_mm: float, speed_mm_s: float = 10.0) -> Moved:
         """As `rig jog --axis --by-mm`."""
         direction = Direction(axis, 1 if by_mm > 0 else -1)
-        with self._by_hand(home_and_zero.feel(self._sensing())) as hand:
-            return hand.go(lambda: direction, speed_mm_s, abs(by_mm))
+        with self._at_hand() as (hand, _):
+            moved = hand.go(lambda: direction, speed_mm_s, abs(by_mm))
+            known = hand.measured_contact()
+        self._hears("rig jog", known.words, lifted=not known.may_touch)
+        return moved
 
     def zero_by_hand(self) -> None:
         """As `rig zero`."""
-        sensing = home_and_zero.feel(self._sensing())
-        with self._by_hand(sensing) as hand:
+        with self._at_hand() as (hand, sensing):
             home_and_zero.zero(self.config, sensing, hand)
 
-    def _by_hand(self, sensing: Sensing) -> AbstractContextManager[ByHand]:
-        return home_and_zero.at_hand(
-            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, self.memory.read()
+    @contextmanager
+    def _at_hand(self) -> Iterator[tuple[ByHand, Sensing]]:
+        sensing = home_and_zero.feel(self._sensing())
+        known = self.memory.read()
+        at_hand = home_and_zero.at_hand(
+            self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, known
         )
+        with at_hand as hand:
+            yield hand, sensing
 
     def home_by_hand(self) -> None:
         """As `rig home`."""
@@ -570,11 +577,12 @@ class FingerBench:
     def ask(self) -> None:
         """Let the engine, the ending of its run and `rig status` say what they know of contact."""
         known, at = self.engine.known_contact, FinalPosition.of(self.engine)
-        found = contact_as_json(self.memory.read().aged_contact(self.stage.status() if at.trusted else None))
         self._hears("the engine", known.words, lifted=not known.may_touch)
         ends_lifted = at.left != "not moved" and (at.left == "lifted" or at.may_touch is False)
         self._hears("the ending", at.words, lifted=ends_lifted)
-        self._hears("rig status", found["where_text"], lifted=found["may_touch"] is False)
+        with suppress(StageError, TransportError):
+            found = contact_as_json(self.memory.read().aged_contact(self.stage.status()))
+            self._hears("rig status", found["where_text"], lifted=found["may_touch"] is False)
 
     def _hears(self, by: str, words: str, *, lifted: bool) -> None:
         self.witness.hears(by, words, lifted=lifted, least_gwt=self.least_gwt)

@@ -62,6 +62,9 @@ class StubStage:
     def limit_depth(self, lowest_z_mm: float) -> None:
         self.floors_mm.append(lowest_z_mm)
 
+    def allow_unhomed_jogs(self) -> None:
+        """It jogs unhomed."""
+
     def halt(self) -> None:
         self.told.append("halt")
 

@@ -1,7 +1,8 @@
-"""Layout of help: flags without a type, options in panels, and the page that `rig` alone prints."""
+"""Layout of help: flags without a type, options in panels, and the page that `rig` alone prints; whole numbers."""
 
 from typing import Any
 
+import typer
 from typer.core import TyperCommand, TyperGroup
 
 GENERAL = "General options"
@@ -21,12 +22,25 @@ Documentation: docs/index.md; begin with docs/tutorial.md
 """
 
 
+LARGEST_WHOLE = 2**53 - 1
+"""Largest whole number of an option: the largest one that a float and JSON contain exactly."""
+
+
 class PlainCommand(TyperCommand):
-    """Command whose help shows no type beside a flag."""
+    """Command whose help shows no type beside a flag, and whose whole numbers are bounded."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, laid out for the help."""
         return _laid_out(super().get_params(ctx))
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command. Raises BadParameter for a whole number that is too large."""
+        for one in self.params:
+            value = ctx.params.get(one.name)
+            if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
+                words = f"must be at most {LARGEST_WHOLE}, in absolute value"
+                raise typer.BadParameter(words, param_hint=repr(one.opts[0]))
+        return super().invoke(ctx)
 
 
 class PlainGroup(TyperGroup):

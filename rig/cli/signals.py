@@ -57,6 +57,10 @@ class PauseRequest:
         self._asked = self._from_elsewhere = True
         err.print("pausing at the next safe point, as the panel requested; press Ctrl-C to stop now")
 
+    def end(self) -> None:
+        """Request the end of the run at the next safe point, without a question."""
+        self._asked = self._alone = True
+
     def continue_remotely(self) -> None:
         """Continue on request of another process, without an answer at the terminal."""
         self._asked = self._from_elsewhere = False
@@ -67,7 +71,7 @@ class PauseRequest:
         silence = os.open(os.devnull, os.O_RDWR)
         for stream in (0, 1, 2):
             os.dup2(silence, stream)
-        self._asked = self._alone = True
+        self.end()
 
     def go_on(self, meanwhile: Callable[[], object] = lambda: None) -> bool:
         """Return the first answer, from the terminal or another process; without both, end the run."""

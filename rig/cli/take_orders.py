@@ -86,6 +86,8 @@ def _carried_out(
     beginning: Beginning,
     **more: Any,
 ) -> FinishedRun:
+    orders.end = owner.pause.end
+
     def ordered(session: Session) -> FinishedRun:
         """Carry out the orders, of which there may be fewer than planned, with the soft trip of the plan."""
         plan = Plan(

@@ -29,6 +29,7 @@ from rig.devices.grbl_link import (
     JOG_CANCEL,
     OUTPUT_WORDS,
     REPLY_S,
+    SOFT_LIMITS,
     STEP_DIRECTION,
     STEPS_PER_MM,
     STOP_PINS,
@@ -72,6 +73,8 @@ LATE_FACTOR, LATE_S = 1.5, 5.0
 ASK_FOR_OFFSET = 35
 # Attempts to have a line confirmed, in case noise corrupted it.
 ATTEMPTS = 3
+# Way up that the soft limits must leave to jogs before homing.
+UNHOMED_ROOM_MM = 1.0
 # A board that restarts because its port was opened is silent for about 2 s.
 PROBE_S = 2.5
 # Two pairs of an alarm and the banner after it.
@@ -113,6 +116,7 @@ class GrblStage(Stage):
         self._last: Xyz | None = None
         self._jogged: Jogged | None = None  # while jogging
         self._at_rest = False  # by the last status, if no jog was sent since
+        self._unlimited = False  # whether allow_unhomed_jogs() switched the soft limits off
 
     @property
     def homed(self) -> bool:
@@ -142,6 +146,7 @@ class GrblStage(Stage):
             )
         if self._bounds is not None:
             self._enforce({**board, **enforced_settings(board, self._bounds)})
+            self._unlimited = False
         return _identity(printed)
 
     def settings(self) -> dict[int, float]:
@@ -189,6 +194,9 @@ class GrblStage(Stage):
         if not self._link.in_step:
             self._link.reset()
         self._link.refuse_interference(self.status().state)
+        if self._unlimited:
+            self._enforce({**self._settings, SOFT_LIMITS: 1})
+            self._unlimited = False
         self._link.trusted, times = False, self._link.times_stopped
         begun_s, printed, seen = self._clock.monotonic_s(), list[str](), 0
         for printed in self._link.talking("$H", HOME_S, LOOK_S):
@@ -222,6 +230,20 @@ class GrblStage(Stage):
         self._jogged = None
         self._link.recover()
         self._link.command("$X")
+
+    def allow_unhomed_jogs(self) -> None:
+        """Unlock, and switch the soft limits off if they leave no way up; homing switches them on again.
+
+        A board that was switched on believes that it is at the upper end of its travel. Raises StageError.
+        """
+        self._jogged = None
+        self._link.recover()
+        at = self._status()
+        self._link.refuse_interference(at.state)
+        self._link.command("$X")
+        if at.z_mm > -UNHOMED_ROOM_MM and not self._unlimited:
+            self._unlimited = True
+            self._enforce({**self._settings, SOFT_LIMITS: 0})
 
     def status(self) -> StageStatus:
         """Return the status. Raises StageError, also if a jog is held or overridden at the controller."""

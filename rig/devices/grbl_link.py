@@ -437,11 +437,11 @@ class Misplaced(NamedTuple):
 
 
 def expected_settings(settings: BenchSettings) -> dict[int, float]:
-    """Return the settings, by number, that the board must have: limits, homing, travel and calibration.
+    """Return the settings, by number, that the board must have: homing, travel and calibration.
 
-    The travel of the vertical axis belongs to enforced_settings().
+    The soft limits and the travel of the vertical axis belong to enforced_settings().
     """
-    expected: dict[int, float] = {INCHES: 0, SOFT_LIMITS: 1, HOMING: 1, LASER: 0}
+    expected: dict[int, float] = {INCHES: 0, HOMING: 1, LASER: 0}
     expected |= {TRAVEL + i: mm for i, mm in enumerate(settings.stage.travel_mm[:2])}
     measured = dict(settings.calibration.measured())
     steps = [measured.get(f"{axis}_steps_per_mm") for axis in "xyz"]
@@ -453,13 +453,13 @@ def expected_settings(settings: BenchSettings) -> dict[int, float]:
 
 
 def enforced_settings(board: Mapping[int, float], bounds: StageBounds) -> dict[int, float]:
-    """Return the settings that make the board enforce the lowest height and the highest rate.
+    """Return the settings that make the board enforce its travel, the lowest height and the highest rate.
 
     A lower rate of the board is kept, since its motors may not be faster.
     """
     most_mm_min = 60 * bounds.fastest_mm_s
     rates = {n: most_mm_min for n in range(MOST_MM_MIN, MOST_MM_MIN + 3) if board.get(n, 0.0) > most_mm_min}
-    return {**rates, TRAVEL + 2: -bounds.lowest_z_mm}
+    return {**rates, SOFT_LIMITS: 1, TRAVEL + 2: -bounds.lowest_z_mm}
 
 
 def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> list[Difference]:

@@ -4,7 +4,7 @@ Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker
 
 A device counts microsteps away from its home position, and machine coordinates fall away from home, so the counts of
 an axis are minus the machine coordinate. The driver writes only `limit.min` and `limit.max`, and only if they differ,
-and `limit.max` around a sine: a device stores its settings permanently.
+`limit.min` before the first steps of homing, and `limit.max` around a sine: a device stores its settings permanently.
 """
 
 import math
@@ -46,6 +46,8 @@ SINE_IN_TIME, LATE_SINE_S = 0.98, 1.0
 # By so much a device may begin its sine before or after the exchange that commands it.
 SINE_LATE_S = 0.02
 LEAST_FIRMWARE = (7, 25)
+# Way up that `limit.min` must leave to jogs before homing.
+UNHOMED_ROOM_MM = 1.0
 
 ALARMS = {
     "FF": "critical system error",
@@ -167,6 +169,17 @@ class ZaberAxis(WatchedAxis[Reply]):
             if found != value:
                 self._set_limit(setting, value)
         self._narrow = False
+
+    def allow_unhomed_jogs(self) -> None:
+        """Lower `limit.min` if it leaves no way up to an axis without a home position; set_limits() sets it again.
+
+        Raises StageError.
+        """
+        if not self.warnings(self.look()) & UNREFERENCED:
+            return
+        room = round(UNHOMED_ROOM_MM * self._counts_per_mm)
+        if self._number("get pos") - room < self._number("get limit.min"):
+            self._set_limit("limit.min", -self._travel)
 
     def _refuse_short_travel(self, longest: int) -> None:
         if longest < self._travel:
@@ -618,6 +631,10 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
         self._trusted = False
         for axis in self._up_first():
             axis.clear_warnings()
+
+    def allow_unhomed_jogs(self) -> None:
+        """Let the z axis jog up and down before homing. Raises StageError."""
+        self._axes["z"].allow_unhomed_jogs()
 
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a Zaber device is supported. Raises StageError."""

@@ -26,7 +26,8 @@ _READINGS_AT_ZERO = 12
 BUSY_S = 1.0
 """How long a busy instrument may delay a reading at rest (s); in motion it counts as no reading."""
 
-_NOISE_WIDTH = 6.0  # Standard deviations of noise that count as one step.
+NOISE_WIDTH = 6.0
+"""Standard deviations of noise that count as one step."""
 
 NOISE_STEPS = 10.0
 """Largest noise of a zero in steps of the sensor."""
@@ -115,6 +116,7 @@ class Sensing:
         # State of the present motion.
         self._baseline_n: float | None = 0.0
         self.away, self._before_gwt = False, 0.0
+        self.shakes_gwt = 0.0  # force of the stage's own motion, which vanishes at rest
         self._at_rest_n = 0.0  # last settled reading, before the zero
         self.glanced: ForceReading | None = None  # last reading during a motion
 
@@ -140,7 +142,7 @@ class Sensing:
     @property
     def least_gwt(self) -> float:
         """Smallest significant force (gwt), twice the detection limit: one step of the sensor, or its noise."""
-        return max(self.resolution_gwt, _NOISE_WIDTH * self.noise_gwt)
+        return max(self.resolution_gwt, NOISE_WIDTH * self.noise_gwt)
 
     @property
     def noise_gwt(self) -> float:
@@ -267,13 +269,14 @@ class Sensing:
         """Return whether the motion leaves the finger and this force is no reason to end it.
 
         A falling force never is. A growing push is, and a growing pull if the zero was taken in the air: without
-        one, a pull and an unloading look the same.
+        one, a pull and an unloading look the same. A force grows by more than the touch threshold and shakes_gwt.
         """
         if not self.away:
             return False
-        pushes = force_gwt > max(self._before_gwt, 0.0) + self.touch_gwt
-        pulls = self.absolute and -force_gwt > max(-self._before_gwt, 0.0) + self.touch_gwt
-        return not (pushes or pulls)
+        before_gwt, grown_gwt = self._before_gwt, self.touch_gwt + self.shakes_gwt
+        if not self.absolute:
+            return force_gwt <= before_gwt + grown_gwt
+        return -max(-before_gwt, 0.0) - grown_gwt <= force_gwt <= max(before_gwt, 0.0) + grown_gwt
 
     def glance_gwt(self) -> float | None:
         """Return the force during a motion (gwt), from zero or from before the motion. Raises NoReadingError.

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S
+from rig.engine import homing
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
@@ -59,7 +60,7 @@ def home(engine: Engine) -> None:
     engine.sensing.connect()
     engine.sensing.moved = True  # The last reading may be old.
     engine.forget_depth()
-    engine.move(engine.motion.home, away=True)
+    homing.home_watched(engine)
     engine.placed = False
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
     touched, found = engine.may_touch, engine.measure_contact()

@@ -54,7 +54,8 @@ class Gate:
             return
         problem = self._problem(scope["method"], scope["path"], Headers(scope=scope))
         if problem is None:
-            await self._app(scope, receive, sent)
+            whole = {"headers": [pair for pair in scope["headers"] if pair[0] != b"range"]}
+            await self._app({**scope, **whole}, receive, sent)  # No page needs a part of a file.
         else:
             code, words = problem
             await JSONResponse({"ok": False, "problem": words, "code": code}, 403)(scope, receive, sent)

@@ -6,6 +6,7 @@ at once; those of guests are served in turn, and the oldest waiting connection g
 """
 
 import asyncio
+import json
 import logging
 import os
 import re
@@ -116,6 +117,10 @@ class Served(H11Protocol):
             self._connections.enter_as_holder(self)
         elif self._received > _MOST_GUEST_BYTES:
             self.abort()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuse an invalid request with a line of JSON, as all others."""
+        super().send_400_response(json.dumps({"ok": False, "problem": msg, "code": "bad_request"}))
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Make room for another connection."""

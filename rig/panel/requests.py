@@ -9,7 +9,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 from functools import partial
 from typing import Any, Literal, NamedTuple, TypeVar
 
-from starlette.requests import Request
+from starlette.requests import ClientDisconnect, Request
 from starlette.responses import JSONResponse, Response
 from starlette.routing import Route
 
@@ -32,7 +32,7 @@ from rig.panel.watcher import Watcher
 from rig.settings import BenchSettings
 
 MOST_BYTES = 4096
-_LARGEST = 1e12
+_LARGEST, _LARGEST_WHOLE = 1e12, 2**53 - 1
 _SIGNS = (-1, 1)
 _AXES = ("x", "y", "z")
 _STATUS = {"no_such_run": 404, "no_such_file": 404, "body_too_large": 413, "content_type": 415}
@@ -53,22 +53,34 @@ async def body_of(request: Request) -> dict[str, Any]:
     """Return the JSON object of a request. Raises RequestError."""
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
         raise RequestError("content-type: must be application/json", code="content_type")
+    too_large = RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
+    if whole_of_text("content-length", request.headers.getlist("content-length") or ["0"]) > MOST_BYTES:
+        raise too_large
     found = bytearray()
-    async for piece in request.stream():
-        found += piece
-        if len(found) > MOST_BYTES:
-            raise RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
+    no_object = RequestError("body: must be a JSON object with each key once", code="no_json_object")
     try:
-        document = json.loads(found, parse_constant=_no_number)
-    except (ValueError, RecursionError):
-        raise RequestError("body: must be a JSON object", code="no_json_object") from None
+        async for piece in request.stream():
+            found += piece
+            if len(found) > MOST_BYTES:
+                raise too_large
+        document = json.loads(found, parse_constant=_no_number, object_pairs_hook=_each_once)
+    except (ClientDisconnect, ValueError, RecursionError):
+        raise no_object from None
     if not isinstance(document, dict):
-        raise RequestError("body: must be a JSON object", code="no_json_object")
+        raise no_object
     return document
 
 
 def _no_number(name: str) -> float:
     raise ValueError(name)
+
+
+def _each_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Return an object. Raises ValueError if a key is repeated."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        raise ValueError("a key is repeated")
+    return found
 
 
 def _not_understood(code: str, key: str, expected: str) -> RequestError:
@@ -109,9 +121,17 @@ def number(name: str, body: Mapping[str, Any]) -> float:
 def whole(name: str, body: Mapping[str, Any]) -> int:
     """Return a whole number from 0. Raises RequestError."""
     found = body.get(name)
-    if type(found) is not int or found < 0:
+    if type(found) is not int or not 0 <= found <= _LARGEST_WHOLE:
         raise _not_understood("not_whole", name, "a whole number")
     return found
+
+
+def whole_of_text(name: str, texts: Sequence[str]) -> int:
+    """Return a whole number from 0, which a query or a header contains once. Raises RequestError."""
+    text = "".join(texts)
+    if len(texts) != 1 or not (text.isascii() and text.isdecimal()) or len(text) > len(str(_LARGEST_WHOLE)):
+        raise _not_understood("not_a_number", name, "one whole number")
+    return int(text)
 
 
 def flag(name: str, body: Mapping[str, Any]) -> bool:

@@ -16,7 +16,7 @@ from starlette.types import Send
 from rig.data.index import RunFilter, listed
 from rig.errors import code_of
 from rig.panel.access import FILE_POLICY
-from rig.panel.requests import RequestError
+from rig.panel.requests import RequestError, whole_of_text
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
 _CHUNK = 1 << 16
@@ -33,12 +33,10 @@ class RunFiles:
     async def catalogue(self, request: Request) -> Response:
         """Handle GET /runs.json: the newest first, filtered by subject, shape, protocol and state; limit."""
         query = request.query_params
-        limit = query.get("limit", str(_MOST_RUNS))
-        if not (limit.isascii() and limit.isdecimal()):
-            raise RequestError("limit {value!r}: must be a number", code="not_a_number", key="limit", value=limit)
+        limit = whole_of_text("limit", query.getlist("limit") or [str(_MOST_RUNS)])
         subject, shape, protocol, state = (query.get(name) or None for name in _FILTERS)
         run_filter = RunFilter(subject, shape, protocol, state)
-        return JSONResponse(await asyncio.to_thread(self._catalogue, run_filter, int(limit)))
+        return JSONResponse(await asyncio.to_thread(self._catalogue, run_filter, limit))
 
     def _catalogue(self, run_filter: RunFilter, limit: int) -> dict[str, Any]:
         try:

@@ -47,11 +47,11 @@ class OrderScope(ProtocolParameters):
 
 
 class Order(BaseModel):
-    """One order: a move to a position at clearance, a press there, or the end of the run."""
+    """One order: a move to a position at clearance, a press there, the end of the run, or a lift from a press."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, strict=True)
 
-    what: Literal["move", "press", "leave"]
+    what: Literal["move", "press", "leave", "lift"]
     x_mm: float | None = None
     doi_mm: float | None = None
     force_gwt: float | None = None
@@ -93,6 +93,7 @@ class PressOrders:
     def __init__(self, scope: OrderScope, alone: Callable[[], bool] = lambda: False) -> None:
         """Prepare to read orders. alone: returns whether their sender has ended, which ends the run."""
         self.scope, self._alone = scope, alone
+        self.end: Callable[[], None] = lambda: None  # Ends the run at the next safe point, lifted.
         self._guard = threading.Lock()
         self._waiting = False
         self._order: Order | None = None
@@ -142,6 +143,9 @@ class PressOrders:
             raise first_problem("order", error) from None
         with self._guard:
             self._refuse(order)
+            if order.what == "lift" and not self._waiting:
+                self.end()
+                return {}
             if not self._waiting:
                 raise BadInputError("order: the run is not ready for an order; wait for the last one", code="busy")
             self._waiting, self._order = False, order
@@ -186,7 +190,7 @@ class PressOrders:
             look()
             order, over = self._look()
             if order is not None:
-                return None if order.what == "leave" else order
+                return None if order.what in ("leave", "lift") else order
             if over:
                 return None
             clock.wait_s(LOOK_S)

@@ -52,7 +52,7 @@ def _rest_ended(bench: FingerOnBytes) -> str:
 
 def _jogged(bench: FingerOnBytes) -> str:
     bench.ready()
-    bench.finger.rises(_in_s(bench, 1.0), 3.2)
+    bench.finger.rises(_in_s(bench, 1.0), 2.8)
     bench.clock.wait_s(10.0)
     with suppress(RigError):
         bench.jog("x", 9.0)
@@ -126,7 +126,7 @@ def _lifted(bench: FingerOnBytes) -> str:
 CASES: dict[str, Callable[[FingerOnBytes], str]] = {
     "up 3.2 mm after the lift: what is reported": _status,
     "up 2.8 mm in a rest that SIGTERM ends: what is reported": _rest_ended,
-    "up 3.2 mm after the lift: dragged by `rig jog` over 9 mm": _jogged,
+    "up 2.8 mm after the lift: dragged by `rig jog` over 9 mm": _jogged,
     "up 4 mm during a zero: dragged by the move after it": _zeroed,
     "shakes during a zero: touch threshold": _noise,
     "up 3.2 mm during a move: dragged": _moved,

@@ -67,6 +67,33 @@ def test_it_is_written_once_and_only_where_it_differs() -> None:
     assert bench.stored() == []
 
 
+def test_a_board_that_was_switched_on_jogs_up_without_soft_limits_until_it_is_homed() -> None:
+    """It believes that it is at the upper end of its travel, and would refuse."""
+    bench = Bench()
+    bench.stage.connect()
+    from_steps = bench.board.carriage_steps_at(bench.clock.monotonic_s())[2]
+    bench.stage.allow_unhomed_jogs()
+    assert "$20=0" in bench.settings()
+    bench.stage.jog("z", 0.05, 0.5)
+    bench.clock.wait_s(1.0)
+    assert bench.board.carriage_steps_at(bench.clock.monotonic_s())[2] == from_steps + 20
+    bench.stage.home()
+    assert "$20=1" in bench.settings()
+    bench.written.clear()
+    bench.stage.connect()
+    bench.stage.allow_unhomed_jogs()
+    assert bench.stored() == [], "where homing ends the limits leave a way up"
+
+
+def test_soft_limits_that_a_killed_program_left_off_are_switched_on_by_the_next() -> None:
+    bench = Bench()
+    bench.stage.connect()
+    bench.stage.allow_unhomed_jogs()
+    stage = GrblStage(bench, bench.clock, expected=expected_settings(RigSettings()), bounds=BOUNDS)
+    stage.connect()
+    assert "$20=1" in bench.settings()
+
+
 @pytest.mark.parametrize("has_mm", [20.0, 28.601, 40.0, 60.0])
 def test_the_floor_is_set_whatever_the_board_had(has_mm: float) -> None:
     bench = Bench(_132=has_mm)
@@ -77,7 +104,7 @@ def test_the_floor_is_set_whatever_the_board_had(has_mm: float) -> None:
 def test_a_board_that_is_slower_is_never_made_faster() -> None:
     """Its motors may not be able to: they would lose steps, and say nothing."""
     board = {110: 120.0, 111: 300.0, 112: 301.0}
-    assert enforced_settings(board, BOUNDS) == {112: 300.0, 132: 28.6}
+    assert enforced_settings(board, BOUNDS) == {112: 300.0, 20: 1, 132: 28.6}
 
 
 def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
@@ -99,15 +126,22 @@ def test_a_board_whose_z_homes_downwards_is_refused() -> None:
 
 def test_whatever_becomes_of_a_setting_on_its_way_the_board_is_as_it_was_but_for_what_is_enforced() -> None:
     """Every bit and byte of each; a line that changes another setting is found out, and that one put back."""
+
+    def steps(stage: GrblStage) -> None:
+        stage.connect()
+        stage.allow_unhomed_jogs()
+        stage.home()
+
     faultless = Bench()
-    faultless.stage.connect()
+    steps(faultless.stage)
     wanted = faultless.settings()
+    assert {b"$20=0\n", b"$20=1\n"} <= {*faultless.stored()}
     for line in faultless.stored():
         for instead in _instead(line):
             bench = Bench()
             bench.instead[line] = instead
             try:
-                bench.stage.connect()
+                steps(bench.stage)
             except StageError:
                 continue
             assert bench.settings() == wanted, instead

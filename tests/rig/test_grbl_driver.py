@@ -105,7 +105,7 @@ def test_a_second_reset_where_the_first_is_lost(clock: VirtualClock, scripted: C
     ("board", "wanted"),
     [
         (b"$20=1\r\n$22=1\r\n$130=60.000\r\n", {131: 30.0}),
-        (b"$20=0\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", {20: 1}),
+        (b"$20=0\r\n$22=0\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n", {22: 1}),
     ],
 )
 def test_a_board_that_is_not_set_as_configured_is_refused(

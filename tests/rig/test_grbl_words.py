@@ -71,8 +71,8 @@ def test_a_garbled_number_is_an_error_and_an_alarm_all_the_same(
 
 # --- settings ---
 
-SET: dict[int, Any] = {13: 0, 20: 1, 22: 1, 32: 0, 130: 60.0, 131: 30.0}
-"""What a board must be set to on the default bench: millimetres, soft limits, homing, no laser, and the travel."""
+SET: dict[int, Any] = {13: 0, 22: 1, 32: 0, 130: 60.0, 131: 30.0}
+"""What a board must be set to on the default bench: millimetres, homing, no laser, and the travel."""
 
 
 def _connect(board: Board, clock: VirtualClock, settings: dict[int, Any]) -> None:
@@ -221,7 +221,7 @@ def test_a_motor_whose_direction_the_board_does_not_tell_runs_with_its_axis(
 def test_a_board_is_made_to_go_no_faster_and_no_lower(board: dict[int, float], enforced: dict[int, float]) -> None:
     """A rate that is lower already is left, and so is a fourth axis."""
     bounds = StageBounds(lowest_z_mm=-26.5, fastest_mm_s=10.0)
-    assert enforced_settings(board, bounds) == {**enforced, 132: 26.5}
+    assert enforced_settings(board, bounds) == {**enforced, 20: 1, 132: 26.5}
 
 
 @pytest.mark.parametrize(("output", "word"), [("coolant", b"M8\n"), ("spindle", b"M3S1000\n"), ("off", b"")])
@@ -230,7 +230,7 @@ def test_a_driver_of_the_registry_has_the_bounds_and_the_output_of_its_configura
 ) -> None:
     config = Config.model_validate({"stage": {"kind": "grbl"}, "sync": {"output": output}})
     stage = find(StageKind, "grbl").driver(lambda port: board, clock, config)
-    floor = SET | {132: -config.bounds.lowest_z_mm}
+    floor = SET | {20: 1, 132: -config.bounds.lowest_z_mm}
     for found in (floor | {132: 40.0}, floor):
         board.answers[b"$$\n"] = "".join(f"${n}={value}\r\n" for n, value in found.items()).encode() + b"ok\r\n"
         if found[132] == 40.0:

@@ -61,7 +61,7 @@ def test_a_finger_that_came_up_after_the_lift_is_not_called_lifted(bench: Finger
     bench.ready()
     bench.ask()
     assert any(said.lifted for said in bench.witness.said), "as long as it is"
-    bench.finger.rises(in_s(bench, 1.0), rises_mm)
+    bench.finger.moves(in_s(bench, 1.0), rises_mm)
     bench.clock.wait_s(10.0)
     bench.ask()
     assert not bench.witness.lies()
@@ -86,7 +86,7 @@ def ends(bench: FingerBench, how: str) -> None:
 @pytest.mark.parametrize("how", ["rig stop", "SIGTERM", "cut cable"])
 def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 1.0), 2.8)
+    bench.finger.moves(in_s(bench, 1.0), 2.8)
     ends(bench, how)
     with suppress(KeyboardInterrupt, *ENDINGS), stopped_at_once(engine):
         verbs.rest(engine, 12.0)
@@ -98,7 +98,7 @@ def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBen
 def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     by_hand: FingerOnBytes, rises_mm: float
 ) -> None:
-    by_hand.finger.rises(in_s(by_hand, 1.0), rises_mm)
+    by_hand.finger.moves(in_s(by_hand, 1.0), rises_mm)
     by_hand.clock.wait_s(10.0)
     with suppress(RigError):
         by_hand.jog("x", 9.0)
@@ -108,7 +108,7 @@ def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
 
 
 def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: FingerOnBytes) -> None:
-    by_hand.finger.rises(in_s(by_hand, 1.2), 2.8, 5.0)
+    by_hand.finger.moves(in_s(by_hand, 1.2), 2.8, 5.0)
     with suppress(RigError):
         by_hand.jog("x", 9.0, 5.0)
     not_dragged(by_hand)
@@ -122,7 +122,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
     bench: FingerBench, after_s: float, speed_mm_s: float
 ) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, after_s), 4.0, speed_mm_s)
+    bench.finger.moves(in_s(bench, after_s), 4.0, speed_mm_s)
     with suppress(*ENDINGS):
         verbs.zero(engine)
         assert bench.witness.now().force_gwt < bench.least_gwt, "the zero counts"
@@ -134,7 +134,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
 
 @pytest.mark.parametrize("after_s", [0.4, 0.6, 0.8])
 def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
-    by_hand.finger.rises(in_s(by_hand, after_s), 4.0)
+    by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
     with suppress(RigError):
         by_hand.zero_by_hand()
         assert by_hand.witness.now().force_gwt < by_hand.least_gwt, "the zero counts"
@@ -149,8 +149,8 @@ def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench
 
     def shake() -> None:
         zero()
-        bench.finger.rises(in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
-        bench.finger.shakes(in_s(bench, 0.1), 0.6, 8.0, cycles=30)
+        bench.finger.moves(in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
+        bench.finger.moves(in_s(bench, 0.1), 0.6, 8.0, cycles=30)
 
     bench.force.zero = shake  # type: ignore[method-assign]
     with suppress(*ENDINGS):
@@ -165,7 +165,7 @@ def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench
 @pytest.mark.parametrize("rises_mm", [2.7, 3.2])
 def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 0.4), rises_mm)
+    bench.finger.moves(in_s(bench, 0.4), rises_mm)
     with suppress(*ENDINGS):
         verbs.move_to(engine, 6.0)
     not_dragged(bench)
@@ -188,7 +188,7 @@ def test_a_move_ends_at_a_second_finger_beside_the_first(
 
 def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 2.0), 4.0)
+    bench.finger.moves(in_s(bench, 2.0), 4.0)
     with pytest.raises(TripError):
         verbs.rest(engine, 12.0)
     above = [sample for sample in bench.witness.samples if sample.force_gwt > TRIP_GWT]
@@ -197,7 +197,7 @@ def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
 
 def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 2.0), 2.3)
+    bench.finger.moves(in_s(bench, 2.0), 2.3)
     with suppress(*ENDINGS):
         verbs.rest(engine, 12.0)
     touched = [sample for sample in bench.witness.samples if sample.force_gwt >= bench.least_gwt]
@@ -212,7 +212,7 @@ def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> 
 @pytest.mark.parametrize("rises_mm", [2.6, 3.5, 4.4])
 def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 8.0), rises_mm, 20.0)
+    bench.finger.moves(in_s(bench, 8.0), rises_mm, 20.0)
     with pytest.raises(TripError):
         indent(engine, Target("force_gwt", 6.0), hold_s=30.0)
     assert bench.stage.homed
@@ -223,7 +223,7 @@ def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, ri
 def test_a_trip_survives_a_stop_during_its_lift() -> None:
     bench = FingerOnStub()
     engine = bench.ready()
-    bench.finger.rises(in_s(bench, 8.0), 1.0, 20.0)
+    bench.finger.moves(in_s(bench, 8.0), 1.0, 20.0)
     looks = itertools.count()
 
     def stop() -> None:
@@ -256,12 +256,12 @@ def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
 
 def test_the_truth_of_a_moving_finger_is_what_it_was_asked_to_do() -> None:
     finger = MovingFinger(k_gwt=10.0)
-    finger.rises(1.0, 2.0, 4.0, stays_s=1.0)
+    finger.moves(1.0, 2.0, 4.0, stays_s=1.0)
     finger.stands_beside(3.0, 1.0, flank_mm=1.0)
     heights_mm = [finger.skin_mm(0.0, t_s) for t_s in (0.9, 1.25, 2.0, 2.75, 9.0)]
     assert heights_mm == pytest.approx([0.0, 1.0, 2.0, 1.0, 0.0])
     assert finger.skin_mm(3.5, 9.0) == pytest.approx(0.5)
     assert finger.force_gwt(9.0, 0.0, 0.0) == pytest.approx(10.0)
-    finger.shakes(10.0, 0.5, 5.0, cycles=2)
+    finger.moves(10.0, 0.5, 5.0, cycles=2)
     assert max(finger.skin_mm(0.0, 10.0 + 0.001 * n) for n in range(3000)) == pytest.approx(0.5, abs=1e-3)
     assert finger.skin_mm(0.0, 13.0) == 0.0

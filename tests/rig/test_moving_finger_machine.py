@@ -50,8 +50,15 @@ def tenths(low: float, high: float) -> st.SearchStrategy[float]:
 
 
 WHEN_S = tenths(0.0, 6.0)
-RISES_MM = st.one_of(tenths(0.2, 4.0), tenths(-4.0, -0.2))
 SPEEDS_MM_S = st.sampled_from([5.0, 1.0, 2.0, 20.0, 50.0])
+MOVEMENTS = st.one_of(
+    st.fixed_dictionaries({"by_mm": st.one_of(tenths(0.2, 4.0), tenths(-4.0, -0.2)), "speed_mm_s": SPEEDS_MM_S}),
+    st.fixed_dictionaries({"by_mm": tenths(0.2, 4.0), "speed_mm_s": SPEEDS_MM_S, "stays_s": tenths(0.0, 3.0)}),
+    st.fixed_dictionaries({"by_mm": tenths(0.2, 2.0), "speed_mm_s": SPEEDS_MM_S, "cycles": st.integers(1, 10)}),
+)
+"""The finger rises or leaves, pulses, or shakes."""
+MEANWHILE = st.one_of(st.none(), st.tuples(tenths(0.0, 1.0), MOVEMENTS))
+"""What the finger does during a verb, after this share of its usual time."""
 HABITS: dict[str, dict[str, Any]] = {
     "usual": {},
     "fast": {
@@ -69,6 +76,12 @@ SENSORS: dict[str, dict[str, Any]] = {
     "noisy": {"virtual": {"cell_noise_gwt": 0.01}},
 }
 
+HABIT, SENSOR, K_GWT = st.sampled_from(list(HABITS)), st.sampled_from(list(SENSORS)), st.sampled_from([13.0, 4.0])
+BY_HAND_MM, BY_HAND_MM_S = tenths(-4.0, 4.0).filter(bool), st.sampled_from([10.0, 2.0, 1.0])
+
+Movements = dict[str, Any]
+Meanwhile = tuple[float, Movements] | None
+
 
 class BrokenPromiseError(AssertionError):
     """What a program must not do."""
@@ -85,32 +98,26 @@ class FingerMachine(RuleBasedStateMachine):
         self._blind = False  # whether the sensor shows what is not there
         self._judged = self._heard = 0  # samples and what was said, so far
 
-    def begins(self, bench: FingerBench) -> None:
+    def begins(self, bench: FingerBench, k_gwt: float) -> None:
         """Over a finger that keeps still so far."""
         self.bench = bench
+        bench.finger.k_gwt = k_gwt
         bench.ready()
         self.over = False
 
     # --- the finger ---
 
-    @rule(after_s=WHEN_S, by_mm=RISES_MM, speed_mm_s=SPEEDS_MM_S)
-    def finger_rises(self, after_s: float, by_mm: float, speed_mm_s: float) -> None:
-        self.bench.finger.rises(self._in_s(after_s), by_mm, speed_mm_s)
-
-    @rule(after_s=WHEN_S, by_mm=tenths(0.2, 4.0), speed_mm_s=SPEEDS_MM_S, stays_s=tenths(0.0, 3.0))
-    def finger_pulses(self, after_s: float, by_mm: float, speed_mm_s: float, stays_s: float) -> None:
-        self.bench.finger.rises(self._in_s(after_s), by_mm, speed_mm_s, stays_s)
-
-    @rule(after_s=WHEN_S, by_mm=tenths(0.2, 2.0), speed_mm_s=SPEEDS_MM_S, cycles=st.integers(1, 10))
-    def finger_shakes(self, after_s: float, by_mm: float, speed_mm_s: float, cycles: int) -> None:
-        self.bench.finger.shakes(self._in_s(after_s), by_mm, speed_mm_s, cycles)
+    @rule(after_s=WHEN_S, movement=MOVEMENTS)
+    def finger_moves(self, after_s: float, movement: Movements) -> None:
+        """It rises or leaves, pulses, or shakes."""
+        self.bench.finger.moves(self._in_s(after_s), **movement)
 
     @rule(speed_mm_s=SPEEDS_MM_S)
     def finger_lies_down(self, speed_mm_s: float) -> None:
         """Back to where it was at first."""
         rise_mm = self.bench.finger.rise_mm(self.bench.clock.monotonic_s())
         if abs(rise_mm) > 1e-6:
-            self.bench.finger.rises(self._in_s(0.0), -rise_mm, speed_mm_s)
+            self.bench.finger.moves(self._in_s(0.0), -rise_mm, speed_mm_s)
 
     @precondition(lambda self: self.bench.witness.now().height_mm > self.bench.finger.highest_mm)
     @rule(x_mm=tenths(0.5, 4.0), higher_mm=tenths(0.5, 4.0), slope=st.sampled_from([1.0, 0.5, 0.2]))
@@ -121,34 +128,40 @@ class FingerMachine(RuleBasedStateMachine):
     # --- a script ---
 
     @precondition(lambda self: not self.over)
-    @rule()
-    def home(self) -> None:
+    @rule(finger=MEANWHILE)
+    def home(self, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 6.0)
         self._do(verbs.home)
 
     @precondition(lambda self: not self.over)
-    @rule()
-    def zero(self) -> None:
+    @rule(finger=MEANWHILE)
+    def zero(self, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 2.5)
         if self._do(verbs.zero):
             self._judge_zero()
 
     @precondition(lambda self: not self.over)
-    @rule(x_mm=tenths(-4.0, 6.0))
-    def move_to(self, x_mm: float) -> None:
+    @rule(x_mm=tenths(-4.0, 6.0), finger=MEANWHILE)
+    def move_to(self, x_mm: float, finger: Meanwhile) -> None:
+        self._meanwhile(finger, abs(x_mm - self.bench.witness.now().x_mm) / 5.0 + 0.2)
         self._do(lambda engine: verbs.move_to(engine, x_mm))
 
     @precondition(lambda self: not self.over)
-    @rule(force_gwt=tenths(0.5, 7.0), hold_s=tenths(0.0, 5.0))
-    def indent_to_force(self, force_gwt: float, hold_s: float) -> None:
+    @rule(force_gwt=tenths(0.5, 7.0), hold_s=tenths(0.0, 5.0), finger=MEANWHILE)
+    def indent_to_force(self, force_gwt: float, hold_s: float, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 60.0)
         self._do(lambda engine: indent(engine, Target("force_gwt", force_gwt), hold_s=hold_s))
 
     @precondition(lambda self: not self.over)
-    @rule(doi_mm=tenths(0.1, 0.8), increments=st.integers(1, 3))
-    def indent_to_depth(self, doi_mm: float, increments: int) -> None:
+    @rule(doi_mm=tenths(0.1, 0.8), increments=st.integers(1, 3), finger=MEANWHILE)
+    def indent_to_depth(self, doi_mm: float, increments: int, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 60.0)
         self._do(lambda engine: indent(engine, Target("doi_mm", doi_mm), increments=increments))
 
     @precondition(lambda self: not self.over and ramps(self.bench.config.stage))
-    @rule(doi_mm=tenths(0.1, 0.5), speed_mm_s=tenths(0.5, 3.0))
-    def ramp(self, doi_mm: float, speed_mm_s: float) -> None:
+    @rule(doi_mm=tenths(0.1, 0.5), speed_mm_s=tenths(0.5, 3.0), finger=MEANWHILE)
+    def ramp(self, doi_mm: float, speed_mm_s: float, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 70.0)
         self._do(lambda engine: ramp(engine, doi_mm, speed_mm_s))
 
     @precondition(lambda self: not self.over)
@@ -157,8 +170,9 @@ class FingerMachine(RuleBasedStateMachine):
         self._do(verbs.retract)
 
     @precondition(lambda self: not self.over)
-    @rule(seconds=tenths(0.5, 8.0))
-    def rest(self, seconds: float) -> None:
+    @rule(seconds=tenths(0.5, 8.0), finger=MEANWHILE)
+    def rest(self, seconds: float, finger: Meanwhile) -> None:
+        self._meanwhile(finger, seconds)
         before_s = self.bench.engine.contact.total_s
         self._do(lambda engine: verbs.rest(engine, seconds), rests=True)
         self._judge_contact(before_s)
@@ -179,25 +193,17 @@ class FingerMachine(RuleBasedStateMachine):
 
         bench.pause = Pause(lambda: bench.clock.monotonic_s() >= at_s, go_on)
 
-    @rule(after_s=WHEN_S)
-    def second_ctrl_c(self, after_s: float) -> None:
+    @rule(after_s=WHEN_S, how=st.sampled_from(["second Ctrl-C", "rig stop"]))
+    def stop(self, after_s: float, how: str) -> None:
         """It comes anywhere, in the next steps."""
 
-        def interrupt() -> None:
-            if self._running:
-                raise KeyboardInterrupt
-
-        self.bench.clock.call_at(self._in_s(after_s), interrupt)
-
-    @rule(after_s=WHEN_S)
-    def rig_stop(self, after_s: float) -> None:
-        """It comes from another process anywhere, in the next steps."""
-
         def stop() -> None:
-            if self._running:
+            if self._running and how == "rig stop":
                 self._stopped = True
                 with self.bench.stopped_as_by_rig_stop():
                     self.bench.stage.stop()
+            elif self._running:
+                raise KeyboardInterrupt
 
         self.bench.clock.call_at(self._in_s(after_s), stop)
 
@@ -249,7 +255,7 @@ class FingerMachine(RuleBasedStateMachine):
         """Meanwhile the finger may come up."""
         self.bench.clock.slept_s += for_s
         if by_mm:
-            self.bench.finger.rises(self._in_s(0.0), by_mm, 1e4)
+            self.bench.finger.moves(self._in_s(0.0), by_mm, 1e4)
 
     @precondition(lambda self: not self.over)
     @rule(after=st.integers(0, 30))
@@ -267,6 +273,12 @@ class FingerMachine(RuleBasedStateMachine):
 
     def _in_s(self, seconds: float) -> float:
         return self.bench.clock.monotonic_s() + seconds
+
+    def _meanwhile(self, finger: Meanwhile, lasts_s: float) -> None:
+        """Let the finger do something in the next verb."""
+        if finger is not None:
+            share, movement = finger
+            self.bench.finger.moves(self._in_s(share * lasts_s), **movement)
 
     def _do(self, verb: Callable[[Engine], object], *, rests: bool = False, zeroes: bool = False) -> bool:
         """Carry out a verb of a script and judge it; return whether it ended normally."""
@@ -382,10 +394,10 @@ def judge(right: bool, words: str) -> None:
 class StubMachine(FingerMachine):
     """Over the stub bench, whose stage may fail in more ways."""
 
-    @initialize(habits=st.sampled_from(list(HABITS)), sensor=st.sampled_from(list(SENSORS)))
-    def begins_on_stub(self, habits: str, sensor: str) -> None:
+    @initialize(habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
+    def begins_on_stub(self, habits: str, sensor: str, k_gwt: float) -> None:
         tables = {"habits": HABITS[habits], "limits": {"max_contact_s": CONTACT_S}, **SENSORS[sensor]}
-        self.begins(FingerOnStub(tables))
+        self.begins(FingerOnStub(tables), k_gwt)
 
     @rule(after_s=WHEN_S, how=st.sampled_from(["stalls", "strays", "resets", "lost"]))
     def stage_fails(self, after_s: float, how: str) -> None:
@@ -400,12 +412,10 @@ class StubMachine(FingerMachine):
 class BytesMachine(FingerMachine):
     """Over the virtual benches, where a person moves by hand between two runs."""
 
-    @initialize(
-        kind=st.sampled_from(STAGES), habits=st.sampled_from(list(HABITS)), sensor=st.sampled_from(list(SENSORS))
-    )
-    def begins_on_bytes(self, kind: str, habits: str, sensor: str) -> None:
+    @initialize(kind=st.sampled_from(STAGES), habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
+    def begins_on_bytes(self, kind: str, habits: str, sensor: str, k_gwt: float) -> None:
         tables = {"habits": HABITS[habits], "limits": {"max_contact_s": CONTACT_S}, **SENSORS[sensor]}
-        self.begins(FingerOnBytes(kind, tables))
+        self.begins(FingerOnBytes(kind, tables), k_gwt)
 
     @rule(after_s=WHEN_S)
     def cable_is_cut(self, after_s: float) -> None:
@@ -417,19 +427,27 @@ class BytesMachine(FingerMachine):
         self.bench.clock.call_at(self._in_s(after_s), cut)
 
     @precondition(lambda self: self.over)
-    @rule(by_mm=RISES_MM, speed_mm_s=st.sampled_from([10.0, 2.0, 1.0]), axis=st.sampled_from(["x", "z"]))
-    def jog(self, by_mm: float, speed_mm_s: float, axis: Axis) -> None:
+    @rule(
+        by_mm=tenths(-4.0, 4.0).filter(bool),
+        speed_mm_s=st.sampled_from([10.0, 2.0, 1.0]),
+        axis=st.sampled_from(["x", "z"]),
+        finger=MEANWHILE,
+    )
+    def jog(self, by_mm: float, speed_mm_s: float, axis: Axis, finger: Meanwhile) -> None:
+        self._meanwhile(finger, abs(by_mm) / speed_mm_s + 1.0)
         self._by_hand(lambda: self.bench.jog(axis, by_mm * (2 if axis == "x" else 1), speed_mm_s))
 
     @precondition(lambda self: self.over)
-    @rule()
-    def rig_zero(self) -> None:
+    @rule(finger=MEANWHILE)
+    def rig_zero(self, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 2.5)
         if self._by_hand(self.bench.zero_by_hand):
             self._judge_zero()
 
     @precondition(lambda self: self.over)
-    @rule()
-    def rig_home(self) -> None:
+    @rule(finger=MEANWHILE)
+    def rig_home(self, finger: Meanwhile) -> None:
+        self._meanwhile(finger, 6.0)
         self._by_hand(self.bench.home_by_hand)
 
     def _by_hand(self, deed: Callable[[], object]) -> bool:

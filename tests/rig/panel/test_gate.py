@@ -142,6 +142,13 @@ def test_every_answer_says_what_a_browser_may_do_with_it(path: str, panel: StubP
         assert "access-control-allow-origin" not in answer.headers
 
 
+@pytest.mark.parametrize("path", ["/", "/static/index.html"])
+@pytest.mark.parametrize("part", ["0-1", "0-1,3-4", "1-" + "9" * 5000, "-" + "9" * 5000, "a-b", "", "-1--5", "1.5-"])
+def test_a_range_is_not_read_and_the_whole_file_is_sent(path: str, part: str, panel: StubPanel) -> None:
+    answer = panel.get(path, range=f"bytes={part}")
+    assert (answer.status_code, answer.content) == (200, panel.get(path).content)
+
+
 def test_nothing_inline_and_nothing_from_elsewhere() -> None:
     for policy in (PAGE_POLICY, FILE_POLICY):
         assert "default-src 'none'" in policy

@@ -13,7 +13,7 @@ import pytest
 
 import rig.bluesky
 from rig.bench.served import ServedBench
-from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, PressFailedError, indent
+from rig.bluesky import ROWS, STREAM_NAMES, BlueskyBench, OrderStatus, PressFailedError, indent, press
 from rig.control.client import Announced, ControlError, announced
 from rig.data import read_run
 from rig.data.run import Following
@@ -247,11 +247,106 @@ def _ends(
     assert run.stop is not None
     assert run.stop["status"] == status
     assert run.done == {}
-    if code is not None:
+    if code is None:
+        _ended_lifted(bench)
+    else:
         begins_s = run.stream("indentation_start")[0]["t_s"]
         journalled = [one["force_gwt"] for one in run.stream("sample") if one["t_s"] > begins_s]
         samples = _events(engine.documents)["samples"]
         assert [one["data"]["rig_sample_force_gwt"] for one in samples] == journalled
+
+
+def _ended_lifted(bench: BlueskyBench) -> None:
+    """The run of a bench that was left has ended at a safe point, lifted, from a hold."""
+    refused = bench.press.set({"force_gwt": 2.33}).exception()
+    assert getattr(refused, "code", None) == "stopped_at_a_safe_point"
+    streams = [one["stream"] for one in bench.journalled if one["doc"] == "event"]
+    assert "hold_end" not in streams
+    assert streams[len(streams) - streams[::-1].index("hold_start") :].count("retract") == 1
+    (lifted,) = _of(bench.journalled, "retract")[-1:]
+    assert lifted["data"]["height_mm"] == pytest.approx(2.0, abs=0.01)
+
+
+class Broken:
+    """A device of another kind that raises."""
+
+    name, parent = "other", None
+
+    def trigger(self) -> None:
+        raise RuntimeError("the detector does not answer")
+
+
+def _raises_in_the_with_block(bench: BlueskyBench, engine: Engine) -> None:
+    bench.press.set({"force_gwt": 2.33, "hold_s": 60.0})
+    until(lambda: _of(bench.journalled, "hold_start"))
+    raise RuntimeError("the detector does not answer")
+
+
+def _another_device_raises(bench: BlueskyBench, engine: Engine) -> None:
+    engine(_pressing(bench, lambda stubs: stubs.trigger(Broken())))
+
+
+def _the_plan_ends(bench: BlueskyBench, engine: Engine) -> None:
+    engine(_pressing(bench, lambda stubs: stubs.null()))
+
+
+def _pressing(bench: BlueskyBench, then: Callable[[Any], Any]) -> Any:
+    """A press that the plan does not wait for, and what else the plan does in its hold."""
+    from bluesky import plan_stubs as stubs
+
+    yield from stubs.abs_set(bench.press, {"force_gwt": 2.33, "hold_s": 60.0}, group="press")
+    while not _of(bench.journalled, "hold_start"):
+        yield from stubs.sleep(0.01)
+    yield from then(stubs)
+
+
+@pytest.mark.parametrize(
+    ("act", "raises"),
+    [
+        (_another_device_raises, "the detector does not answer"),
+        (_raises_in_the_with_block, "the detector does not answer"),
+        (_the_plan_ends, ""),
+    ],
+)
+def test_a_plan_that_ends_in_a_press_leaves_the_finger_lifted(
+    act: Callable[[BlueskyBench, Engine], None], raises: str, engine: Engine, tmp_path: Path
+) -> None:
+    """Another device raises, or the plan does not wait."""
+    ended = pytest.raises(RuntimeError, match=raises) if raises else nullcontext()
+    with ended, BlueskyBench(**PRESS, speed=50.0, virtual=True, out=tmp_path / "runs") as bench:
+        act(bench, engine)
+    _ended_lifted(bench)
+
+
+def test_a_failure_of_another_device_ends_the_press_that_waits() -> None:
+    bench, ended = BlueskyBench(**PRESS), list[object]()
+    bench.press.stop = lambda **more: ended.append(more)  # type: ignore[method-assign]
+    messages = press(bench, force_gwt=1.0)
+    next(messages)
+    with pytest.raises(bluesky.utils.FailedStatus):
+        messages.throw(bluesky.utils.FailedStatus(OrderStatus()))
+    assert len(ended) == 1
+
+
+def test_an_exception_between_presses_leaves_the_finger_lifted_and_the_run_ready(
+    engine: Engine, tmp_path: Path
+) -> None:
+    with BlueskyBench(**PRESS, virtual=True, out=tmp_path / "runs") as bench:
+
+        def plan() -> Any:
+            from bluesky import plan_stubs as stubs
+
+            yield from indent(bench, force_gwt=1.0)
+            yield from stubs.trigger(Broken())
+
+        with pytest.raises(RuntimeError, match="does not answer"):
+            engine(plan())
+        (lifted,) = _of(bench.journalled, "retract")[-1:]
+        assert lifted["data"]["height_mm"] == pytest.approx(2.0, abs=0.01)
+        engine(indent(bench, force_gwt=1.0))
+    run = read_run(bench.folder.path)
+    assert run.stop is not None
+    assert run.stop["status"] == "done"
 
 
 def _during_the_hold(act: Callable[[BlueskyBench, Engine], None], bench: BlueskyBench, engine: Engine) -> None:
