@@ -32,11 +32,13 @@ def test_home_status_and_zero(rig: Rig, apart: Apart) -> None:
     wire = open_port(force, 115200)
     wire.write(b"TA 2.50 g\r\n")
     wire.close()
-    assert rig("doctor", "--config", config).code == 0
     after = rig("status", "--config", config, "--json").json
-    assert after["stage"] == {"kind": "grbl", "ports": [stage], **at}
-    assert after["force"]["force_n"] == pytest.approx(-2.5 * 9.80665e-3), "looking on leaves the tare"
+    assert after["stage"] == {"kind": "grbl", "ports": [stage], **at, "z_mm": pytest.approx(-0.7, abs=0.003)}
+    assert after["force"]["force_n"] == pytest.approx(-2.5 * 9.80665e-3), "as its display shows it"
     assert after["force"]["stable"]
+    contact = {"contact": "lifted", "may_touch": False, "force_gwt": 0.0}
+    assert after["contact"].items() >= contact.items(), "counted from the zero on record, whatever was tared since"
+    assert rig("doctor", "--config", config).code == 0
     people = rig("status", "--config", config)
     assert people.code == 0
     assert f"stage       kind grbl, port {stage}, state Idle, x_mm -1.0" in people.out

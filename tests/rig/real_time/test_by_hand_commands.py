@@ -29,7 +29,7 @@ def jog(rig: Rig, config: Path, by_mm: float, *more: str) -> Any:
 def down_to_the_finger(rig: Rig, config: Path) -> Any:
     """As a person would: where a busy machine solves the finger too late for the balance, press again."""
     for _ in range(10):
-        ended = jog(rig, config, -3.5 if ended_at(rig, config) > -3 else -0.5)
+        ended = jog(rig, config, -3.8 if ended_at(rig, config) > -3 else -0.5)
         if "cannot answer SI now" not in ended.err:
             return ended
     raise AssertionError("ten times no reading")

@@ -104,9 +104,11 @@ def begin() -> Iterator[Callable[..., Owner]]:
 
 @pytest.fixture
 def homed(begin: Callable[..., Owner], whole: tuple[ServedBench, Path]) -> tuple[Owner, Path]:
+    """Homed, zeroed, and so ready to move sideways."""
     owner = begin(whole[1])
-    owner("home")
-    assert owner.done()["ended_by"] is None
+    for do in ("home", "zero"):
+        owner(do)
+        assert owner.done()["ended_by"] is None
     return owner, whole[1]
 
 
@@ -159,6 +161,8 @@ def test_two_drives_on_a_bus_are_stopped_while_they_jog(
     config = tmp_path / "rig.toml"
     config.write_text(Config.model_validate(tables).as_toml(), encoding="utf-8")
     owner = begin(config)
+    owner("zero", anyway=True)
+    assert owner.done()["ended_by"] is None
     start_mm = owner("status")["x_mm"]
     owner.jog_until(lambda found: found["x_mm"] < start_mm - 0.2)
     assert owner("stop")["stopped"]
