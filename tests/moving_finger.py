@@ -474,7 +474,9 @@ class FingerBench:
 
     def _set_up(self, tables: Mapping[str, Any] | None) -> None:
         limits = {"soft_trip_n": TRIP_GWT * GWT_N, **(tables or {}).get("limits", {})}
-        self.config = Config.model_validate({**(tables or {}), "limits": limits})
+        # Near the switches, so that homing and the descent from it are short.
+        frame = {"apex_z_mm": -13.0, "pad_centre_x_mm": -12.0}
+        self.config = Config.model_validate({"frame": frame, **(tables or {}), "limits": limits})
         self.clock, self.pause, self.operator = JumpingClock(1.7e9, 100.0), Pause(), self
         self.finger = MovingFinger()
         self.events: list[tuple[str, dict[str, Any]]] = []
