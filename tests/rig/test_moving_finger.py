@@ -46,6 +46,7 @@ def by_hand(request: pytest.FixtureRequest) -> FingerOnBytes:
     """A bench that the last run left at clearance, lifted."""
     bench = FingerOnBytes(request.param)
     bench.ready()
+    bench.close()
     return bench
 
 

@@ -220,9 +220,8 @@ class FingerMachine(RuleBasedStateMachine):
     def resume(self) -> None:
         """A new part of the run, after what failed was put right."""
         self.over = self._blind = False
-        self.bench.plug_in()
-        self.bench.begin(self.bench.engine.contact.total_s)
-        if self._do(lambda engine: verbs.leave_finger(engine, self.bench.memory.read(), resumed=True)):
+        self.bench.resume()
+        if self._do(lambda engine: verbs.leave_finger(engine, self.bench.before, resumed=True)):
             self._do(lambda engine: self.bench.ready())
 
     # --- nothing, and questions ---
@@ -306,6 +305,7 @@ class FingerMachine(RuleBasedStateMachine):
         self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
         if self.bench.engine.may_touch:
             self.bench.memory.touched(self.bench.engine.known_contact)
+        self.bench.close()
         self.bench.ask()
         self._judge()
 
@@ -390,6 +390,8 @@ def judge(right: bool, words: str) -> None:
 class StubMachine(FingerMachine):
     """Over the stub bench, whose stage may fail in more ways."""
 
+    bench: FingerOnStub
+
     @initialize(habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
     def begins_on_stub(self, habits: str, sensor: str, k_gwt: float) -> None:
         tables = {"habits": HABITS[habits], "limits": {"max_contact_s": CONTACT_S}, **SENSORS[sensor]}
@@ -399,7 +401,6 @@ class StubMachine(FingerMachine):
     def stage_fails(self, after_s: float, how: str) -> None:
         def fail() -> None:
             if self._running:
-                assert isinstance(self.bench, FingerOnStub)
                 self.bench.stub.fails = how
 
         self.bench.clock.call_at(self._in_s(after_s), fail)
@@ -407,6 +408,8 @@ class StubMachine(FingerMachine):
 
 class BytesMachine(FingerMachine):
     """Over the virtual benches, where a person moves by hand between two runs."""
+
+    bench: FingerOnBytes
 
     @initialize(kind=st.sampled_from(STAGES), habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
     def begins_on_bytes(self, kind: str, habits: str, sensor: str, k_gwt: float) -> None:
@@ -417,7 +420,6 @@ class BytesMachine(FingerMachine):
     def cable_is_cut(self, after_s: float) -> None:
         def cut() -> None:
             if self._running:
-                assert isinstance(self.bench, FingerOnBytes)
                 self.bench.cable.cut = True
 
         self.bench.clock.call_at(self._in_s(after_s), cut)
@@ -432,6 +434,16 @@ class BytesMachine(FingerMachine):
     def jog(self, by_mm: float, speed_mm_s: float, axis: Axis, finger: Meanwhile) -> None:
         self._meanwhile(finger, abs(by_mm) / speed_mm_s + 1.0)
         self._by_hand(lambda: self.bench.jog(axis, by_mm * (2 if axis == "x" else 1), speed_mm_s))
+
+    @precondition(lambda self: self.over)
+    @rule(
+        axis=st.sampled_from(["x", "z"]), sign=st.sampled_from([1, -1]), for_s=tenths(0.2, 4.0),
+        speed_mm_s=BY_HAND_MM_S, finger=MEANWHILE,
+    )  # fmt: skip
+    def hold(self, axis: Axis, sign: int, for_s: float, speed_mm_s: float, finger: Meanwhile) -> None:
+        """A button of the panel."""
+        self._meanwhile(finger, for_s)
+        self._by_hand(lambda: self.bench.hold(axis, sign, for_s, speed_mm_s))
 
     @precondition(lambda self: self.over)
     @rule(finger=MEANWHILE)
@@ -456,6 +468,12 @@ class BytesMachine(FingerMachine):
         finally:
             self._judge()
         return True
+
+
+def replay(machine: FingerMachine, *steps: tuple[str, dict[str, Any]]) -> None:
+    """Carry out these steps of a machine again, as it printed them."""
+    for name, arguments in steps:
+        getattr(machine, name)(**arguments)
 
 
 EXAMPLES, SEED = int(os.environ.get("EXAMPLES", "0")), int(os.environ.get("SEED", "0"))
