@@ -35,8 +35,10 @@ from rig.engine.bench_memory import BenchMemory, state_folder
 from rig.engine.contact import KnownContact
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import ForceZero, Sensing
+from rig.errors import EngineError
 from rig.manual import home_and_zero
 from rig.manual.jog import ByHand, Moved
+from rig.manual.owner_process import ManualOwner
 from rig.plan.config import Config
 from rig.session.early_ending import FinalPosition
 from rig.transport.stop_gate import StopGate
@@ -474,7 +476,9 @@ class FingerBench:
 
     def _set_up(self, tables: Mapping[str, Any] | None) -> None:
         limits = {"soft_trip_n": TRIP_GWT * GWT_N, **(tables or {}).get("limits", {})}
-        self.config = Config.model_validate({**(tables or {}), "limits": limits})
+        # Near the switches, so that homing and the descent from it are short.
+        frame = {"apex_z_mm": -13.0, "pad_centre_x_mm": -12.0}
+        self.config = Config.model_validate({"frame": frame, **(tables or {}), "limits": limits})
         self.clock, self.pause, self.operator = JumpingClock(1.7e9, 100.0), Pause(), self
         self.finger = MovingFinger()
         self.events: list[tuple[str, dict[str, Any]]] = []
@@ -511,9 +515,17 @@ class FingerBench:
 
     def begin(self, contact_s: float = 0.0) -> Engine:
         """Begin another run, or part of one; it knows only what is on record."""
+        self.before = self.memory.read()
+        self.memory.moves()
         self.engine = engine = Engine(self.config, self, self, contact_s=contact_s)
         engine.keep_contact, engine.keep_zero = self._keep_contact, self._keep_zero
         return engine
+
+    def close(self) -> None:
+        """End a command: the position of a homed stage is recorded."""
+        if self.stage.homed:
+            with suppress(StageError, TransportError):
+                self.memory.left(self.stage.status())
 
     def ready(self) -> Engine:
         """Mounted, homed, zeroed and over x = 0, at clearance."""
@@ -524,11 +536,9 @@ class FingerBench:
         return self.engine
 
     def resume(self) -> Engine:
-        """Begin as a resumed run does; mounted, homed, zeroed and over the finger again."""
+        """Begin another part of a run after what failed was put right; it leaves the finger first."""
         self.plug_in()
-        self.begin(self.engine.contact.total_s)
-        verbs.leave_finger(self.engine, self.memory.read(), resumed=True)
-        return self.ready()
+        return self.begin(self.engine.contact.total_s)
 
     def plug_in(self) -> None:
         """Put right what failed, and free the stage after a stop."""
@@ -557,8 +567,8 @@ class FingerBench:
 
     @contextmanager
     def _at_hand(self) -> Iterator[tuple[ByHand, Sensing]]:
-        sensing = home_and_zero.feel(self._sensing())
-        known = self.memory.read()
+        known, sensing = self.memory.read(), home_and_zero.feel(self._sensing())
+        self.stage.connect()
         at_hand = home_and_zero.at_hand(
             self.config, self.stage, self.clock, sensing, lambda at, force_gwt: None, known
         )
@@ -567,7 +577,14 @@ class FingerBench:
 
     def home_by_hand(self) -> None:
         """As `rig home`."""
-        home_and_zero.home(self.config, self, home_and_zero.feel(self._sensing()))
+        sensing = self._sensing()
+        sensing.zero = self.memory.read().zero
+        self.memory.moves()
+        try:
+            known = home_and_zero.home(self.config, self, sensing)
+            self._hears("rig home", known.words, lifted=not known.may_touch)
+        finally:
+            self.close()
 
     def _sensing(self) -> Sensing:
         return Sensing(self.config, self.clock, self.force)
@@ -659,3 +676,27 @@ class FingerOnBytes(FingerBench):
     def stopped_as_by_rig_stop(self) -> Iterator[None]:
         with self.cable.stopping():
             yield
+
+    def hold(self, axis: Axis, sign: int, for_s: float, speed_mm_s: float) -> None:
+        """As a button of the panel that is held down for a time; then the panel shows contact, and is left."""
+        owner = ManualOwner(self.config, self, self.cable, io.StringIO(), self.memory.read())
+        press = {"axis": axis, "sign": sign, "speed_mm_s": speed_mm_s, "tab": "one", "press": 1}
+        until_s = self.clock.monotonic_s() + for_s
+
+        def act() -> None:
+            now_s, shown = self.clock.monotonic_s(), owner.answers["status"]({})
+            if now_s < until_s:
+                with suppress(EngineError):
+                    owner.answers["hold"]({**press, "unix_s": self.clock.unix_s()})
+            elif shown["busy"] is None:
+                found = shown["contact"] or contact_as_json(None)
+                self._hears("the panel", found["where_text"], lifted=found["may_touch"] is False)
+                owner.leave()
+                return
+            else:
+                owner.answers["release"](press)
+            self.clock.call_at(now_s + 0.1, act)
+
+        with owner.begun():
+            act()
+            owner.run()

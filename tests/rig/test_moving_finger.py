@@ -36,11 +36,17 @@ def bench(request: pytest.FixtureRequest) -> FingerBench:
     return BENCHES[request.param]()
 
 
+def on_all(first: object, *more: object) -> list[tuple[str, object]]:
+    """Return benches and cases: the first case on all of them, all cases on the stub."""
+    return [*((name, first) for name in BENCHES), *(("stub", case) for case in more)]
+
+
 @pytest.fixture(params=STAGES)
 def by_hand(request: pytest.FixtureRequest) -> FingerOnBytes:
     """A bench that the last run left at clearance, lifted."""
     bench = FingerOnBytes(request.param)
     bench.ready()
+    bench.close()
     return bench
 
 
@@ -56,7 +62,7 @@ def not_dragged(bench: FingerBench) -> None:
 # --- contact has an age ---
 
 
-@pytest.mark.parametrize("rises_mm", [2.5, 4.0])
+@pytest.mark.parametrize(("bench", "rises_mm"), on_all(4.0, 2.5), indirect=["bench"])
 def test_a_finger_that_came_up_after_the_lift_is_not_called_lifted(bench: FingerBench, rises_mm: float) -> None:
     bench.ready()
     bench.ask()
@@ -83,7 +89,7 @@ def ends(bench: FingerBench, how: str) -> None:
     bench.pause = Pause(asked)
 
 
-@pytest.mark.parametrize("how", ["rig stop", "SIGTERM", "cut cable"])
+@pytest.mark.parametrize(("bench", "how"), on_all("cut cable", "rig stop", "SIGTERM"), indirect=["bench"])
 def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBench, how: str) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 1.0), 2.8)
@@ -94,7 +100,7 @@ def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBen
     assert not bench.witness.lies()
 
 
-@pytest.mark.parametrize("rises_mm", [2.3, 2.8, 3.0, 4.0])
+@pytest.mark.parametrize("rises_mm", [2.3, 4.0])
 def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     by_hand: FingerOnBytes, rises_mm: float
 ) -> None:
@@ -117,11 +123,13 @@ def test_a_jog_sideways_ends_at_a_finger_that_comes_up_meanwhile(by_hand: Finger
 # --- a finger is not zeroed away ---
 
 
-@pytest.mark.parametrize(("after_s", "speed_mm_s"), [(0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0), (0.8, 20.0)])
+@pytest.mark.parametrize(
+    ("bench", "when"), on_all((0.8, 20.0), (0.2, 4.0), (0.4, 4.0), (0.5, 20.0), (0.6, 4.0)), indirect=["bench"]
+)
 def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
-    bench: FingerBench, after_s: float, speed_mm_s: float
+    bench: FingerBench, when: tuple[float, float]
 ) -> None:
-    engine = bench.ready()
+    engine, (after_s, speed_mm_s) = bench.ready(), when
     bench.finger.moves(in_s(bench, after_s), 4.0, speed_mm_s)
     with suppress(*ENDINGS):
         verbs.zero(engine)
@@ -132,7 +140,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
     assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
 
 
-@pytest.mark.parametrize("after_s", [0.4, 0.6, 0.8])
+@pytest.mark.parametrize("after_s", [0.6, 0.8])
 def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
     by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
     with suppress(RigError):
@@ -162,7 +170,7 @@ def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench
 # --- a move sideways ends at a touch ---
 
 
-@pytest.mark.parametrize("rises_mm", [2.7, 3.2])
+@pytest.mark.parametrize(("bench", "rises_mm"), on_all(2.7, 3.2), indirect=["bench"])
 def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 0.4), rises_mm)
@@ -171,12 +179,10 @@ def test_a_move_ends_at_a_finger_that_comes_up_meanwhile(bench: FingerBench, ris
     not_dragged(bench)
 
 
-@pytest.mark.parametrize(("higher_mm", "flank_mm"), [(2.6, 0.2), (2.6, 2.6), (3.3, 3.3)])
-def test_a_move_ends_at_a_second_finger_beside_the_first(
-    bench: FingerBench, higher_mm: float, flank_mm: float
-) -> None:
+@pytest.mark.parametrize(("bench", "flank_mm"), on_all((3.3, 3.3), (2.6, 2.6), (2.6, 0.2)), indirect=["bench"])
+def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, flank_mm: tuple[float, float]) -> None:
     engine = bench.ready()
-    bench.finger.stands_beside(2.0, higher_mm, flank_mm)
+    bench.finger.stands_beside(2.0, *flank_mm)
     with suppress(*ENDINGS):
         verbs.move_to(engine, 6.0)
     not_dragged(bench)
@@ -209,7 +215,7 @@ def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> 
 # --- a trip is left behind ---
 
 
-@pytest.mark.parametrize("rises_mm", [2.6, 3.5, 4.4])
+@pytest.mark.parametrize(("bench", "rises_mm"), on_all(3.5, 2.6, 4.4), indirect=["bench"])
 def test_the_lift_of_a_trip_goes_on_while_a_force_remains(bench: FingerBench, rises_mm: float) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 8.0), rises_mm, 20.0)

@@ -173,9 +173,9 @@ class FingerMachine(RuleBasedStateMachine):
     @rule(seconds=tenths(0.5, 8.0), finger=MEANWHILE)
     def rest(self, seconds: float, finger: Meanwhile) -> None:
         self._meanwhile(finger, seconds)
-        before_s = self.bench.engine.contact.total_s
-        self._do(lambda engine: verbs.rest(engine, seconds), rests=True)
-        self._judge_contact(before_s)
+        begun, before_s = len(self.bench.witness.samples), self.bench.engine.contact.total_s
+        self._do(lambda engine: verbs.rest(engine, seconds))
+        self._judge_rest(begun, before_s)
 
     @precondition(lambda self: not self.over)
     @rule(after_s=WHEN_S, for_s=tenths(0.5, 5.0), goes_on=st.booleans())
@@ -184,7 +184,7 @@ class FingerMachine(RuleBasedStateMachine):
         bench, at_s = self.bench, self._in_s(after_s)
 
         def go_on(meanwhile: Callable[[], object]) -> bool:
-            bench.pause = Pause()
+            bench.pause, self._paused = Pause(), True
             until_s = bench.clock.monotonic_s() + for_s
             while bench.clock.monotonic_s() < until_s:
                 meanwhile()
@@ -207,7 +207,7 @@ class FingerMachine(RuleBasedStateMachine):
 
         self.bench.clock.call_at(self._in_s(after_s), stop)
 
-    _running = _stopped = False
+    _running = _stopped = _paused = False  # whether a verb runs; whether it was stopped, or paused
 
     @precondition(lambda self: not self.over)
     @rule()
@@ -220,10 +220,9 @@ class FingerMachine(RuleBasedStateMachine):
     def resume(self) -> None:
         """A new part of the run, after what failed was put right."""
         self.over = self._blind = False
-        self.bench.plug_in()
-        self.bench.begin(self.bench.engine.contact.total_s)
-        if self._do(lambda engine: verbs.leave_finger(engine, self.bench.memory.read(), resumed=True)):
-            self._do(lambda engine: self.bench.ready(), zeroes=True)
+        self.bench.resume()
+        if self._do(lambda engine: verbs.leave_finger(engine, self.bench.before, resumed=True)):
+            self._do(lambda engine: self.bench.ready())
 
     # --- nothing, and questions ---
 
@@ -280,10 +279,10 @@ class FingerMachine(RuleBasedStateMachine):
             share, movement = finger
             self.bench.finger.moves(self._in_s(share * lasts_s), **movement)
 
-    def _do(self, verb: Callable[[Engine], object], *, rests: bool = False, zeroes: bool = False) -> bool:
+    def _do(self, verb: Callable[[Engine], object]) -> bool:
         """Carry out a verb of a script and judge it; return whether it ended normally."""
-        engine, begun = self.bench.engine, len(self.bench.witness.samples)
-        self._running, self._stopped = True, False
+        engine = self.bench.engine
+        self._running, self._stopped, self._paused = True, False, False
         problem: BaseException | None = None
         try:
             with stopped_at_once(engine, lambda: self._stopped, lambda: AT_ONCE):
@@ -293,8 +292,6 @@ class FingerMachine(RuleBasedStateMachine):
         finally:
             self._running = False
         self._judge()
-        if rests:
-            self._judge_rest(begun)
         if problem is None:
             return True
         self._judge_end(problem)
@@ -308,6 +305,7 @@ class FingerMachine(RuleBasedStateMachine):
         self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
         if self.bench.engine.may_touch:
             self.bench.memory.touched(self.bench.engine.known_contact)
+        self.bench.close()
         self.bench.ask()
         self._judge()
 
@@ -334,23 +332,21 @@ class FingerMachine(RuleBasedStateMachine):
     def _is_free(self, sample: Truth) -> bool:
         return sample.force_gwt < self.bench.least_gwt
 
-    def _judge_rest(self, begun: int) -> None:
-        """In a rest a force above the trip ends it with a lift."""
-        if self._blind or self.bench.force.fails:
+    def _judge_rest(self, begun: int, before_s: float) -> None:
+        """In a rest a force above the trip ends it with a lift, and contact counts; in a pause a hand may touch.
+
+        begun: number of the first sample. before_s: contact time before.
+        """
+        bench, engine = self.bench, self.bench.engine
+        if self._paused or self._blind or bench.force.fails or not engine.sensing.absolute:
             return
-        for spell in self.bench.witness.spells(TRIP_GWT + self.bench.least_gwt, begun):
+        late_s = FACT_S + bench.read_s
+        for spell in bench.witness.spells(TRIP_GWT + bench.least_gwt, begun):
             low = [one for one in spell if one.height_mm <= spell[0].height_mm + 0.1]
             stood_s = low[-1].t_s - low[0].t_s
-            judge(stood_s <= FACT_S + self.bench.read_s, f"rested for {stood_s:.1f} s above the trip")
-
-    def _judge_contact(self, before_s: float) -> None:
-        """Contact in the last rest counts, if it was not too short for the looks at it."""
-        engine, bench = self.bench.engine, self.bench
-        if self._blind or bench.force.fails or not engine.sensing.absolute:
-            return
-        spells = [spell[-1].t_s - spell[0].t_s for spell in bench.witness.spells(2 * bench.least_gwt, self._judged)]
-        least_s = sum(max(spell_s - FACT_S - bench.read_s, 0.0) for spell_s in spells[-1:])
-        counted_s = engine.contact.total_s - before_s
+            judge(stood_s <= late_s, f"rested for {stood_s:.1f} s above the trip")
+        touched_s = [spell[-1].t_s - spell[0].t_s for spell in bench.witness.spells(2 * bench.least_gwt, begun)]
+        least_s, counted_s = sum(max(s - late_s, 0.0) for s in touched_s), engine.contact.total_s - before_s
         judge(counted_s >= least_s, f"counted {counted_s:.1f} s of contact, not {least_s:.1f} s")
 
     def _judge_zero(self) -> None:
@@ -394,6 +390,8 @@ def judge(right: bool, words: str) -> None:
 class StubMachine(FingerMachine):
     """Over the stub bench, whose stage may fail in more ways."""
 
+    bench: FingerOnStub
+
     @initialize(habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
     def begins_on_stub(self, habits: str, sensor: str, k_gwt: float) -> None:
         tables = {"habits": HABITS[habits], "limits": {"max_contact_s": CONTACT_S}, **SENSORS[sensor]}
@@ -403,7 +401,6 @@ class StubMachine(FingerMachine):
     def stage_fails(self, after_s: float, how: str) -> None:
         def fail() -> None:
             if self._running:
-                assert isinstance(self.bench, FingerOnStub)
                 self.bench.stub.fails = how
 
         self.bench.clock.call_at(self._in_s(after_s), fail)
@@ -411,6 +408,8 @@ class StubMachine(FingerMachine):
 
 class BytesMachine(FingerMachine):
     """Over the virtual benches, where a person moves by hand between two runs."""
+
+    bench: FingerOnBytes
 
     @initialize(kind=st.sampled_from(STAGES), habits=HABIT, sensor=SENSOR, k_gwt=K_GWT)
     def begins_on_bytes(self, kind: str, habits: str, sensor: str, k_gwt: float) -> None:
@@ -421,7 +420,6 @@ class BytesMachine(FingerMachine):
     def cable_is_cut(self, after_s: float) -> None:
         def cut() -> None:
             if self._running:
-                assert isinstance(self.bench, FingerOnBytes)
                 self.bench.cable.cut = True
 
         self.bench.clock.call_at(self._in_s(after_s), cut)
@@ -436,6 +434,16 @@ class BytesMachine(FingerMachine):
     def jog(self, by_mm: float, speed_mm_s: float, axis: Axis, finger: Meanwhile) -> None:
         self._meanwhile(finger, abs(by_mm) / speed_mm_s + 1.0)
         self._by_hand(lambda: self.bench.jog(axis, by_mm * (2 if axis == "x" else 1), speed_mm_s))
+
+    @precondition(lambda self: self.over)
+    @rule(
+        axis=st.sampled_from(["x", "z"]), sign=st.sampled_from([1, -1]), for_s=tenths(0.2, 4.0),
+        speed_mm_s=BY_HAND_MM_S, finger=MEANWHILE,
+    )  # fmt: skip
+    def hold(self, axis: Axis, sign: int, for_s: float, speed_mm_s: float, finger: Meanwhile) -> None:
+        """A button of the panel."""
+        self._meanwhile(finger, for_s)
+        self._by_hand(lambda: self.bench.hold(axis, sign, for_s, speed_mm_s))
 
     @precondition(lambda self: self.over)
     @rule(finger=MEANWHILE)
@@ -460,6 +468,12 @@ class BytesMachine(FingerMachine):
         finally:
             self._judge()
         return True
+
+
+def replay(machine: FingerMachine, *steps: tuple[str, dict[str, Any]]) -> None:
+    """Carry out these steps of a machine again, as it printed them."""
+    for name, arguments in steps:
+        getattr(machine, name)(**arguments)
 
 
 EXAMPLES, SEED = int(os.environ.get("EXAMPLES", "0")), int(os.environ.get("SEED", "0"))
