@@ -242,9 +242,10 @@ class Engine:
                 return  # Nothing holds the indentor on the finger; the reading at rest will report a dead sensor.
             raise recast(InterruptedMotionError, error) from error
         self._last_gwt = force_gwt if self.sensing.zeroed else None
+        if force_gwt is not None:
+            self._renew_lift(force_gwt)
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
-        self._renew_lift(force_gwt)
         if passed := self.trips.passed_any(force_gwt):
             raise InterruptedMotionError(
                 f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving"
