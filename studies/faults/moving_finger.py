@@ -35,14 +35,14 @@ def _dragged(bench: FingerOnBytes) -> str:
 
 def _status(bench: FingerOnBytes) -> str:
     bench.ready()
-    bench.finger.rises(_in_s(bench, 1.0), 3.2)
+    bench.finger.moves(_in_s(bench, 1.0), 3.2)
     bench.clock.wait_s(10.0)
     return _reported(bench)
 
 
 def _rest_ended(bench: FingerOnBytes) -> str:
     engine = bench.ready()
-    bench.finger.rises(_in_s(bench, 1.0), 2.8)
+    bench.finger.moves(_in_s(bench, 1.0), 2.8)
     at_s = _in_s(bench, 6.0)
     bench.pause = Pause(lambda: bench.clock.monotonic_s() >= at_s)
     with suppress(KeyboardInterrupt, *ENDINGS), stopped_at_once(engine):
@@ -52,7 +52,7 @@ def _rest_ended(bench: FingerOnBytes) -> str:
 
 def _jogged(bench: FingerOnBytes) -> str:
     bench.ready()
-    bench.finger.rises(_in_s(bench, 1.0), 2.8)
+    bench.finger.moves(_in_s(bench, 1.0), 2.8)
     bench.clock.wait_s(10.0)
     with suppress(RigError):
         bench.jog("x", 9.0)
@@ -65,7 +65,7 @@ def _zeroed(bench: FingerOnBytes) -> str:
     for after_s in (0.2, 0.4, 0.6, 0.8):
         again = FingerOnBytes(bench.config.stage.kind)
         engine = again.ready()
-        again.finger.rises(_in_s(again, after_s), 4.0, 4.0)
+        again.finger.moves(_in_s(again, after_s), 4.0, 4.0)
         with suppress(*ENDINGS):
             verbs.zero(engine)
             verbs.move_to(engine, 4.0)
@@ -79,8 +79,8 @@ def _noise(bench: FingerOnBytes) -> str:
 
     def shake() -> None:
         zero()
-        bench.finger.rises(_in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
-        bench.finger.shakes(_in_s(bench, 0.1), 0.6, 8.0, cycles=30)
+        bench.finger.moves(_in_s(bench, 0.0), 1.8, 20.0, stays_s=3.0)
+        bench.finger.moves(_in_s(bench, 0.1), 0.6, 8.0, cycles=30)
 
     bench.force.zero = shake  # type: ignore[method-assign]
     with suppress(*ENDINGS):
@@ -90,7 +90,7 @@ def _noise(bench: FingerOnBytes) -> str:
 
 def _moved(bench: FingerOnBytes) -> str:
     engine = bench.ready()
-    bench.finger.rises(_in_s(bench, 0.4), 3.2)
+    bench.finger.moves(_in_s(bench, 0.4), 3.2)
     with suppress(*ENDINGS):
         verbs.move_to(engine, 6.0)
     return _dragged(bench)
@@ -106,7 +106,7 @@ def _beside(bench: FingerOnBytes) -> str:
 
 def _rested(bench: FingerOnBytes) -> str:
     engine = bench.ready()
-    bench.finger.rises(_in_s(bench, 2.0), 4.0)
+    bench.finger.moves(_in_s(bench, 2.0), 4.0)
     with suppress(*ENDINGS):
         verbs.rest(engine, 12.0)
     above = [sample for sample in bench.witness.samples if sample.force_gwt > TRIP_GWT]
@@ -116,7 +116,7 @@ def _rested(bench: FingerOnBytes) -> str:
 
 def _lifted(bench: FingerOnBytes) -> str:
     engine = bench.ready()
-    bench.finger.rises(_in_s(bench, 8.0), 4.4, 20.0)
+    bench.finger.moves(_in_s(bench, 8.0), 4.4, 20.0)
     with suppress(*ENDINGS):
         indent(engine, Target("force_gwt", 6.0), hold_s=30.0)
     now = bench.witness.now()
