@@ -8,12 +8,13 @@ dry-run; forces and ways are those of the virtual carriage, sampled every 4 ms i
 
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 
 from rig.engine import Pause, Target, indent, verbs
 from rig.errors import RigError
 from rig.session.script_run import ENDINGS, stopped_at_once
+from studies.registry import show
 from tests.moving_finger import STAGES, TRIP_GWT, FingerOnBytes
 
 
@@ -136,13 +137,16 @@ CASES: dict[str, Callable[[FingerOnBytes], str]] = {
 }
 
 
+def _rows() -> Iterator[list[str]]:
+    for case, found in CASES.items():
+        yield [case, *(found(FingerOnBytes(kind)) for kind in STAGES)]
+
+
 def main() -> None:
     """Print the table."""
     with tempfile.TemporaryDirectory() as state:
         os.environ["RIG_STATE_DIR"] = state
-        print(f"| the finger goes | {' | '.join(STAGES)} |\n|{'---|' * (1 + len(STAGES))}")
-        for case, found in CASES.items():
-            print(f"| {case} | {' | '.join(found(FingerOnBytes(kind)) for kind in STAGES)} |", flush=True)
+        show(["the finger goes", *STAGES], _rows())
 
 
 if __name__ == "__main__":
