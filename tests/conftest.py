@@ -69,6 +69,7 @@ REAL_TIME = (
     "rig/test_how_it_ends.py",
     "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named",
     "rig/test_init_command.py::test_kinds_are_asked_in_order_until_one_answers",
+    "rig/test_journal_behind.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
     "rig/panel/test_posts.py",

@@ -486,7 +486,7 @@ class Stage(Protocol):
         return
 
     def allow_unhomed_jogs(self) -> None:
-        """Prepare the controller for short jogs of the vertical axis in both directions before homing.
+        """Allow short jogs of the vertical axis in both directions before homing.
 
         The position stays untrusted, and an alarm that homing refuses is not cleared. Limits that count from a home
         position which the controller does not have are set aside; homing sets them again. The default does nothing:

@@ -71,10 +71,10 @@ def test_events_are_taken_in_while_the_disk_is_stuck_and_shown_in_order_afterwar
     disk.sticks()
     for text in "abc":
         run.note(text)
-    assert disk.waits.wait(60.0)
+    assert disk.waits.wait(DEADLINE_S)
     assert (run.shown, run.journal.unsaved) == ([], 3)
     disk.free.set()
-    run.journal.settle(60.0)
+    run.journal.settle(DEADLINE_S)
     assert (run.shown, run.journal.unsaved) == (["a", "b", "c"], 0)
     assert run.shown_by == {threading.current_thread()}
     run.journal.stop("done")
@@ -85,13 +85,13 @@ def test_events_are_taken_in_while_the_disk_is_stuck_and_shown_in_order_afterwar
 def test_events_that_wait_are_flushed_together(run: Run, disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
     disk.sticks()
     run.note("a")
-    assert disk.waits.wait(60.0)
+    assert disk.waits.wait(DEADLINE_S)
     for text in "bcdefgh":
         run.note(text)
     flushes: list[int] = []
     monkeypatch.setattr("rig.data.journal.os.fsync", flushes.append)
     disk.free.set()
-    run.journal.settle(60.0)
+    run.journal.settle(DEADLINE_S)
     assert len(flushes) <= 2
     assert run.shown == list("abcdefgh")
     run.journal.close()
@@ -107,7 +107,7 @@ def test_a_run_ends_when_an_event_waits_too_long_for_the_disk(run: Run, disk: Di
         run.note("c")
     assert (run.shown, run.journal.unsaved) == ([], 3)
     disk.free.set()
-    run.journal.settle(60.0)
+    run.journal.settle(DEADLINE_S)
     run.note("d")
     assert run.shown[:3] == ["a", "b", "c"], "the event that noticed it is recorded too"
     run.journal.close()
@@ -154,11 +154,11 @@ def test_an_event_that_could_not_be_written_ends_the_run_at_the_next_one(
 
 def test_a_lost_journal_ends_the_run_when_it_settles(run: Run) -> None:
     run.note("a")
-    run.journal.settle(60.0)
+    run.journal.settle(DEADLINE_S)
     run.journal.path.unlink()
     run.note("b")
     with raises(LostRecordError, "record_lost"):
-        run.journal.settle(60.0)
+        run.journal.settle(DEADLINE_S)
     assert run.shown == ["a"]
     run.journal.close()
 

@@ -41,6 +41,7 @@ HAS_AN_END = {
     "rig/control/stop.py _recipients": "one for each owner, until the stop is over",
     "rig/control/stop.py problems": "of one stop, until it is over",
     "rig/control/stop.py _wires": "the stage's own, until it is let go",
+    "rig/manual/status.py _recent": "APART_S",
     "rig/manual/status.py _rows": "KEPT",
     "rig/manual/orders.py _over": "a number for each tab that moved the stage",
     "rig/cli/force_trace.py _columns": "the width of the trace",
