@@ -3,7 +3,7 @@
 Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move
 (tests/rig/test_moving_finger_machine.py), which are on the virtual clock, all commands with an empty cache
 (studies/speed/silence), and a million mutated files and a million mutated replies of devices (tests/fuzz/campaign).
-Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (`make test-studies`).
+Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
 
 import argparse
