@@ -49,7 +49,7 @@ from sim.devices.clock import VirtualClock
 from tests.stub_bench import StubSensor, StubStage
 
 TRIP_GWT = 16.0
-STOP_MM = 1.5
+STOP_MM = 0.6
 """How far a stage may go sideways in contact: the way to the threshold, speed × age of a reading, stop distance."""
 OVERSHOOT_GWT = 1.5
 """By how much the program itself may pass the trip after a reading above it (gwt)."""

@@ -1,9 +1,9 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
-Then, beside nothing else, the whole fault campaign (studies/faults/campaign), which is on the virtual clock, all
-commands with an empty cache (studies/speed/silence), and a million mutated files and a million mutated replies of
-devices (tests/fuzz/campaign). Tests that measure a study are left out unless they are named: the Makefile runs them
-afterwards (`make test-studies`).
+Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move
+(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, all commands with an empty cache
+(studies/speed/silence), and a million mutated files and a million mutated replies of devices (tests/fuzz/campaign).
+Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
 
 import argparse
@@ -11,6 +11,7 @@ import multiprocessing
 import os
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ def main() -> None:
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
     parser.add_argument("--inputs", type=int, default=1_000_000, help="mutated files that the program reads")
+    parser.add_argument("--fingers", type=int, default=1000, help="examples of each machine of a finger that moves")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
     failed: Counter[str] = Counter()
@@ -35,6 +37,7 @@ def main() -> None:
                 failed.update(failures([*options, *asked.tests]))
     if not (asked.no_campaign or asked.tests):
         failed.update(campaign())
+        failed.update(moving_fingers(asked.fingers))
         failed.update(silences())
         failed.update(hostile_files(asked.inputs))
         failed.update(hostile_files(asked.inputs, "--devices"))
@@ -68,6 +71,17 @@ def campaign() -> Iterator[str]:
     command = [sys.executable, "-m", "studies.faults.campaign", "--processes", str(os.cpu_count() or 1)]
     if subprocess.run([*command, "--out", str(out)], check=False).returncode:
         yield f"the fault campaign, {out}"
+
+
+def moving_fingers(examples: int) -> Iterator[str]:
+    """Fingers that move during whatever a program does, from a new seed each time."""
+    seed = str(int(time.time()))
+    print(f"moving fingers, FINGER_SEED={seed}", flush=True)
+    command = [sys.executable, "-m", "pytest", "-n", "2", "-q", "tests/rig/test_moving_finger_machine.py"]
+    if subprocess.run(
+        command, env=os.environ | {"FINGERS": str(examples), "FINGER_SEED": seed}, check=False
+    ).returncode:
+        yield f"a finger that moves, FINGER_SEED={seed}"
 
 
 def silences() -> Iterator[str]:

@@ -1,9 +1,8 @@
 """A finger that moves is a rule of the tests: state machines over the stub bench and over the virtual benches.
 
 Each rule is a step of a person, a script, the finger or bad luck; after each one the truth is judged. A failure that
-was found is kept in tests/rig/test_moving_finger.py as its steps.
-
-EXAMPLES=n of each machine instead of the few of `make test`; SEED=n draws others.
+was found is kept in tests/rig/test_moving_finger.py as its steps. `make shake` draws more (tests/shake.py): FINGERS=n
+examples of each machine, from the seed FINGER_SEED.
 """
 
 import os
@@ -476,7 +475,7 @@ def replay(machine: FingerMachine, *steps: tuple[str, dict[str, Any]]) -> None:
         getattr(machine, name)(**arguments)
 
 
-EXAMPLES, SEED = int(os.environ.get("EXAMPLES", "0")), int(os.environ.get("SEED", "0"))
+EXAMPLES, SEED = int(os.environ.get("FINGERS", "0")), int(os.environ.get("FINGER_SEED", "0"))
 
 
 def few(examples: int, steps: int) -> settings:
