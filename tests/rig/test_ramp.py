@@ -36,6 +36,7 @@ from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from studies.faults.campaign.world import BENCHES
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
+from studies.faults.other_fingers import OTHERS, RampCase, ramp_into
 from studies.faults.outcomes import bound_gwt
 from tests.error_codes import raises
 
@@ -376,6 +377,17 @@ def test_a_finger_that_comes_nearer_trips_within_the_bound(faulty: FaultyBench, 
     assert faulty.worst_n / GWT_N <= bound_gwt()
     assert faulty.engine.state is State.TRIPPED
     assert faulty.height_mm == pytest.approx(2.0, abs=0.003)
+
+
+@pytest.mark.parametrize("late_s", [0.0, 0.5])
+@pytest.mark.parametrize("other", OTHERS)
+def test_a_ramp_into_a_finger_that_was_not_measured_ends_within_the_stopping_distance(
+    other: str, late_s: float, tmp_path: Path
+) -> None:
+    """The bound of a press holds only for the measured finger; the distance below the trip holds for each."""
+    found = ramp_into(OTHERS[other], RampCase("grbl", 10.0, 0.86, 0.95, 0.0, late_s), tmp_path)
+    assert found.worst_gwt > found.trip_gwt
+    assert 0.0 < found.gone_mm < found.stop_mm
 
 
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "standa"))
