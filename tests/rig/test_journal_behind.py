@@ -15,7 +15,7 @@ from rig.engine import RecordError
 from rig.errors import LostRecordError
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.waiting import until
+from tests.waiting import DEADLINE_S, until
 
 SOME = {"note": {"text": ""}}
 
