@@ -25,7 +25,7 @@ class Told:
 
     def __init__(self) -> None:
         self.gwt, self.ways, self.zero_of = 0.0, list[bool](), list[float]()
-        self.absolute, self.away, self._before_gwt = True, False, 0.0
+        self.absolute, self.away, self._before_gwt, self.shakes_gwt = True, False, 0.0, 0.0
         self.error: NoReadingError | None = None
 
     def settled(self) -> ForceReading:
