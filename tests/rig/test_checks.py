@@ -10,7 +10,7 @@ import pytest
 from rig.errors import BadInputError
 from rig.protocol import check
 from rig.records import PlannedIndentation, PredictionBand, PressId, SineMotion, Target
-from rig.settings import SLOWEST_MM_S, RigSettings
+from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.rig.script_walk import StandIn
@@ -116,7 +116,7 @@ CHECKS: dict[str, Row] = {
     "y of a place": (lambda v: check.refuse_place(0.0, v, SETTINGS), -TRAVEL_MM[1] - FRAME.pad_y_mm,
                      -FRAME.pad_y_mm, "outside_travel", {"axis": "y"}),
     "clearance of a place": (lambda v: check.refuse_place(0.0, 0.0, _habits(clearance_mm=v)), None,
-                             -FRAME.apex_z_mm, "outside_travel", {"axis": "z"}),
+                             -FRAME.apex_z_mm - ZERO_LIFT_MM, "outside_travel", {"axis": "z"}),
     "along the finger": (lambda v: check.refuse_along(v, SETTINGS), *LIMITS.along_mm, "outside_limits",
                          {"verb": "move_to", "key": "along_mm"}),
     "a frequency": (lambda v: _vibration(frequency_hz=v), 1 / 3600, 1000.0, "outside_range",

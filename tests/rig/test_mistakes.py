@@ -140,7 +140,7 @@ BENCHES = {
     "the apex too low": ("[frame]\napex_z_mm = -45.0\n", "outside_travel", "frame.apex_z_mm = -45", "-40 … 0 mm"),
     "the apex above the switch": (
         "[frame]\napex_z_mm = 1.0\n", "outside_travel", "frame.apex_z_mm = 1", "-40 … 0 mm"),
-    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "outside_travel", "frame:", " z = 1.000 mm "),
+    "no room for clearance": ("[frame]\napex_z_mm = -1.0\n", "outside_travel", "frame:", " z = 1.300 mm "),
     "beside the pad": ("[frame]\npad_centre_x_mm = -70.0\n", "outside_travel", "frame:", " x = -70.000 mm "),
 }  # fmt: skip
 
