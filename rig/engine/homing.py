@@ -317,7 +317,7 @@ def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
             if not isinstance(error, StageRejected) and error.code != "jog_cut_short":
                 raise
 
-    engine.sensing.moved = True
+    engine.sensing.moved = engine.motion.begun = True
     engine.guarded(jog)
     if ended_by is not None:
         engine.record("alarm", {"reason": f"a step of homing ended short: {ended_by}"})

@@ -233,7 +233,7 @@ def test_a_run_that_comes_to_its_end_says_nothing_of_it(rig: Callable[..., Ended
 def test_the_next_command_says_that_a_program_was_killed(
     rig: Callable[..., Ended], finger: Fingertip, tmp_path: Path, needle: str, speed: int
 ) -> None:
-    """kill -9 in a press, and in the air: where it was last known, and whether it may still be on the finger."""
+    """kill -9 in a press, and in the air: where it was last known, and that it may be on the finger, which moves."""
     command = [sys.executable, "-c", "from rig.cli import main; main()", *_written(tmp_path, ENDS["Ctrl-C"])]
     script = tmp_path / "mine.py"
     script.write_text(script.read_text(encoding="utf-8").replace("hold_s=1.0", "hold_s=10.0"), encoding="utf-8")
@@ -250,8 +250,7 @@ def test_the_next_command_says_that_a_program_was_killed(
     assert again.code == 0
     assert "the run has no end record" in again.err
     assert "last known" in again.err
-    touches = MAY_TOUCH in again.err
-    assert touches is (needle == '"press"')
+    assert MAY_TOUCH in again.err
 
 
 # --- a second Ctrl-C while it homes ---

@@ -188,6 +188,8 @@ def test_no_interrupt_is_on_its_way_when_the_end_has_come(stage: Any) -> None:
 
 
 class Stopped:
+    problem = None
+
     def __init__(self) -> None:
         self.times = 0
 

@@ -115,7 +115,7 @@ def test_a_stop_while_the_run_waits_for_a_count_is_at_once(chosen: Callable[...,
     behind = [bytes.fromhex(one) for one in sent[sent.index(STOP) + 1 :]]
     assert not [one for one in behind if b"G" in one or b"$" in one], "no move follows it"
     last = run.documents[-1]
-    assert (last["status"], last["indentor"]["contact"]) == ("aborted", "lifted")
+    assert (last["status"], last["indentor"]["contact"]) == ("aborted", "unknown")
 
 
 # --- sources in their process ---
