@@ -55,10 +55,10 @@ RULES = (
 OF_A_CLASS = ("PR01", "PR02", "PR03")  # its fields may be attributes, or described in a configuration's schema
 
 VERBS = {
-    "Ask", "Build", "Carry", "Change", "Choose", "Clear", "Connect", "Copy", "Fill", "Find", "Get", "Halt", "Home",
-    "Identify", "Import", "Interpolate", "Jog", "Lift", "Load", "Make", "Measure", "Mount", "Move", "Parse", "Press",
-    "Raise", "Read", "Refuse", "Release", "Return", "Run", "Set", "Start", "Stop", "Switch", "Touch", "Turn", "Wait",
-    "Write", "Yield", "Zero",
+    "Allow", "Ask", "Build", "Carry", "Change", "Choose", "Clear", "Connect", "Copy", "Fill", "Find", "Get", "Halt",
+    "Home", "Identify", "Import", "Interpolate", "Jog", "Lift", "Load", "Make", "Measure", "Mount", "Move", "Parse",
+    "Press", "Raise", "Read", "Refuse", "Release", "Return", "Run", "Set", "Start", "Stop", "Switch", "Touch", "Turn",
+    "Wait", "Write", "Yield", "Zero",
 }  # fmt: skip
 """First words of a function's summary."""
 

@@ -284,7 +284,10 @@ def _known(force_gwt: float) -> float | None:
 
 
 def _can_jog(engine: Engine) -> bool:
-    """Prepare for steps; return False if the controller refuses them, or has an alarm, which homing refuses."""
+    """Prepare for steps; return False if the controller refuses them, or has an alarm, which homing refuses.
+
+    A motion that an earlier program left ends here.
+    """
     stage, refused = engine.bench.stage, False
 
     def prepare() -> None:
@@ -295,7 +298,10 @@ def _can_jog(engine: Engine) -> bool:
             refused = True
 
     engine.guarded(prepare)
-    return not refused and engine.guarded(stage.status).state != "Alarm"
+    state = engine.guarded(stage.status).state
+    if state == "Run":
+        engine.guarded(stage.halt)
+    return not refused and state != "Alarm"
 
 
 def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
