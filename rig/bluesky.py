@@ -17,8 +17,8 @@ from typing import Any, Self
 
 from rig.clock import WallClock
 from rig.control.client import Announced, ControlError, announced
+from rig.data.documents import Document
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
 from rig.data.run import Following
 from rig.errors import RigError
 

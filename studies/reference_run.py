@@ -61,7 +61,7 @@ def fingerprint(bench: str, folder: Path) -> Iterator[str]:
 def comparable(value: Any) -> Any:
     """A document of a journal, in its order, without what differs from run to run."""
     if isinstance(value, dict):
-        return {key: comparable(inner) for key, inner in value.items() if key not in ("uid", "unix_s")}
+        return {key: comparable(inner) for key, inner in value.items() if key not in ("uid", "unix_s", "crc32")}
     if isinstance(value, list):
         return [comparable(inner) for inner in value]
     return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value

@@ -14,6 +14,7 @@ from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
+from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
@@ -30,7 +31,7 @@ from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import TOO_FEW, positions, sentence
 from rig.compare.wider_run import with_wider_runs
-from rig.data import Run, read_run
+from rig.data import Run
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
@@ -192,7 +193,7 @@ def command(
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True, size=len(runs)):
-            found = [read_run(path) for path in runs]
+            found = [recorded_run(path) for path in runs]
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(

@@ -22,12 +22,13 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
+from rig.cli.recorded_run import recorded_run
 from rig.cli.run import prompt_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
-from rig.data import RunFolder, read_run
+from rig.data import RunFolder
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
@@ -477,7 +478,7 @@ def find_command(
     """Fit pad center, height, roll and tilt to the touches; print [frame] for the configuration."""
     with one_line_errors(as_json=as_json):
         with busy("reading the run …", quick=True):
-            recorded, settings = read_run(run), load_config(run / "config.toml")
+            recorded, settings = recorded_run(run), load_config(run / "config.toml")
         with busy(THE_FINGER, quick=True):
             finger = Fingertip.load(settings.finger)
         with busy("fitting the pad to the touches …", quick=True):

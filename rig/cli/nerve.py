@@ -7,7 +7,8 @@ import typer
 
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
-from rig.data.run import Run, read_run
+from rig.cli.recorded_run import recorded_run
+from rig.data.run import Run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
@@ -42,7 +43,7 @@ def nerve_command(
     with one_line_errors(as_json=as_json):
         wanted = spike_request(afferents, seed, path_m)
         with busy("reading the run …", quick=True):
-            found = read_run(run)
+            found = recorded_run(run)
         checked_file("RUN", found.folder.report)
         with foreign_in_one_line(run):
             settings = load_config(found.folder.config)

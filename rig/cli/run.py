@@ -57,6 +57,7 @@ from rig.cli.output import (
     print_json,
     screen_aside,
 )
+from rig.cli.recorded_run import warn_of_damage
 from rig.cli.script_execution import RunOwner, carry_out, leave, loaded, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -440,6 +441,8 @@ def resume_command(
     with one_line_errors(as_json=as_json, beginning=beginning):
         with busy("reading the run and its script …", quick=True):
             stopped = read_stopped(run)
+            if stopped.run is not None:
+                warn_of_damage(stopped.run)
         with ExitStack() as opened:
             here = stopped.virtual or stopped.complete
             finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))

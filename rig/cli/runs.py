@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from datetime import date
 from itertools import groupby
@@ -15,10 +15,11 @@ import typer
 from rig.cli.choice_verdict import choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
+from rig.cli.recorded_run import recorded_run
 from rig.data import dictionary
 from rig.data.folder import SCRIPTS, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
-from rig.data.run import Run, RunError, provenance_of, read_provenance, read_run
+from rig.data.run import Run, RunError, provenance_of, read_provenance
 from rig.data.tables import (
     ENDED_EARLY,
     HOLD_COLUMNS,
@@ -187,7 +188,7 @@ def _columns() -> dict[str, Any]:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    return _run_as_json(read_run(path, readings=False))
+    return _run_as_json(recorded_run(path))
 
 
 def _run_as_json(run: Run) -> dict[str, Any]:
@@ -259,7 +260,7 @@ def _identities(run: Run) -> dict[str, str]:
 
 def _presses(run: Run) -> list[dict[str, Any]]:
     """Return completed holds, grouped by indentor and target."""
-    rows = tables(run)["hold_end"].rows if run.stream("hold_end") else []
+    rows = list(tables(run)["hold_end"].rows) if run.stream("hold_end") else []
     target = ("indentor", "target_doi_mm", "target_force_gwt")
     kinds = [tuple(row.get(name) for name in target) for row in rows]
     order = list(dict.fromkeys(kinds))
@@ -267,7 +268,7 @@ def _presses(run: Run) -> list[dict[str, Any]]:
     return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
 
 
-def _kind(condition: dict[str, Any], rows: list[dict[str, Any]]) -> dict[str, Any]:
+def _kind(condition: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     means = {f"mean_{name}": fmean(row[name] for row in rows) for name in ("force_gwt", "doi_mm")}
     peak_gwt = max(row["peak_gwt"] for row in rows)
     places = {"from_x_mm": min(row["x_mm"] for row in rows), "to_x_mm": max(row["x_mm"] for row in rows)}
@@ -336,7 +337,7 @@ def export_command(
                 "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", code="no_format"
             )
         with busy("reading the run …", quick=True):
-            found = read_run(run)
+            found = recorded_run(run)
         if report:
             _refuse_identification(found)
         written = []

@@ -1,6 +1,7 @@
 """Run a script for a command: progress, interrupts, ownership of the ports, the finished run."""
 
 import os
+import shlex
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -22,7 +23,7 @@ from rig.clock import WallClock
 from rig.control.client import Announcement
 from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
-from rig.data import FolderBusyError, Run, RunFolder, export_run
+from rig.data import FolderBusyError, Run, RunError, RunFolder, export_run
 from rig.data.folder import may_write_below
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
@@ -30,17 +31,18 @@ from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
 from rig.engine.bench import Meanwhile
-from rig.errors import BadInputError, code_of
+from rig.errors import BadInputError, RigError, code_of
 from rig.plan.config import Config
-from rig.plan.finger_model import Predictions, about_model
-from rig.plan.plan import make_plan
+from rig.plan.finger_model import about_model
+from rig.plan.plan import Plan, make_plan
+from rig.printable import on_one_line
 from rig.protocol.script import Script
 from rig.session.early_ending import FinalPosition
 from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
-from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, record_after, record_before
+from rig.session.session import FinishedRun, Made, NewRun, NoAttendant, Session, record_after, record_before
 from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -277,9 +279,10 @@ def carry_out(
     whose own process must not solve. `spikes` are simulated after the run, before its report. `choose` chooses the
     presses.
     """
-    known = None if choose is None else choose.approved.predictions
     script = script if choose is None else choose.as_script()
-    session = _planned(script, config, into, loaded(config, finger, as_json=as_json), known)
+    session = _planned(
+        script, config, into, loaded(config, finger, as_json=as_json), None if choose is None else choose.approved
+    )
     if choose is not None:
         session = choose.applied(session)
     if spikes is not None:
@@ -322,18 +325,19 @@ def _planned(
     config: Config,
     into: NewRun | StoppedRun,
     finger: Finger,
-    known: Predictions | None = None,
+    approved: Plan | None = None,
 ) -> Session:
     before, folder = (None, None) if isinstance(into, NewRun) else (into.run, into.folder.path)
     with checking_the_script() as show_steps:
-        plan = make_plan(script, config, finger, before, folder, show_steps, known)
+        known, trip_n = (None, 0.0) if approved is None else (approved.predictions, approved.soft_trip_n)
+        plan = make_plan(script, config, finger, before, folder, show_steps, known, trip_n)
     return Session(script, config, finger, plan, into)
 
 
 def make_whole(stopped: StoppedRun, run: Run, owner: RunOwner, *, as_json: bool) -> FinishedRun:
     """Make the missing exports, report and checksums of a complete run; existing files stay unchanged."""
     folder, began = stopped.folder, time.perf_counter()
-    done = FinishedRun(run, 0.0, None, FinalPosition("not moved"))
+    done = FinishedRun(folder, run, Made(), 0.0, None, FinalPosition("not moved"))
     owner.folder = folder
     owner.at("reporting")
     done = _made_whole(done, stopped.config, as_json=as_json)
@@ -352,6 +356,8 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
             folder.add_checksums(folder.files - there)
         except OSError as error:
             return replace(done, problem=error)
+        except Exception as error:
+            return replace(done, files_problem=error)
     return done
 
 
@@ -371,6 +377,8 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
     ending = done.ending
     try:
         done.folder.write_checksums()
+        if isinstance(done.recorded, RunError):
+            return done
         asked(finger, make_report, done.run, done.wall_s, None if ending is None else ending.lines)
         done.folder.write_checksums()
     except (OSError, FingerLostError) as error:
@@ -380,6 +388,8 @@ def _reported(done: FinishedRun, finger: Finger, owner: RunOwner) -> FinishedRun
             raise
         at = replace(done.at, trusted=False)
         return replace(done, problem=done.problem or RunAborted(owner.stopped_by), at=at)
+    except Exception as error:
+        return replace(done, files_problem=done.files_problem or error)
     return done
 
 
@@ -388,14 +398,29 @@ def leave(done: FinishedRun) -> NoReturn:
     if done.problem is not None and done.ending is not None:
         reason = done.ending.reason
         complain(reason if reason.startswith("stopped") else f"stopped: {reason}")
+    if done.files_problem is not None:
+        complain(files_in_words(done.files_problem, done.folder))
     raise typer.Exit(_exit_code(done))
 
 
+def files_in_words(problem: Exception, folder: RunFolder) -> str:
+    """Return in one line why a run lacks files, and how to make them."""
+    what = str(problem) if isinstance(problem, RigError) else f"{type(problem).__name__}: {problem}"
+    again = f"rig export {shlex.quote(str(folder.path))} --csv --report"
+    return f"the files of the run could not be written: {on_one_line(what)}; its journal is kept; then: {again}"
+
+
 def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) -> None:
-    run, ending = done.run, done.ending
+    run, ending, problem = (
+        None if isinstance(done.recorded, RunError) else done.recorded,
+        done.ending,
+        done.files_problem,
+    )
     report = str(done.folder.report) if done.folder.report.exists() else None
-    chosen = choice_as_json(run)
-    counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted} if resumed else {}
+    chosen = None if run is None else choice_as_json(run)
+    counts = {}
+    if run is not None and resumed:
+        counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted}
     if as_json:
         print_json(
             {
@@ -408,6 +433,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
                 **({} if chosen is None else {"choice": chosen}),
                 **counts,
                 **failure(done),
+                **({} if problem is None else {"files_text": files_in_words(problem, done.folder)}),
             }
         )
     else:
@@ -416,7 +442,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         )
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
-        for some, limits in motions_in_contact(run):
+        for some, limits in [] if run is None else motions_in_contact(run):
             out.print(f"{some}: {limits}")
         for about, words in [] if chosen is None else choice_lines(chosen):
             out.print(f"{about:<8}{words}")
@@ -434,7 +460,7 @@ def failure(done: FinishedRun) -> dict[str, Any]:
 
 
 def _exit_code(done: FinishedRun) -> ExitCode:
-    if isinstance(done.problem, OSError):
+    if isinstance(done.problem, OSError) or (done.problem is None and done.files_problem is not None):
         return ExitCode.BAD_INPUT
     if isinstance(done.problem, RunAborted):
         return ExitCode.ABORTED

@@ -10,11 +10,12 @@ from rich.live import Live
 from rig.cli.force_trace import ForceTrace, Screen, named
 from rig.cli.options import JsonOption
 from rig.cli.output import ExitCode, err, one_line_errors, out, print_json, resting
+from rig.cli.recorded_run import recorded_run
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
+from rig.data.documents import Document
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
-from rig.data.run import Following, followed, read_run
+from rig.data.run import Following, followed
 from rig.data.run_state import RunFollower, as_clock
 from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
@@ -94,14 +95,14 @@ def _line(document: Document) -> list[str]:
         return []
     of_an_event = document["doc"] == "event"
     name, data = (document["stream"], document["data"]) if of_an_event else (document["doc"], document)
-    hidden = () if of_an_event else ("doc", "uid", "seq", "t_s", "unix_s", "parameters")
+    hidden = () if of_an_event else ("doc", "crc32", "uid", "seq", "t_s", "unix_s", "parameters")
     values = ", ".join(f"{key} {value}" for key, value in data.items() if value is not None and key not in hidden)
     return [f"{document['t_s']:10.3f}  {on_one_line(name):<18}  {on_one_line(values)}".rstrip()]
 
 
 def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
-    found = read_run(shown.folder.path)
+    found = recorded_run(shown.folder.path)
     about = alive(summary_of(found), shown.folder.path.parent)
     ending = ending_of(found, about.state) or {}
     sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
@@ -111,7 +112,7 @@ def _end(shown: RunScreen) -> list[str]:
 
 
 def _now(shown: RunScreen) -> dict[str, Any]:
-    found = read_run(shown.folder.path)
+    found = recorded_run(shown.folder.path)
     about = alive(summary_of(found), shown.folder.path.parent)
     newest = {name: shown.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
     goes_on = about.state == RUNNING

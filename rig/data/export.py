@@ -2,10 +2,13 @@
 
 import csv
 import io
+import math
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from datetime import UTC, datetime
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -13,21 +16,25 @@ import h5py
 import numpy as np
 
 from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
-from rig.data.folder import replace_bytes, replace_text
-from rig.data.run import Run, RunError, provenance_of
+from rig.data.folder import replacement, write_all
+from rig.data.run import Run, RunError, RunReadings, provenance_of
 from rig.data.spike_files import SPIKES, SYNTHETIC, SpikeRecord, about_columns, columns_of, write_csv, write_nix
 from rig.data.tables import Table, tables
 from rig.errors import RigError
 from rig.printable import printable
 from rig.units import GWT_N
 
+ROWS_AT_ONCE = 1 << 14
+"""Rows of a table in memory, whatever its length."""
+
 
 def export_run(run: Run, *, again: bool = True) -> None:
     """Write data.h5 (units as attributes) and STREAM.csv beside the journal; again=False writes only missing files.
 
-    Events of indentations that were interrupted and repeated go into separate tables, STREAM_superseded.
+    Events of indentations that were interrupted and repeated go into separate tables, STREAM_superseded. Texts are
+    without NUL, halves of surrogate pairs and other control characters, which HDF5 cannot hold.
     """
-    run = _visible(run)
+    run = replace(run, start=_plain(run.start), units=_plain(run.units))
     found = tables(run)
     for name in found:
         if not re.fullmatch(r"\w+", name):  # it becomes the name of a file
@@ -36,17 +43,13 @@ def export_run(run: Run, *, again: bool = True) -> None:
                 run=str(run.folder.path), stream=name,
             )  # fmt: skip
     if again or not run.folder.data.exists():
-        _write_hdf5(run, found)
+        with _hdf5(run.folder.data) as file:
+            _write_hdf5(run, found, file)
     for name, table in found.items():
         path = run.folder.path / f"{name}.csv"
         if again or not path.exists():
-            replace_text(path, _as_csv(table.columns))
-
-
-def _visible(run: Run) -> Run:
-    """Return a run whose texts HDF5 can hold: without NUL, halves of surrogate pairs and other control characters."""
-    parts = {name: _plain(getattr(run, name)) for name in ("start", "units", "events", "superseded")}
-    return replace(run, **parts)
+            with replacement(path) as stream:
+                _write_csv(table, stream)
 
 
 def _plain(value: Any) -> Any:
@@ -57,18 +60,96 @@ def _plain(value: Any) -> Any:
     return printable(value) if isinstance(value, str) else value
 
 
-def _write_hdf5(run: Run, found: Mapping[str, Table]) -> None:
-    image = io.BytesIO()  # On a full disk HDF5 itself leaves a file that cannot be closed.
-    with h5py.File(image, "w") as file:
-        file.attrs.update(_attributes(run))
-        for stream, table in found.items():
-            group = file.create_group(stream)
-            group.attrs["description"] = about_table(stream)
-            for name, values in table.columns.items():
-                dataset = group.create_dataset(name, data=_as_array(name, values))
-                dataset.attrs["unit"] = table.units[name]
-                dataset.attrs["description"] = meaning(stream, name)
-    replace_bytes(run.folder.data, image.getvalue())
+def _blocks(table: Table) -> Iterator[list[list[Any]]]:
+    """Yield the rows of a table, some at once, with its columns in order; None where a row lacks one."""
+    rows = iter(table.rows)
+    while some := [[_plain(row.get(name)) for name in table.units] for row in islice(rows, ROWS_AT_ONCE)]:
+        yield some
+
+
+def _write_csv(table: Table, stream: io.FileIO) -> None:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table.units)
+    for rows in _blocks(table):
+        writer.writerows(rows)
+        write_all(stream, text.getvalue().encode("utf-8", "backslashreplace"))
+        text.seek(0)
+        text.truncate()
+
+
+class _Image:
+    """File for HDF5, which cannot be closed after a failed write: the first error is kept, and the rest is lost."""
+
+    def __init__(self, file: io.FileIO) -> None:
+        self._file = file
+        self.problem: OSError | None = None
+        self.seek, self.tell, self.flush = file.seek, file.tell, file.flush
+        self.read, self.readinto = file.read, file.readinto
+
+    def write(self, content: memoryview) -> int:
+        if self.problem is None:
+            try:
+                write_all(self._file, content)
+            except OSError as error:
+                self.problem = error
+        return len(content)
+
+    def truncate(self, size: int) -> int:
+        try:
+            return self._file.truncate(size)
+        except OSError as error:
+            self.problem = self.problem or error
+            return size
+
+
+@contextmanager
+def _hdf5(path: Path) -> Iterator[h5py.File]:
+    """Yield a new HDF5 file, which replaces a file on disk in one step. Raises UnwritableError."""
+    with replacement(path) as stream:
+        image = _Image(stream)
+        try:
+            with h5py.File(image, "w") as file:
+                yield file
+        except Exception:
+            if image.problem is None:
+                raise
+        if image.problem is not None:
+            raise image.problem
+
+
+class _TextError(Exception):
+    """Text in a column of numbers."""
+
+
+def _write_hdf5(run: Run, found: Mapping[str, Table], file: h5py.File) -> None:
+    file.attrs.update(_attributes(run))
+    for stream, table in found.items():
+        texts = set(TEXT)
+        while True:
+            try:
+                _write_group(file.create_group(stream), stream, table, texts)
+                break
+            except _TextError as error:  # in a journal of another program
+                texts.add(str(error))
+                del file[stream]
+
+
+def _write_group(group: h5py.Group, stream: str, table: Table, texts: Collection[str]) -> None:
+    """Write a table; numbers as float64 (NaN if missing), flags as bool, text as UTF-8. Raises _TextError."""
+    group.attrs["description"] = about_table(stream)
+    datasets = []
+    for name, unit in table.units.items():
+        kind = bool if name in FLAGS else h5py.string_dtype() if name in texts else float
+        dataset = group.create_dataset(name, shape=(len(table.events),), dtype=kind)
+        dataset.attrs["unit"] = unit
+        dataset.attrs["description"] = meaning(stream, name)
+        datasets.append((name, kind, dataset))
+    begin = 0
+    for rows in _blocks(table):
+        for (name, kind, dataset), values in zip(datasets, zip(*rows, strict=True), strict=True):
+            dataset[begin : begin + len(rows)] = _as_array(name, kind, values)
+        begin += len(rows)
 
 
 def _attributes(run: Run) -> dict[str, Any]:
@@ -88,21 +169,15 @@ def _attributes(run: Run) -> dict[str, Any]:
     }
 
 
-def _as_array(name: str, values: list[Any]) -> Any:
-    """Return numbers as float64 (NaN if missing), flags as bool, text as UTF-8."""
-    if name in FLAGS:
+def _as_array(name: str, kind: Any, values: Sequence[Any]) -> Any:
+    """Return values as an array of a kind. Raises _TextError."""
+    if kind is bool:
         return np.array([value is True for value in values])
-    if name not in TEXT and all(value is None or isinstance(value, int | float) for value in values):
-        return np.array([np.nan if value is None else float(value) for value in values])
-    return np.array(["" if value is None else str(value) for value in values], dtype=h5py.string_dtype())
-
-
-def _as_csv(columns: dict[str, list[Any]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    writer.writerows(zip(*columns.values(), strict=True))
-    return text.getvalue()
+    if kind is not float:
+        return np.array(["" if value is None else str(value) for value in values], dtype=kind)
+    if not all(value is None or isinstance(value, int | float) for value in values):
+        raise _TextError(name)
+    return np.array([np.nan if value is None else float(value) for value in values])
 
 
 # A run as Neurodata Without Borders (NWB 2, HDF5), for sharing beside a recording. Needs the extra `nwb`.
@@ -151,11 +226,15 @@ def export_nwb(run: Run, spikes: SpikeRecord | None = None) -> Path:
             "export --nwb requires pynwb; install it with pip install 'indentation-rig[nwb]'"
         ) from None
     path = run.folder.path / ("run.nwb" if spikes is None else f"{SPIKES}.nwb")
-    image = io.BytesIO()  # On a full disk HDF5 itself ends the program.
-    with h5py.File(image, "w") as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
+    with _hdf5(path) as hdf5, pynwb.NWBHDF5IO(mode="w", file=hdf5) as file:
         file.write(_as_nwb(_visible(run), pynwb, spikes))
-    replace_bytes(path, image.getvalue())
     return path
+
+
+def _visible(run: Run) -> Run:
+    """Return a run whose texts HDF5 can hold, except those of its readings."""
+    events = {name: found if isinstance(found, RunReadings) else _plain(found) for name, found in run.events.items()}
+    return replace(run, start=_plain(run.start), events=events)
 
 
 def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
@@ -230,7 +309,7 @@ def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
     samples = run.stream("sample")
     if not samples:
         return
-    t_s = np.array([sample["t_s"] for sample in samples])
+    t_s = _numbers(samples, "t_s")
     force = pynwb.TimeSeries(
         name="force",
         description="Force on the finger as read by the sensor.",
@@ -338,5 +417,6 @@ def _add_spikes(run: Run, spikes: SpikeRecord, file: Any, pynwb: Any) -> None:
         )
 
 
-def _numbers(events: list[dict[str, Any]], key: str) -> np.ndarray:
-    return np.array([np.nan if event.get(key) is None else float(event[key]) for event in events])
+def _numbers(events: Iterable[Mapping[str, Any]], key: str) -> np.ndarray:
+    values = (math.nan if event.get(key) is None else float(event[key]) for event in events)
+    return np.fromiter(values, dtype=float)

@@ -2,6 +2,7 @@
 
 import contextlib
 import errno
+import io
 import json
 import os
 import secrets
@@ -287,21 +288,37 @@ def replace_text(path: Path, text: str, *, new: bool = False) -> None:
 
 def replace_bytes(path: Path, content: bytes, *, new: bool = False) -> None:
     """Replace a file on disk in one step, or write a new one. Raises UnwritableError, FileExistsError if `new`."""
+    with replacement(path, new=new) as stream:
+        write_all(stream, content)
+
+
+def write_all(stream: io.FileIO, content: bytes | memoryview) -> None:
+    """Write a whole content to an unbuffered file. Raises OSError."""
+    left = memoryview(content)
+    while left:
+        left = left[stream.write(left) :]
+
+
+@contextmanager
+def replacement(path: Path, *, new: bool = False) -> Iterator[io.FileIO]:
+    """Yield an unbuffered file, which replaces a file on disk in one step, or is a new one.
+
+    Raises UnwritableError for any OSError, FileExistsError if `new`.
+    """
     partial = path.with_name(path.name + ".part")
     try:
-        with partial.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
+        with partial.open("wb+", buffering=0) as stream:
+            yield stream
             os.fsync(stream.fileno())
         if new:
             os.link(partial, path)  # which replaces nothing, even if the file appears at this moment
             partial.unlink()
         else:
             put_in_place(partial, path)
-    except OSError as error:
+    except BaseException as error:
         with contextlib.suppress(OSError):
             partial.unlink(missing_ok=True)
-        if isinstance(error, FileExistsError):
+        if not isinstance(error, OSError) or isinstance(error, FileExistsError):
             raise
         raise UnwritableError.of(path, error) from error
 

@@ -13,41 +13,34 @@ import threading
 import time
 import uuid
 from collections import deque
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+from rig.data.documents import (
+    MOST_ON_A_LINE,
+    Document,
+    JournalError,
+    as_line,
+    document_on,
+    fits,
+    is_document,
+    last_document,
+    line_of,
+    read_lines,
+)
 from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
-from rig_shared.user_files import json_of, open_file, read_bytes
+from rig_shared.user_files import json_of, open_file
 
 if TYPE_CHECKING:
     from rig.clock import Clock
 
 
-Document = dict[str, Any]
 Watch = Callable[[str, Mapping[str, Any]], None]
 """Callback for each event on disk: its stream and its data."""
 
-_NUMBER = (float, int)
-_LATEST_S = 1e12
-_NEEDED: dict[str, dict[str, type | tuple[type, ...]]] = {
-    "start": {"t_s": _NUMBER},
-    "resume": {"t_s": _NUMBER},
-    "descriptor": {"t_s": _NUMBER, "stream": str, "units": dict},
-    "event": {"t_s": _NUMBER, "stream": str, "data": dict},
-    "stop": {"t_s": _NUMBER, "status": str},
-}
 _STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
-
-
-_AS_IT_IS = "surrogateescape"  # Bytes that are no text stay unchanged, and form no document.
-
-
-class JournalError(RigError):
-    """Error of a line, other than the last one, that cannot be read."""
-
-    default_code = "no_document"
 
 
 class LostFileError(RigError, OSError):
@@ -247,9 +240,10 @@ LONGEST_END_S = 10.0
 """Longest time that the end of a run waits for the disk."""
 
 
-class _Line(NamedTuple):
-    """Document to be written: JSON before and after its number, its event, its order, and its time (s)."""
+class _Waiting(NamedTuple):
+    """Document to be written: kind, JSON before and after its number, its event, its order, and its time (s)."""
 
+    kind: str
     before: str
     after: str
     event: tuple[str, Mapping[str, Any]] | None
@@ -258,10 +252,10 @@ class _Line(NamedTuple):
 
 
 class _Written(NamedTuple):
-    """What the file has: the order of the last line, the number of documents, and the size (bytes)."""
+    """What the file has: the order of the last line, the number of the next document, and the size (bytes)."""
 
     order: int
-    documents: int
+    next_number: int
     size: int
 
 
@@ -301,16 +295,16 @@ class Journal:
         self._described: set[str] = set()
         self.path = path
         self._virtual = virtual
-        documents = mend_journal(path)
+        next_number = mend_journal(path)
         self.file = LineFile(path)
         self._stopped = self._closed = False
         self.at_end: Callable[[], Mapping[str, Any]] = dict  # further fields of a stop before the end
         self.interrupted_by: Callable[[], str] = lambda: "interrupted"  # the reason of an interrupt without a message
         # One thread records and one writes. Each step of both is atomic, so that an interrupt leaves no lock behind,
         # and no line is written twice.
-        self._waiting: deque[_Line] = deque()
+        self._waiting: deque[_Waiting] = deque()
         self._order = itertools.count()
-        self._written, self._sure = _Written(-1, documents, self.file.size), True
+        self._written, self._sure = _Written(-1, next_number, self.file.size), True
         self._on_disk: deque[tuple[str, Mapping[str, Any]]] = deque()
         self._recorded = self._saved = 0  # events
         self._problem: Exception | None = None  # of the last attempt to write
@@ -394,9 +388,9 @@ class Journal:
         if kind == "start":
             t_s, unix_s = 0.0, unix_s - t_s
         after = json.dumps({"t_s": round(t_s, 6), "unix_s": round(unix_s, 6), **body}, allow_nan=False)
-        before = f'{{"doc": "{kind}", "uid": "{uuid.uuid4().hex}", "seq": '
+        before = f'"uid": "{uuid.uuid4().hex}", "seq": '
         self._recorded += event is not None
-        self._waiting.append(_Line(before, after[1:], event, next(self._order), self._now_s()))
+        self._waiting.append(_Waiting(kind, before, after[1:], event, next(self._order), self._now_s()))
         if self._virtual:
             self._write()
             return
@@ -474,15 +468,15 @@ class Journal:
             self._problem = None
             self._on_disk.extend(line.event for line in lines if line.event is not None)
 
-    def _append(self, lines: Sequence[_Line]) -> None:
+    def _append(self, lines: Sequence[_Waiting]) -> None:
         """Append lines with their numbers. Raises OSError."""
-        _, documents, size = self._written
+        _, number, size = self._written
         if not self._sure:  # an interrupt may have left whole lines
             self.file.cut(size)
         self._sure = False
-        text = "".join(f"{line.before}{n}, {line.after}\n" for n, line in enumerate(lines, documents)).encode("ascii")
+        text = b"".join(line_of(line.kind, f"{line.before}{n}, {line.after}") for n, line in enumerate(lines, number))
         self.file.append(text, sync=not self._virtual)
-        self._written = _Written(lines[-1].order, documents + len(lines), size + len(text))
+        self._written = _Written(lines[-1].order, number + len(lines), size + len(text))
         self._sure = True
 
     def _record_error(self, error: Exception) -> RecordError:
@@ -519,117 +513,54 @@ class NoJournal:
         """Do nothing."""
 
 
-MOST_ON_A_LINE = 4_000_000
-"""Characters of a document; those of runs have at most a few thousand."""
-
-
-def read_journal(path: Path, *, readings: bool = True) -> Iterator[Document]:
-    """Yield the documents of a journal in order, without a torn last line. Raises JournalError.
-
-    readings=False: only the last of successive readings, which make up nine documents in ten.
-    """
-    lines = read_bytes(path).decode("utf-8", _AS_IT_IS).split("\n")  # Text is searched in half the time.
-    _refuse_long(path, lines)
-    skipped = [False] * len(lines) if readings else _before_another_reading(lines)
-    counting = {n: line for n, line in enumerate(lines, 1) if line and not skipped[n - 1]}
-    documents = None if readings else _documents_on(counting.values())
-    yield from documents if documents is not None else _one_by_one(counting, len(lines), path)
-
-
-def _refuse_long(path: Path, lines: Sequence[str]) -> None:
-    if max(map(len, lines)) > MOST_ON_A_LINE:
-        line = next(n for n, line in enumerate(lines, 1) if len(line) > MOST_ON_A_LINE)
-        raise JournalError(
-            "{path}, line {line}: longer than {most} characters, which is the limit",
-            code="long_line",
-            path=str(path),
-            line=line,
-            most=MOST_ON_A_LINE,
-        )
-
-
-def _one_by_one(lines: Mapping[int, str], last: int, path: Path) -> Iterator[Document]:
-    """Yield the documents of numbered lines, the last of which may be torn. Raises JournalError."""
-    for number, line in lines.items():
-        document = document_on(line.encode("utf-8", _AS_IT_IS))
-        if document is not None:
-            yield document
-        elif number < last:
-            raise JournalError("{path}, line {line}: not a journal document", path=str(path), line=number)
+def read_journal(path: Path) -> Iterator[Document]:
+    """Yield the documents of a journal in order, without a torn last line. Raises JournalError at any damage."""
+    for line in read_lines(path):
+        if line.damage is not None:
+            raise JournalError(
+                "{path}, line {line}: {problem}", path=str(path), line=line.damage.line, problem=line.damage.problem
+            )
+        assert line.document is not None
+        yield line.document
 
 
 def mend_journal(path: Path) -> int:
-    """End a journal with a whole line, without a torn one; return the number of documents.
+    """End a journal with a whole line, without a torn one; return the number of the next document.
 
-    A last document that lacks only its line end gets it, since the reader accepts it. Raises JournalError.
+    A last document that lacks only its line end gets it, since the reader accepts it. Raises OSError.
     """
     if not path.exists():
         return 0
+    open_file(path).close()  # which refuses a link to a device
     with path.open("rb+") as file:
-        data = file.read()
-        whole = data.rindex(b"\n") + 1 if b"\n" in data else 0
-        if document_on(data[whole:]) is not None:
+        tail = min(file.seek(0, os.SEEK_END), MOST_ON_A_LINE + 1)
+        file.seek(-tail, os.SEEK_END)
+        data = file.read(tail)
+        whole = data.rfind(b"\n") + 1
+        if document_on(data[whole:]) or (whole == 0 and tail > MOST_ON_A_LINE):
             file.write(b"\n")
         elif whole < len(data):
-            file.truncate(whole)
+            file.truncate(file.tell() - len(data) + whole)
         os.fsync(file.fileno())
-    return sum(1 for _ in read_journal(path))
+    last = (data[whole:] or data[data.rfind(b"\n", 0, max(whole - 1, 0)) + 1 :]).rstrip(b"\n")
+    if fits(last) and isinstance(number := (document_on(last) or {}).get("seq"), int):
+        return number + 1
+    return sum(line.document is not None for line in read_lines(path))
 
 
 def add_to_end(path: Path, more: Mapping[str, Any], unix_s: float) -> None:
     """Append the last document again with further keys, at the same time of the run. Raises OSError."""
-    documents = mend_journal(path)
-    *_, last = read_journal(path)
-    document = {**last, **more, "uid": uuid.uuid4().hex, "seq": documents, "unix_s": round(unix_s, 6)}
+    number = mend_journal(path)
+    document = {**last_document(path), **more, "uid": uuid.uuid4().hex, "seq": number, "unix_s": round(unix_s, 6)}
     with path.open("ab") as file:
-        file.write((json.dumps(document, allow_nan=False) + "\n").encode("ascii"))
+        file.write(as_line(document))
         file.flush()
         os.fsync(file.fileno())
 
 
-def _before_another_reading(lines: Sequence[str]) -> list[bool]:
-    """Return which lines look like whole readings, as the journal writes them, before another one."""
-    reading = [
-        'sample", "data": {' in line and line.startswith('{"doc": "event", ') and line.endswith("}}")
-        for line in lines
-    ]
-    return [one and other for one, other in zip(reading, [*reading[1:], False], strict=True)]
-
-
-def _documents_on(lines: Iterable[str]) -> list[Document] | None:
-    """Return the documents of lines, parsed as one list in half the time; None if any line is not a document."""
-    each = list(lines)
-    text = ",".join(each)
-    try:
-        # Journals are written as ASCII, so other bytes are damage.
-        found = json_of(f"[{text}]") if text.isascii() else []
-    except ValueError:
-        return None
-    return found if len(found) == len(each) and all(map(is_document, found)) else None
-
-
-def document_on(line: bytes) -> Document | None:
-    """Return the document on a line, or None."""
-    try:
-        found = json_of(line)
-    except ValueError:  # neither JSON nor UTF-8
-        return None
-    return found if is_document(found) else None
-
-
-def is_document(found: object) -> bool:
-    """Return whether an object is a document, by its required keys and their types."""
-    if not isinstance(found, dict) or not isinstance(doc := found.get("doc"), str):
-        return False
-    needed = _NEEDED.get(doc)
-    if needed is None or not all(isinstance(found.get(name), kind) for name, kind in needed.items()):
-        return False
-    return bool(abs(found["t_s"]) < _LATEST_S)  # False for NaN
-
-
-# A journal in a list of many runs: every line is checked, but few events are parsed.
-# The text is split between events, as the journal writes them. Any other, torn or non-ASCII journal is read in
-# full.
+# A journal in a list of many runs: few events are parsed, and only these are checked.
+# The text is split between events, as the journal writes them. Any other, torn, damaged or non-ASCII journal is read
+# in full.
 
 _BETWEEN = '}}\n{"doc": "event", '
 _READING = 'sample", "data": {'
@@ -640,10 +571,9 @@ _BLOCK = 1 << 15
 """Bytes per block, which are discarded while they are in the cache."""
 
 
-def listed_documents(path: Path, streams: Collection[str]) -> list[Document]:
-    """Return all documents except most events of other streams. Raises OSError, JournalError."""
-    found = _documents(_BETWEEN.join(_selected(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
-    return list(read_journal(path, readings=False)) if found is None else found
+def listed_documents(path: Path, streams: Collection[str]) -> list[Document] | None:
+    """Return all documents except most events of other streams; None if it must be read in full. Raises OSError."""
+    return _documents(_BETWEEN.join(_selected(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
 
 
 def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:
@@ -665,6 +595,8 @@ def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:
 def _documents(text: str) -> list[Document] | None:
     """Return the documents of lines, or None if the journal did not write them."""
     if not (text.isascii() and text.endswith("\n")):
+        return None
+    if any(fits(line.encode("ascii")) is False for line in text.splitlines()):
         return None
     try:
         found = json_of(f"[{text[:-1].replace(chr(10), ',')}]")

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from rig.clock import WallClock
+from rig.data.documents import Document
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
 from rig.data.run import Following
 from rig.errors import RigError
 
@@ -132,7 +132,7 @@ def marker_of(document: Document) -> str:
     """Return the marker of a step: one line of JSON, without the participant's code and the text of notes."""
     name = document["stream"] if document["doc"] == "event" else document["doc"]
     data = document["data"] if document["doc"] == "event" else document
-    left_out = ("doc", "uid", "seq", "t_s", "unix_s", *_HIDDEN.get(name, ()))
+    left_out = ("doc", "crc32", "uid", "seq", "t_s", "unix_s", *_HIDDEN.get(name, ()))
     return json.dumps({"marker": name, **{key: value for key, value in data.items() if key not in left_out}})
 
 

@@ -1,24 +1,101 @@
 """Read a run from its journal, finished or growing."""
 
 import os
+import zlib
+from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
+from rig.data.documents import MOST_ON_A_LINE, Damage, Document, JournalLine, LineCheck, read_lines
 from rig.data.folder import RunFolder
-from rig.data.journal import MOST_ON_A_LINE, Document, JournalError, document_on, listed_documents, read_journal
-from rig.data.run_time import RunTime, on_run_time
-from rig.data.schema import PRESS_STREAMS
+from rig.data.journal import listed_documents
+from rig.data.run_time import RunTime
+from rig.data.schema import PRESS_STREAMS, READING
 from rig.errors import RigError
-from rig_shared.user_files import MOST_BYTES, json_of, open_file, read_text
+from rig_shared.user_files import json_of, open_file, read_text
 
 if TYPE_CHECKING:
     from rig.data.run_state import RunState
 
-Events = dict[str, list[dict[str, Any]]]
+Event = dict[str, Any]
+Events = Mapping[str, Sequence[Event]]
+
+
+class RunReadings(Sequence[Event]):
+    """Readings of one stream, as the lines of the journal, compressed and taken apart one by one.
+
+    A long run has millions, which as dictionaries need thirty times the memory.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: list[bytes] = []
+        self._lines: list[bytes] = []  # of the last block
+        self._open: tuple[int, list[bytes]] = -1, []  # the block that was read last
+        self._t_s, self._press = array("d"), array("q")
+
+    def add(self, line: bytes, t_s: float, press: object) -> None:
+        """Add a reading by its line, its time of the run (s) and its press."""
+        self._lines.append(line)
+        self._t_s.append(t_s)
+        self._press.append(press if isinstance(press, int) and abs(press) < _NO_PRESS else -_NO_PRESS)
+        if len(self._lines) == _LINES:
+            self._blocks.append(zlib.compress(b"\n".join(self._lines), 1))
+            self._lines = []
+
+    def __len__(self) -> int:
+        return len(self._t_s)
+
+    @overload
+    def __getitem__(self, at: int) -> Event: ...
+    @overload
+    def __getitem__(self, at: slice) -> list[Event]: ...
+    def __getitem__(self, at: int | slice) -> Event | list[Event]:
+        if isinstance(at, slice):
+            return [self[n] for n in range(*at.indices(len(self)))]
+        n = range(len(self))[at]
+        return self._event(n, self._block(n // _LINES)[n % _LINES])
+
+    def __iter__(self) -> Iterator[Event]:
+        return (self._event(n, line) for n, line in enumerate(self._all_lines()))
+
+    def of_press(self, index: int) -> list[Event]:
+        """Return the readings of one press."""
+        return [self[n] for n, press in enumerate(self._press) if press == index]
+
+    def extend(self, others: "RunReadings") -> None:
+        """Add the readings of others."""
+        for one in zip(others._all_lines(), others._t_s, others._press, strict=True):
+            self.add(*one)
+
+    def split(self, presses: Collection[int]) -> "tuple[RunReadings, RunReadings]":
+        """Return the readings of some presses, and the others."""
+        some, others = RunReadings(), RunReadings()
+        for line, t_s, press in zip(self._all_lines(), self._t_s, self._press, strict=True):
+            (some if press in presses else others).add(line, t_s, press)
+        return some, others
+
+    def _all_lines(self) -> Iterator[bytes]:
+        for number in range(len(self._blocks) + 1):
+            yield from self._block(number)
+
+    def _block(self, number: int) -> list[bytes]:
+        if number == len(self._blocks):
+            return self._lines
+        if self._open[0] != number:
+            self._open = number, zlib.decompress(self._blocks[number]).split(b"\n")
+        return self._open[1]
+
+    def _event(self, n: int, line: bytes) -> Event:
+        return {"t_s": self._t_s[n], **json_of(line)["data"]}
+
+
+_LINES = 256
+"""Readings that are compressed together."""
+_NO_PRESS = 1 << 62
 
 
 class RunError(RigError):
@@ -42,14 +119,22 @@ class Run:
     superseded: Events
     duration_s: float  # without the time between its parts
     end_s: float  # t_s of the last document
-    # stream and data of all events, in the order of the journal
-    in_order: Sequence[tuple[str, dict[str, Any]]] = ()
     # (begin, end) of each part, in t_s
     parts: Sequence[tuple[float, float]] = ()
+    damage: Sequence[Damage] = ()
+    damaged: frozenset[int] = frozenset()  # indices of presses at a damage, which are left out
 
-    def stream(self, name: str) -> list[dict[str, Any]]:
+    def stream(self, name: str) -> Sequence[Event]:
         """Return the events of one stream in order."""
         return self.events.get(name, [])
+
+    @property
+    def in_order(self) -> Iterator[tuple[str, Event]]:
+        """Stream and data of all events, in the order of the journal."""
+        time = RunTime()
+        for line in read_lines(self.folder.events):
+            if line.document is not None and (document := time.document(line.document))["doc"] == "event":
+                yield document["stream"], {"t_s": document["t_s"], **document["data"]}
 
     @cached_property
     def done(self) -> dict[int, list[dict[str, Any]]]:
@@ -91,9 +176,30 @@ class Run:
         return max((event["contact_s"] for events in found for event in events if "contact_s" in event), default=0.0)
 
     @property
+    def is_checked(self) -> bool:
+        """Whether the lines of the journal have checksums, as from version 0.3 on."""
+        return "crc32" in self.start
+
+    @property
     def killed(self) -> bool:
         """Whether the journal has no end: the program was killed, and could not lift."""
         return self.stop is None
+
+    @property
+    def warning(self) -> str | None:
+        """Sentence on the damage of the journal, what is left out, and what to do about it; None if it is whole."""
+        if not self.damage:
+            return None
+        line, problem = self.damage[0]
+        more = f", and {len(self.damage) - 1} more places" if len(self.damage) > 1 else ""
+        presses = ", ".join(map(str, sorted(self.damaged)))
+        left_out = (
+            f"; presses left out: {presses}, which `rig resume` repeats" if presses else "; no press is left out"
+        )
+        return (
+            f"run folder {self.folder.path}: {self.folder.events.name} is damaged, line {line}: {problem}{more}"
+            f"{left_out}; put back an undamaged copy if you have one"
+        )
 
     @cached_property
     def state(self) -> "RunState":
@@ -116,17 +222,18 @@ class Run:
         return {start["index"]: start["increments"] for start in self.stream("indentation_start")}
 
 
-def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None = None) -> Run:
+def read_run(path: Path, *, only: Collection[str] | None = None) -> Run:
     """Read the journal of a run folder. Raises RunError.
 
-    readings=False: with few of the readings. only: events of these streams.
+    only: events of these streams. Lines that are damaged, and the presses around them, are left out; `damage` names
+    them.
     """
     folder = RunFolder(path)
+    documents = _Documents()
     try:
-        if only is None:
-            documents = on_run_time(read_journal(folder.events, readings=readings))
-        else:
-            documents = on_run_time(listed_documents(folder.events, only))
+        some = None if only is None else listed_documents(folder.events, only)
+        for line in read_lines(folder.events) if some is None else (JournalLine(0, b"", one, None) for one in some):
+            documents.add(line, readings=only is None)
     except OSError as error:
         raise RunError(
             "run folder {run}: cannot read {events}: {reason}; give a run folder",
@@ -135,31 +242,15 @@ def read_run(path: Path, *, readings: bool = True, only: Collection[str] | None 
             events=folder.events.name,
             reason=error.strerror,
         ) from None
-    except JournalError as error:
+    if documents.start is None:
         raise RunError(
-            "run folder {run}: {problem}", code="bad_journal", run=str(path), problem=str(error)
-        ) from error
-    if not documents or documents[0]["doc"] != "start":
-        raise RunError(
-            "run folder {run}: {events} does not begin with a start document, so it is not the journal of a run",
+            "run folder {run}: {events} does not begin with a start document, so it is not the journal of a run{at}",
             code="no_start",
             run=str(path),
             events=folder.events.name,
+            at=f" (line {documents.damage[0].line}: {documents.damage[0].problem})" if documents.damage else "",
         )
-    events, superseded, in_order = _by_stream(documents)
-    last, parts = documents[-1], _parts(documents)
-    return Run(
-        folder=folder,
-        start=documents[0],
-        stop=last if last["doc"] == "stop" else None,
-        units={d["stream"]: d["units"] for d in documents if d["doc"] == "descriptor"},
-        events=events,
-        superseded=superseded,
-        in_order=in_order,
-        duration_s=float(sum(end_s - begin_s for begin_s, end_s in parts)),
-        end_s=last["t_s"],
-        parts=parts,
-    )
+    return documents.run(folder)
 
 
 def provenance_of(run: Run) -> dict[str, Any]:
@@ -210,67 +301,130 @@ def _damaged(folder: RunFolder, problem: str) -> RunError:
     )
 
 
-def _by_stream(documents: Iterable[Document]) -> tuple[Events, Events, list[tuple[str, dict[str, Any]]]]:
-    """Return the valid events, those of repeated indentations, and all in the order of the journal."""
-    in_order: list[tuple[str, dict[str, Any]]] = []
-    events: Events = {}
-    superseded: Events = {}
-    begun: set[int] = set()
-    for document in documents:
-        if document["doc"] != "event":
-            continue
+class _Documents:
+    """Lines of a journal, sorted by stream as they are read."""
+
+    def __init__(self) -> None:
+        self._time = RunTime()
+        self.start: Document | None = None
+        self._last: Document = {}
+        self._parts: list[tuple[float, float]] = []
+        self._units: dict[str, dict[str, str]] = {}
+        self._events: dict[str, Any] = {}
+        self._superseded: dict[str, Any] = {}
+        self._begun: set[int] = set()
+        self.damage: list[Damage] = []
+        self._damaged: set[int] = set()
+        self._press: int | None = None  # under way
+        self._next_is_damaged = False
+
+    def add(self, line: JournalLine, *, readings: bool) -> None:
+        """Add the next line."""
+        if line.damage is not None:
+            self._note(line.damage)
+        if line.document is None:
+            return
+        document = self._time.document(line.document)
+        if not self._last and document["doc"] == "start":
+            self.start = document
+        self._last, t_s = document, document["t_s"]
+        if document["doc"] in ("start", "resume") or not self._parts:
+            self._parts.append((t_s, t_s))
+        self._parts[-1] = (self._parts[-1][0], t_s)
+        if document["doc"] == "descriptor":
+            self._units[document["stream"]] = document["units"]
+        elif document["doc"] == "event" and (readings or not document["stream"].endswith(READING)):
+            self._add_event(document, line.text)
+
+    def _note(self, damage: Damage) -> None:
+        self.damage.append(damage)
+        self._next_is_damaged = True
+        if self._press is not None:
+            self._damaged.add(self._press)
+
+    def _add_event(self, document: Document, text: bytes) -> None:
         stream, data = document["stream"], document["data"]
+        if stream in PRESS_STREAMS:
+            self._follow_press(stream, data.get("index"))
+        if stream.endswith(READING):
+            self._events.setdefault(stream, RunReadings()).add(text, document["t_s"], data.get("index"))
+        else:
+            self._events.setdefault(stream, []).append({"t_s": document["t_s"], **data})
+
+    def _follow_press(self, stream: str, index: Any) -> None:
+        """Note which press is under way, and set it aside if it begins again."""
         if stream == "indentation_start":
-            if data["index"] in begun:
-                _set_aside(events, superseded, data["index"])
-            begun.add(data["index"])
-        add_event(events, document)
-        in_order.append((stream, events[stream][-1]))
-    return events, superseded, in_order
+            if index in self._begun:
+                for name, events in _taken_out(self._events, {index}).items():
+                    kept = self._superseded.setdefault(name, events)
+                    if kept is not events:
+                        kept.extend(events)
+            self._begun.add(index)
+            self._damaged.discard(index)
+        elif self._next_is_damaged:
+            self._damaged.add(index)
+        self._next_is_damaged = False
+        self._press = None if stream == "indentation_end" else index
+
+    def run(self, folder: RunFolder) -> Run:
+        """Return the run, without its damaged presses."""
+        assert self.start is not None
+        damaged = frozenset(index for index in self._damaged if index >= 0)
+        if damaged:
+            _taken_out(self._events, damaged)
+        return Run(
+            folder=folder,
+            start=self.start,
+            stop=self._last if self._last["doc"] == "stop" else None,
+            units=self._units,
+            events=self._events,
+            superseded=self._superseded,
+            duration_s=float(sum(end_s - begin_s for begin_s, end_s in self._parts)),
+            end_s=self._last["t_s"],
+            parts=self._parts,
+            damage=self.damage,
+            damaged=damaged,
+        )
 
 
-def add_event(events: Events, document: Document) -> None:
-    """Add an event with its time; skip other documents."""
-    if document["doc"] == "event":
-        events.setdefault(document["stream"], []).append({"t_s": document["t_s"], **document["data"]})
-
-
-def _set_aside(events: Events, superseded: Events, index: int) -> None:
-    for stream, found in events.items():
-        if stream not in PRESS_STREAMS:
-            continue
-        old = [event for event in found if event.get("index") == index]
-        if old:
-            superseded.setdefault(stream, []).extend(old)
-            events[stream] = [event for event in found if event.get("index") != index]
-
-
-def _parts(documents: list[Document]) -> list[tuple[float, float]]:
-    """Return begin and end of the run and of its resumed parts (s)."""
-    begins = [n for n, document in enumerate(documents) if document["doc"] in ("start", "resume")]
-    ends = [*(n - 1 for n in begins[1:]), len(documents) - 1]
-    return [(documents[a]["t_s"], documents[b]["t_s"]) for a, b in zip(begins, ends, strict=True)]
+def _taken_out(events: dict[str, Any], presses: Collection[int]) -> dict[str, Any]:
+    """Take the events of some presses out of their streams, and return them."""
+    taken: dict[str, Any] = {}
+    for stream in [name for name in events if name in PRESS_STREAMS]:
+        found = events[stream]
+        if isinstance(found, RunReadings):
+            taken[stream], events[stream] = found.split(presses)
+        else:
+            taken[stream] = [event for event in found if event.get("index") in presses]
+            events[stream] = [event for event in found if event.get("index") not in presses]
+        if not taken[stream]:
+            del taken[stream]
+    return taken
 
 
 class Following:
     """Reader of a growing journal, which returns each document once."""
 
     def __init__(self, folder: RunFolder) -> None:
-        self._path, self._at, self._line = folder.events, 0, 0
-        self._time = RunTime()
+        self._path, self._at = folder.events, 0
+        self._check, self._time = LineCheck(), RunTime()
 
-    def new(self, most: int = -1) -> list[Document]:
-        """Return the new documents, up to the last whole line. Raises RunError.
+    def new(self) -> list[Document]:
+        """Return the new documents without damaged lines, up to the last whole line. Raises RunError."""
+        found: list[Document] = []
+        while some := self.next():
+            found += some
+        return found
 
-        most: maximum number of bytes, more than the longest line. Default: all.
-        """
+    def next(self, most: int = MOST_ON_A_LINE + 1) -> list[Document]:
+        """Return the next documents from at most so many bytes, more than the longest line. Raises RunError."""
         try:
             # Without a buffer (128 KiB from Python 3.14 on), and never larger than the new data: buffers that are
             # allocated and shrunk twenty times a second fragment the heap.
             with open_file(self._path, buffering=0) as file:
                 file.seek(self._at)
-                new_bytes = min(max(os.fstat(file.fileno()).st_size - self._at, 0), MOST_BYTES)
-                whole, end, rest = file.read(new_bytes if most < 0 else min(new_bytes, most)).rpartition(b"\n")
+                new_bytes = max(os.fstat(file.fileno()).st_size - self._at, 0)
+                whole, end, rest = file.read(min(new_bytes, most)).rpartition(b"\n")
         except FileNotFoundError:
             return []
         except OSError as error:
@@ -286,19 +440,9 @@ class Following:
                 most=MOST_ON_A_LINE,
             )
         self._at += len(whole) + len(end)
-        return [self._document(line) for line in lines if line]
-
-    def _document(self, line: bytes) -> Document:
-        self._line += 1
-        found = document_on(line)
-        if found is None:
-            raise RunError(
-                "{path}, line {line}: not a journal document",
-                code="no_document",
-                path=str(self._path),
-                line=self._line,
-            )
-        return self._time.document(found)
+        found = [self._check.document(line)[0] for line in lines if line]
+        documents = [self._time.document(document) for document in found if document is not None]
+        return documents if documents or not found else self.next(most)
 
 
 def followed(folder: RunFolder, wait: Callable[[], None]) -> Iterator[list[Document]]:
@@ -309,11 +453,11 @@ def followed(folder: RunFolder, wait: Callable[[], None]) -> Iterator[list[Docum
     journal, last = Following(folder), ""
     while True:
         busy = folder.busy  # Checked first, so that the last documents of an ended program are still read.
-        new = journal.new()
+        new = journal.next()
         if new:
             last = new[-1]["doc"]
             yield new
-        if last == "stop" or not (new or busy):
+            continue
+        if last == "stop" or not busy:
             return
-        if not new:
-            wait()
+        wait()

@@ -11,15 +11,15 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from rig.data.documents import Document
 from rig.data.folder import RunFolder, replace_text
-from rig.data.journal import Document
-from rig.data.schema import WAITED_FOR
+from rig.data.schema import READING, WAITED_FOR
 from rig_shared.user_files import json_of, read_text
 
 Milestone = tuple[str, int, int]
 """Stream; number of the press, or of the event in its stream; number of the hold."""
 
-BEGUN, ENDED, READING = "indentation_start", "indentation_end", "sample"
+BEGUN, ENDED = "indentation_start", "indentation_end"
 _ONE_BY_ONE = ("mount", "home", "zero", "move", "rest", "find")
 _OF_A_PRESS = (BEGUN, "touch", "hold_start", "hold_end", ENDED)
 

@@ -5,11 +5,11 @@ the wall-clock time since then, but never before the last recorded `t_s`. In ear
 counted from the boot of the computer, and after a reboot from the end of the earlier part.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from rig.data.journal import Document, is_document
+from rig.data.documents import Document, is_document
 from rig.data.schema import INSTANTS
 
 
@@ -82,15 +82,6 @@ class RunTime:
         if following.begin_s < now.end_s and t_s < self._byte_s:  # after a reboot
             return True
         return not now.begin_s <= t_s <= now.end_s and abs(t_s - following.begin_s) <= abs(t_s - now.end_s)
-
-
-def on_run_time(documents: Iterable[Document]) -> list[Document]:
-    """Return the documents of a whole journal with the time of the run."""
-    found = list(documents)
-    if not found or not _is_late(found[0]["t_s"]):
-        return found
-    time = RunTime()
-    return [time.document(one) for one in found]
 
 
 def _is_late(t_s: object) -> bool:

@@ -2,6 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 
+READING = "sample"
+"""Ending of the names of the streams of readings."""
+
 PRESS_STREAMS = {
     "indentation_start": {
         "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": "",
@@ -73,7 +76,7 @@ OF_A_SENSOR = {
 def streams_with(also: Iterable[str]) -> Mapping[str, Mapping[str, str]]:
     """Return all streams, with these keys of `OF_A_SENSOR` in samples."""
     more = {key: OF_A_SENSOR[key] for key in also}
-    return {name: {**keys, **more} if name.endswith("sample") else keys for name, keys in STREAMS.items()}
+    return {name: {**keys, **more} if name.endswith(READING) else keys for name, keys in STREAMS.items()}
 
 
 INSTANTS = ("rise_s",)

@@ -1,7 +1,7 @@
 """Tables of a journal, summaries of runs, and the time spent on each activity."""
 
 import os
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -30,12 +30,17 @@ class Table:
     """Events of one stream: columns with units, and rows, which may lack some of them."""
 
     units: Mapping[str, str]
-    rows: list[dict[str, Any]]
+    events: Sequence[TableRow]
+    starts: Mapping[int, TableRow] | None = None  # of the presses that the events belong to
 
     @property
-    def columns(self) -> dict[str, list[Any]]:
-        """Values by column, None where a row lacks one."""
-        return {name: [row.get(name) for row in self.rows] for name in self.units}
+    def rows(self) -> Iterator[TableRow]:
+        """Events with the columns of their press, one by one."""
+        if self.starts is None:
+            yield from self.events
+            return
+        for event in self.events:
+            yield {**event, **_press(self.starts.get(event["index"]), event)}
 
 
 def tables(run: Run) -> dict[str, Table]:
@@ -49,14 +54,14 @@ def table(run: Run, stream: str) -> Table:
     return _table(run, stream, run.stream(stream))
 
 
-def _table(run: Run, stream: str, events: list[dict[str, Any]]) -> Table:
+def _table(run: Run, stream: str, events: Sequence[TableRow]) -> Table:
     units = {"t_s": "s", **run.units[stream]}
     name = next((name for name in PRESS_STREAMS if stream.endswith(name)), None)
     if name is None:
         return Table(units, events)
     starts = _starts(run, stream.removesuffix(name) + _START)
     own = {column: unit for column, unit in units.items() if column not in OF_THE_PRESS}
-    return Table(own | OF_THE_PRESS, [{**event, **_press(starts.get(event["index"]), event)} for event in events])
+    return Table(own | OF_THE_PRESS, events, starts)
 
 
 def _starts(run: Run, stream: str) -> dict[int, TableRow]:

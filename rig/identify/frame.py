@@ -1,5 +1,6 @@
 """Frame of the finger, fitted to touches of a sphere."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -96,7 +97,7 @@ def find(run: Run, config: Config, finger: Fingertip) -> FittedFrame:
     return _lie(fit.x, _by_differences(off_mm, walk)(fit.x), off_mm(fit.x), free, config)
 
 
-def _radius(run: Run, touches: list[dict[str, object]]) -> float:
+def _radius(run: Run, touches: Sequence[Mapping[str, object]]) -> float:
     names = {str(event["indentor"]) for event in touches}
     kind, _, radius = next(iter(names), "").partition(":")
     if len(names) != 1 or kind != "sphere":

@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from rig.data import RunFolder
 from rig.data.folder import SCRIPT
-from rig.data.run import Events, Following, add_event
+from rig.data.run import Event, Following
 from rig.engine import Engine, LimitError
 from rig.engine.limits import CONTACT_EXPONENT, FingerStiffness, Trips
 from rig.identify.adaptive_presses import Identification, PressReport
@@ -44,7 +44,7 @@ class IdentificationScript:
         self.identification, self._say, self._say_before = identification, say, say_before
         self._pressing: PressAt | None = None
         self._journal: Following | None = None
-        self._events: Events = {}
+        self._events: dict[str, list[Event]] = {}
 
     def begins(self, folder: RunFolder) -> None:
         """Open the journal of the run, from which presses are read."""
@@ -107,7 +107,9 @@ class IdentificationScript:
         """Return the indices of the presses in the journal so far."""
         assert self._journal is not None
         for document in self._journal.new():
-            add_event(self._events, document)
+            if document["doc"] == "event":
+                event = {"t_s": document["t_s"], **document["data"]}
+                self._events.setdefault(document["stream"], []).append(event)
         return [start["index"] for start in self._events.get("indentation_start", [])]
 
 

@@ -5,10 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.data.documents import Document
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
 from rig.data.run import Following, RunError
-from rig.data.run_state import BEGUN, READING, RunFollower
+from rig.data.run_state import BEGUN, RunFollower
+from rig.data.schema import READING
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
@@ -107,7 +108,7 @@ class RunView(RunFollower):
         rows: list[Row] = []
         try:
             self._read_config()
-            while documents := self._journal.new(AT_ONCE):
+            while documents := self._journal.next(AT_ONCE):
                 rows = _latest(rows) + self._taken(documents)
             self.take(())  # The course may have been written since.
         except (RunError, BadInputError) as error:

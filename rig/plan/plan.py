@@ -91,12 +91,13 @@ def make_plan(
     folder: Path | None = None,
     on_step: Callable[[int], None] = lambda steps: None,
     known: Predictions | None = None,
+    least_trip_n: float = 0.0,
 ) -> Plan:
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
     copies of shape files are used. on_step: called with the number of steps so far. known: predictions that are not
-    solved again; further ones are added.
+    solved again; further ones are added. least_trip_n: soft trip (N) of the presses that an adaptive run may choose.
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(
@@ -105,6 +106,9 @@ def make_plan(
             path=str(script.path),
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
+    if before is not None and first_soft_trip_n is not None and not before.is_checked:
+        whole = make_plan(script, config, finger, folder=folder, on_step=on_step, known=known)
+        _refuse_other_trip(before, max(whole.soft_trip_n, least_trip_n))
     plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
     where = partial(_kept, plan) if folder is None else partial(with_stored_file, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
@@ -128,6 +132,20 @@ def make_plan(
     refuse_fast_ramps(plan, config)
     refuse_vibrations(plan, config)
     return plan
+
+
+def _refuse_other_trip(before: Run, planned_n: float) -> None:
+    """Refuse the soft trip in an unchecked journal if it does not follow from the plan."""
+    recorded_n = before.start["soft_trip_n"]
+    if not (isinstance(recorded_n, float | int) and math.isclose(recorded_n, planned_n, rel_tol=1e-6)):
+        raise BadInputError(
+            "run folder {path}: its journal, of an earlier version without checksums, gives a soft trip of "
+            "{recorded_n} N, but its protocol and configuration give {planned_n:.6g} N; start a new run",
+            code="other_soft_trip",
+            path=str(before.folder.path),
+            recorded_n=recorded_n,
+            planned_n=planned_n,
+        )
 
 
 def ramp_bound(plan: Plan, config: Config, ramp: PlannedIndentation) -> RampBound | None:

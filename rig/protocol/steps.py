@@ -6,7 +6,7 @@ A verb is a step class here, the method of `rig.protocol.api.Rig` that creates o
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
@@ -57,7 +57,7 @@ class Journalled(Protocol):
     def done(self) -> Mapping[int, list[dict[str, Any]]]:
         """Holds of each finished indentation, by index."""
 
-    def stream(self, name: str) -> list[dict[str, Any]]:
+    def stream(self, name: str) -> Sequence[dict[str, Any]]:
         """Return the events of a stream."""
 
 

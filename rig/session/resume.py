@@ -12,8 +12,9 @@ from typing import Any
 
 from rig.clock import WallClock
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
+from rig.data.documents import JournalError
 from rig.data.folder import IDENTIFICATION_PAGES, SCRIPTS, UnwritableError
-from rig.data.journal import JournalError, mend_journal
+from rig.data.journal import mend_journal
 from rig.data.run import read_provenance
 from rig.data.run_time import resumed_s
 from rig.data.tables import FOREIGN, foreign_in_one_line
@@ -109,7 +110,17 @@ def _read(folder: RunFolder) -> StoppedRun:
             left=_results(folder),
         )
     copy = folder.path / "protocol.py"
-    run = read_run(folder.path) if mend_journal(folder.events) else None
+    mend_journal(folder.events)
+    run = read_run(folder.path) if folder.events.exists() and folder.events.stat().st_size else None
+    if run is not None and run.damage and run.damage[0].line == 1:
+        raise BadInputError(
+            "run folder {path}: {events}, line 1: {problem}; it gives the soft trip, so resuming is refused; put "
+            "back an undamaged copy, or start a new run; `rig export` reads the presses",
+            code="start_damaged",
+            path=str(folder.path),
+            events=folder.events.name,
+            problem=run.damage[0].problem,
+        )
     if run is not None and _never_planned(run):
         raise BadInputError(
             "run folder {path} was stopped during planning and cannot be resumed; start a new run",

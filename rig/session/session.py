@@ -15,10 +15,12 @@ from rig.bench.real import Request, open_bench, refuse_silent_sensor
 from rig.bench.virtual import virtual_bench
 from rig.clock import Clock, WallClock
 from rig.control.stop import OwnedStage
-from rig.data import Run, RunFolder, export_run, new_run_folder, read_run
+from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
+from rig.data.documents import last_document
 from rig.data.folder import UnwritableError
-from rig.data.journal import ByteLog, Watch, add_to_end, read_journal
+from rig.data.journal import ByteLog, Watch, add_to_end
 from rig.data.schema import STREAMS, streams_with
+from rig.data.tables import foreign_in_one_line
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
 from rig.engine.bench import Meanwhile
@@ -93,33 +95,49 @@ class NoAttendant:
 
 
 @dataclass(frozen=True)
-class FinishedRun:
-    """Finished run, read from its journal."""
+class Made:
+    """Number of finished and of planned indentations, and duration on the clock of the run (s)."""
 
-    run: Run
+    indentations: int = 0
+    planned: int = 0
+    duration_s: float = 0.0
+
+
+@dataclass(frozen=True)
+class FinishedRun:
+    """Finished run: how it ended, and what its journal contains."""
+
+    folder: RunFolder
+    recorded: Run | RunError  # RunError: why the journal cannot be read
+    made: Made  # as counted while the run went on
     wall_s: float
     problem: Exception | None  # error that ended the run early, or kept its files from being written
     at: FinalPosition  # final position of the indentor
+    files_problem: Exception | None = None  # any other error of its files; the ending holds without them
 
     @property
-    def folder(self) -> RunFolder:
-        """Folder of the run."""
-        return self.run.folder
+    def run(self) -> Run:
+        """The run, read from its journal. Raises RunError."""
+        if isinstance(self.recorded, RunError):
+            raise self.recorded
+        return self.recorded
 
     @property
     def complete(self) -> bool:
         """Whether every planned indentation was done."""
-        return self.run.complete
+        if isinstance(self.recorded, RunError):
+            return self.problem is None and self.made.indentations >= self.made.planned
+        return self.recorded.complete
 
     @property
     def indentations(self) -> int:
         """Number of finished indentations."""
-        return len(self.run.done)
+        return self.made.indentations if isinstance(self.recorded, RunError) else len(self.recorded.done)
 
     @property
     def duration_s(self) -> float:
         """Duration on the clock of the run (s)."""
-        return self.run.duration_s
+        return self.made.duration_s if isinstance(self.recorded, RunError) else self.recorded.duration_s
 
     @cached_property
     def ending(self) -> Ending | None:
@@ -226,25 +244,51 @@ def run_on(
     began = time.perf_counter()
     now = datetime.now(UTC)
     folder = _folder(session, now, virtual=virtual)
-    problem, at, lost = None, FinalPosition("not moved"), None
+    ended = PartEnd(None, FinalPosition("not moved"), None, Made())
     there = session.before is not None and session.before.complete
     with _removed_if_empty(session, folder), ExitStack() as owned:
         owned.enter_context(folder.owned())
         if not there:
-            problem, at, lost = _on_a_bench(
-                session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed
-            )
-        if lost is not None:
-            problem = problem or lost.problem
-            run = lost.rescued(folder, at)
-            owned.enter_context(run.folder.owned())
+            ended = _on_a_bench(session, folder, lambda log: open_bench(folder, log, now.timestamp()), speed)
+        recorded: Run | RunError
+        if ended.lost is not None:
+            ended.problem = ended.problem or ended.lost.problem
+            recorded = ended.lost.rescued(folder, ended.at)
+            owned.enter_context(recorded.folder.owned())
         else:
-            run = read_run(folder.path)
+            recorded = _recorded(folder)
+        files_problem = None
         try:
-            export_run(run, again=not there)
+            if isinstance(recorded, RunError):
+                raise recorded
+            export_run(recorded, again=not there)
         except OSError as error:
-            problem = problem or error
-    return FinishedRun(run, time.perf_counter() - began, problem, at)
+            ended.problem = ended.problem or error
+        except Exception as error:
+            files_problem = error
+    return FinishedRun(
+        folder if isinstance(recorded, RunError) else recorded.folder,
+        recorded, ended.made, time.perf_counter() - began, ended.problem, ended.at, files_problem,
+    )  # fmt: skip
+
+
+def _recorded(folder: RunFolder) -> Run | RunError:
+    """Return the run, or why its journal cannot be read."""
+    try:
+        with foreign_in_one_line(folder.path):
+            return read_run(folder.path)
+    except RunError as error:
+        return error
+
+
+@dataclass
+class PartEnd:
+    """End of a part of a run: error that ended it early, final position, lost files, and what was made."""
+
+    problem: Exception | None
+    at: FinalPosition
+    lost: LostRun | None
+    made: Made
 
 
 def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
@@ -259,13 +303,15 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
 
 def _on_a_bench(
     session: Session, folder: RunFolder, open_bench: Callable[[Sink], WatchedBench], speed: float | None
-) -> tuple[Exception | None, FinalPosition, LostRun | None]:
-    """Carry out the script; return the error that ended it early, the final position, and lost files."""
-    contact_s = 0.0 if session.before is None else session.before.contact_s
+) -> PartEnd:
+    """Carry out the script."""
+    before = session.before
+    contact_s, done = (0.0, set[int]()) if before is None else (before.contact_s, set(before.done))
     copies = folder.copies()
     with ByteLog(folder.bytes_log) as byte_log:
         bench = open_bench(byte_log)
-        watch = byte_log.checked_before(_paced(session, bench.clock, speed))
+        begun_s = bench.clock.monotonic_s()
+        watch = byte_log.checked_before(_counted(done, _paced(session, bench.clock, speed)))
         with closing(bench):
             refuse_stop_inputs(session.config, bench)
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
@@ -278,7 +324,9 @@ def _on_a_bench(
             _begin(session, journal, virtual=bench.virtual)
             session.attendant.begins(folder)
             problem = _carry_out(session, journal, engine, _rig(session, folder, engine), bench)
-        return problem, FinalPosition.of(engine), LostRun.of(folder, copies, journal, byte_log)
+        lasted_s = bench.clock.monotonic_s() - begun_s + (0.0 if before is None else before.duration_s)
+        made = Made(len(done), len(session.plan.indentations), lasted_s)
+        return PartEnd(problem, FinalPosition.of(engine), LostRun.of(folder, copies, journal, byte_log), made)
 
 
 def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, bench: WatchedBench) -> Exception | None:
@@ -385,6 +433,17 @@ def _button(session: Session) -> dict[str, Any]:
     return {} if session.button is None or not session.button.there else {"stop_button": session.button.as_json()}
 
 
+def _counted(done: set[int], watch: Watch) -> Watch:
+    """Return the watch, with the indices of finished indentations added to a set."""
+
+    def counted(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "indentation_end":
+            done.add(data["index"])
+        watch(stream, data)
+
+    return counted
+
+
 def _paced(session: Session, clock: Clock, speed: float | None) -> Watch:
     """Return the session's watch, slowed down to `speed` virtual seconds per real second."""
     if speed is None:
@@ -455,7 +514,7 @@ def record_after(folder: RunFolder, state: str, wire: str, reason: str = AT_ONCE
         with ByteLog(folder.bytes_log) as log:
             for line in wire.splitlines(keepends=True):
                 log.write(line)
-        *_, last = read_journal(folder.events)
+        last = last_document(folder.events)
         if last["doc"] != "stop":
             at = asdict(FinalPosition.last_known(read_run(folder.path)))
             end = {"doc": "stop", "status": "aborted", "reason": reason, "indentor": at, "stopped_while": state}

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from rig.data.journal import Journal, JournalError, read_journal
+from rig.data.documents import JournalError
+from rig.data.journal import Journal, read_journal
 from rig.data.schema import STREAMS
 from rig.engine import LimitError, NotReadyError, RunAborted, TripError
 from sim.devices.clock import VirtualClock
@@ -219,8 +220,8 @@ def test_a_line_beyond_the_limit_is_refused_with_its_number(path: Path, monkeypa
     _write(path, VirtualClock())
     lengths = [len(line) for line in path.read_text(encoding="utf-8").splitlines()]
     longest = max(lengths)
-    monkeypatch.setattr("rig.data.journal.MOST_ON_A_LINE", longest)
+    monkeypatch.setattr("rig.data.documents.MOST_ON_A_LINE", longest)
     assert len(list(read_journal(path))) == len(lengths)
-    monkeypatch.setattr("rig.data.journal.MOST_ON_A_LINE", longest - 1)
-    with raises(JournalError, "long_line", line=lengths.index(longest) + 1, most=longest - 1):
+    monkeypatch.setattr("rig.data.documents.MOST_ON_A_LINE", longest - 1)
+    with raises(JournalError, "no_document", line=lengths.index(longest) + 1):
         list(read_journal(path))

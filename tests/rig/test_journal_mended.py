@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from rig.data.journal import Journal, JournalError, mend_journal, read_journal
+from rig.data.documents import JournalError
+from rig.data.journal import Journal, mend_journal, read_journal
 from rig.engine import RecordError
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises

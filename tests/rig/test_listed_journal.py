@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import rig.data.journal as listed_journal
-from rig.data.journal import JournalError, listed_documents, read_journal
-from rig.data.run import read_run
+from rig.data.journal import listed_documents, read_journal
+from rig.data.run import RunError, read_run
 from rig.data.tables import LISTED, _holds, summarised, summary_of
 from tests.error_codes import raises
 
@@ -27,7 +27,8 @@ def lines(*documents: dict[str, Any]) -> str:
 
 def read(path: Path, text: str, *streams: str) -> list[float]:
     path.write_bytes(text.encode("utf-8", "surrogateescape"))
-    return [one["t_s"] for one in listed_documents(path, streams)]
+    found = listed_documents(path, streams)
+    return [one["t_s"] for one in read_journal(path)] if found is None else [one["t_s"] for one in found]
 
 
 @pytest.mark.parametrize("block", [1, 40, 1000, 1 << 15])
@@ -76,9 +77,15 @@ def test_of_other_streams_what_stands_beside_what_is_no_event_is_read(tmp_path: 
     ids=["empty", "begun", "no line's end", "killed", "blank lines", "written otherwise", "torn", "no ASCII"],
 )
 def test_whatever_it_looks_like_it_says_the_same(written: str, tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_text(written, encoding="utf-8")
-    assert listed_documents(path, ["touch", "sample"]) == list(read_journal(path))
+    (tmp_path / "events.jsonl").write_text(written, encoding="utf-8")
+    if not written:
+        for only in (None, ("touch",)):
+            with raises(RunError, "no_start", run=str(tmp_path)):
+                read_run(tmp_path, only=only)
+        return
+    whole, few = read_run(tmp_path), read_run(tmp_path, only=("touch",))
+    assert few.stream("touch") == whole.stream("touch")
+    assert (few.start, few.stop, few.parts, few.end_s) == (whole.start, whole.stop, whole.parts, whole.end_s)
 
 
 @pytest.mark.parametrize("number", [2, 3, 4, 6])
@@ -94,15 +101,15 @@ def test_a_line_that_is_not_whole_is_told(spoil: Any, number: int, tmp_path: Pat
     found = lines(START, *readings, event("touch", 4.0), RESUME, STOP).split("\n")
     found[number - 1] = spoil(found[number - 1])
     path.write_text("\n".join(found), encoding="utf-8")
-    with raises(JournalError, "no_document", path=str(path), line=number):
-        listed_documents(path, ["touch"])
+    for only in (None, ("touch",)):
+        assert [damage.line for damage in read_run(tmp_path, only=only).damage] == [number]
 
 
 @pytest.mark.parametrize("text", ["[1\n2]", '"a\udcff"'])
 def test_a_document_is_on_one_line_and_of_bytes_that_are_text(text: str, tmp_path: Path) -> None:
     path = tmp_path / "events.jsonl"
     written = lines(START, event("touch", 1.0), STOP).replace('"index": 0', f'"index": {text}')
-    with raises(JournalError, "no_document", path=str(path), line=2):
-        read(path, written, "touch")
+    path.write_bytes(written.encode("utf-8", "surrogateescape"))
+    assert read_run(tmp_path, only=("touch",)).damage[0].line == 2
     with pytest.raises(FileNotFoundError):
         listed_documents(tmp_path / "none.jsonl", ["touch"])

@@ -11,8 +11,8 @@ import pytest
 from rig.cli.progress import IndentationProgress
 from rig.cli.runs import _described
 from rig.cli.watch import RunScreen, _now
+from rig.data.documents import Document
 from rig.data.folder import RunFolder
-from rig.data.journal import Document
 from rig.data.run import Following, read_run
 from rig.data.run_state import Course, DeviceStatus, Placed, RunState, TimeLeft
 from rig.panel.run_view import RunView

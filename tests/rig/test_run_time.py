@@ -167,6 +167,7 @@ def _as_before(folder: Path) -> Path:
         ahead_s = last_s - resumed_s if line["t_s"] >= resumed_s - 1.0 else BOOTED_S
         data = dict(line.get("data", {}))
         data |= {"rise_s": data["rise_s"] + ahead_s} if "rise_s" in data else {}
+        line = {key: value for key, value in line.items() if key != "crc32"}
         return {**line, "t_s": round(line["t_s"] + ahead_s, 6)} | ({"data": data} if data else {})
 
     for name in ("events.jsonl", "bytes.jsonl"):

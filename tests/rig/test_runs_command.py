@@ -20,11 +20,10 @@ import rig.data.index as run_index
 from rig.cli.runs import RunFilter, _line
 from rig.data.folder import RunFolder
 from rig.data.index import INDEX, IndexEntry, listed
-from rig.data.journal import JournalError, mend_journal, read_journal
+from rig.data.journal import mend_journal
 from rig.data.run import read_run
 from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from rig.engine.contact import MAY_TOUCH
-from tests.error_codes import raises
 from tests.program import Program
 from tests.waiting import DEADLINE_S
 
@@ -168,10 +167,6 @@ BROKEN: dict[str, tuple[bytes | None, str]] = {
         json.dumps(START | {"planned_indentations": "many"}).encode(),
         "ValueError: invalid literal for int() with base 10: 'many'",
     ),
-    "listed": (
-        json.dumps(START).encode() + b'\n{"doc": "event", "t_s": 0, "stream": "note", "data": [1]}\n',
-        "events.jsonl, line 2: not a journal document",
-    ),
     "noise": (b"\xff\xfe\x00\nnoise\n", "line 1"),
 }
 """What a journal holds, and what the system or Python says of it, or the place."""
@@ -222,89 +217,6 @@ def test_a_run_that_is_written_to_is_running(program: Program, runs: Path) -> No
         assert program("runs", runs, "--state", "running", "--json").json["runs"][0]["name"] == "stopped"
         assert program("show", folder.path, "--json").json["state"] == "running"
     assert states() == ["done", "done", "killed"]
-
-
-def test_a_list_reads_few_of_the_readings_and_says_the_same(runs: Path) -> None:
-    for name in NAMES:
-        whole, quick = read_run(runs / name), read_run(runs / name, readings=False)
-        assert (quick.duration_s, quick.end_s, quick.stop) == (whole.duration_s, whole.end_s, whole.stop)
-        assert (quick.done, quick.missing, quick.units) == (whole.done, whole.missing, whole.units)
-        for stream, events in whole.events.items():
-            if stream.endswith("sample"):
-                assert 0 < len(quick.stream(stream)) < len(events)
-            else:
-                assert quick.stream(stream) == events
-
-
-SAMPLE = '{"doc": "event", "t_s": %d, "stream": "find_sample", "data": {"index": 0}}'
-
-
-@pytest.mark.parametrize(
-    ("lines", "read"),
-    [
-        ([SAMPLE % 1, SAMPLE % 2, SAMPLE % 3, '{"doc": "resume", "t_s": 4}', SAMPLE % 5], [3, 4, 5]),
-        ([SAMPLE % 1, SAMPLE % 2, (SAMPLE % 3)[:-9]], [1 + 1]),
-        ([SAMPLE % 1, SAMPLE % 2, ""], [2]),
-        ([(SAMPLE % 1).replace(": ", ":"), SAMPLE % 2, SAMPLE % 3], [1, 3]),
-        ([(SAMPLE % 1).replace("sample", "touch"), SAMPLE % 2], [1, 2]),
-    ],
-    ids=["the last before what is none", "torn", "whole", "written otherwise", "no reading"],
-)
-def test_of_readings_in_a_row_the_last_is_read(tmp_path: Path, lines: list[str], read: list[int]) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_text("\n".join(lines), encoding="utf-8")
-    assert [one["t_s"] for one in read_journal(path, readings=False)] == read
-
-
-@pytest.mark.parametrize("torn", [(SAMPLE % 2)[:-1], (SAMPLE % 2)[1:], (SAMPLE % 2)[:40]])
-def test_a_reading_that_is_not_whole_is_no_document_all_the_same(tmp_path: Path, torn: str) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_text("\n".join([SAMPLE % 1, torn, SAMPLE % 3, ""]), encoding="utf-8")
-    with raises(JournalError, "no_document", path=str(path), line=2):
-        list(read_journal(path, readings=False))
-
-
-EVENT = '{"doc": "event", "t_s": %d, "stream": "note", "data": {"text": %s}}'
-
-
-@pytest.mark.parametrize("text", ['"plain"', '"süß"', '"\\u00fc"', "[1, 2]"])
-def test_without_readings_a_journal_says_the_same(tmp_path: Path, text: str) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_text("\n".join([EVENT % (1, text), "", EVENT % (2, text), ""]), encoding="utf-8")
-    assert list(read_journal(path, readings=False)) == list(read_journal(path)) != []
-
-
-@pytest.mark.parametrize("readings", [False, True])
-@pytest.mark.parametrize(
-    "broken",
-    [
-        (EVENT % (1, '"a')).encode() + b"\xff" + b'"}}',
-        (EVENT % (1, '"süß"')).encode("latin-1"),
-        b"\n".join([(EVENT % (1, "[1"))[:-2].encode(), b"2]}}"]),
-        b",".join([(EVENT % (1, "0")).encode()] * 2),
-        b'{"doc": "event", "t_s": 1}',
-        b'{"doc": "event of another kind", "t_s": 1}',
-        b'{"doc": [], "t_s": 1}',
-        b"[]",
-        b" ",
-    ],
-    ids=[
-        "no text",
-        "latin-1",
-        "one on two lines",
-        "two on one line",
-        "keys lacking",
-        "unknown",
-        "odd",
-        "a list",
-        "blank",
-    ],
-)
-def test_what_is_no_document_is_refused_with_its_line(tmp_path: Path, broken: bytes, readings: bool) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_bytes(b"\n".join([(EVENT % (0, "0")).encode(), broken, (EVENT % (2, "0")).encode(), b""]))
-    with raises(JournalError, "no_document", path=str(path), line=2):
-        list(read_journal(path, readings=readings))
 
 
 # --- the table ---

@@ -150,11 +150,11 @@ class RunScenario:
             lambda engine, walk: Phased(world, verbs, engine, walk),
         )
         world.phase = phase
-        problem, at, _ = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
+        end = sessions._on_a_bench(session, RunFolder(folder), lambda log: world.connected(), None)
         world.phase = ""
         stop = read_run(world.folder or folder).stop
         status = "killed" if stop is None else str(stop["status"])
-        return Finished(status, "" if problem is None else " ".join(str(problem).split()), at)
+        return Finished(status, "" if end.problem is None else " ".join(str(end.problem).split()), end.at)
 
     def _as_script(self) -> Script:
         return Script(Path(__file__), self.name, self.name, "", ProtocolParameters(), self.script)
