@@ -10,13 +10,15 @@ from rig.cli.keyboard import text_waits
 from rig.cli.output import NotConfirmedError, busy, err
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
+from rig.data.folder import refuse_full_disk
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.early_ending import Ending
 from rig.session.hardware_stop import StopButton
 from rig.session.rehearsal_summary import Page
-from rig.session.session import Session
+from rig.session.rehearse import Rehearsed
+from rig.session.session import NewRun, Session
 from rig.transport import refuse_missing
 from sim.contact.shapes import shape_name
 
@@ -43,7 +45,11 @@ def nothing_to_confirm(*, as_json: bool) -> Confirm:
 
 def _rehearsed(session: Session, *, as_json: bool) -> Page:
     with busy("rehearsing the protocol on a spring model …", as_json=as_json):
-        return Page.of(session)
+        page = Page.of(session)
+    into = session.into
+    if isinstance(page.rehearsal, Rehearsed):
+        refuse_full_disk(into.out if isinstance(into, NewRun) else into.folder.path, page.rehearsal.events)
+    return page
 
 
 def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 import filelock
 
 from rig.clock import WallClock
-from rig.errors import RigError
+from rig.errors import BadInputError, RigError
 from rig_shared.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
@@ -264,6 +264,37 @@ def how_to_write(error: BaseException | None) -> str:
 def free_space(path: Path) -> str:
     """Return the free disk space at a path, in words."""
     return f"{shutil.disk_usage(path if path.is_dir() else path.parent).free / 1e6:.0f} MB free"
+
+
+_EVENT_BYTES, _RUN_BYTES = 2_000, 3_000_000
+"""Size of a run per event, in the journal, the byte log and their exports, and of its pages."""
+
+
+def refuse_full_disk(out: Path, events: int) -> None:
+    """Refuse a run whose files the disk cannot hold.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the runs, which may have to be made first.
+    events : int
+        Predicted number of events in the journal.
+
+    Raises
+    ------
+    BadInputError
+    """
+    there = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
+    free, needed = shutil.disk_usage(there).free, events * _EVENT_BYTES + _RUN_BYTES
+    if free < needed:
+        raise BadInputError(
+            "{path}: the disk has {free_mb:.0f} MB free, and the run needs about {needed_mb:.0f} MB; free some, or "
+            "record on another disk with --out",
+            code="disk_full",
+            path=str(out),
+            free_mb=free / 1e6,
+            needed_mb=needed / 1e6,
+        )
 
 
 def put_in_place(partial: Path, path: Path) -> None:

@@ -128,6 +128,13 @@ class Run:
         """Return the events of one stream in order."""
         return self.events.get(name, [])
 
+    def readings_of(self, index: int) -> list[Event]:
+        """Return the readings of an indentation, in order of time."""
+        found = self.stream(READING)
+        if isinstance(found, RunReadings):
+            return found.of_press(index)
+        return [reading for reading in found if reading["index"] == index]
+
     @property
     def in_order(self) -> Iterator[tuple[str, Event]]:
         """Stream and data of all events, in the order of the journal."""

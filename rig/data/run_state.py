@@ -41,15 +41,17 @@ class Milestones:
 
 
 class Timeline:
-    """Recorder of the time of each milestone, and of the data of steps."""
+    """Recorder of the time of each milestone, of the data of steps, and of the number of events."""
 
     def __init__(self, now: Callable[[], float]) -> None:
         self._now, self._milestones = now, Milestones()
         self.instants_s: dict[Milestone, float] = {}
         self._steps: dict[Milestone, Mapping[str, Any]] = {}
+        self.events = 0
 
     def event(self, stream: str, data: Mapping[str, Any]) -> None:
         """Record the time of a milestone."""
+        self.events += 1
         name = self._milestones.name(stream, data)
         if name is not None:
             self.instants_s[name] = self._now()

@@ -1,5 +1,6 @@
 """Tables of a journal, summaries of runs, and the time spent on each activity."""
 
+import heapq
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -11,7 +12,7 @@ from typing import Any
 
 from rig.data.folder import RunFolder
 from rig.data.run import Run, RunError, read_run
-from rig.data.schema import PRESS_STREAMS, WAITED_FOR
+from rig.data.schema import PRESS_STREAMS, READING, WAITED_FOR
 from rig.errors import is_coded
 
 OF_THE_PRESS = {
@@ -103,19 +104,27 @@ class Span:
 
 
 def spans(run: Run) -> list[Span]:
-    """Return the intervals before each event, for all presses; together they cover the run, without its stops."""
+    """Return the intervals before the events, for all presses; together they cover the run, without its stops."""
     found, paused = list[Span](), list[tuple[float, float]]()
     last_s = run.start["t_s"]
-    for t_s, kind in sorted(_stamps(run)):
+    for t_s, kind in _stamps(run):
         gone, last_s = _running(run, last_s, t_s), t_s
         if kind == _UNTIL_THEN:
             paused += gone
             continue
-        found += [Span(*before, _LEADS_TO[kind]) for before in gone]
+        _add(found, gone, _LEADS_TO[kind])
         if kind not in WAITED_FOR:
-            found += [Span(*before, _LEADS_TO[kind]) for before in paused]
+            _add(found, paused, _LEADS_TO[kind])
             paused = []
     return found
+
+
+def _add(found: list[Span], intervals: Iterable[tuple[float, float]], what: str) -> None:
+    """Add intervals of an activity, the first as a part of the last one if they meet."""
+    for begin_s, end_s in intervals:
+        if found and found[-1].what == what and found[-1].end_s == begin_s:
+            begin_s = found.pop().begin_s
+        found.append(Span(begin_s, end_s, what))
 
 
 def _running(run: Run, begin_s: float, end_s: float) -> list[tuple[float, float]]:
@@ -157,15 +166,16 @@ def sine_in_words(event: Mapping[str, Any]) -> str:
     return f"at {event['frequency_hz']:.4g} Hz, {event['amplitude_um']:g} µm"
 
 
-def _stamps(run: Run) -> list[tuple[float, str]]:
-    stamps = list[tuple[float, str]]()
-    for events in (run.events, run.superseded):
-        for stream, found in events.items():
-            if stream.endswith("sample"):
-                stamps += [(event["t_s"], event["phase"]) for event in found]
-            elif stream in _LEADS_TO or stream == _UNTIL_THEN:
-                stamps += [(event["t_s"], stream) for event in found]
-    return stamps
+def _stamps(run: Run) -> Iterator[tuple[float, str]]:
+    """Yield the time of each event and its kind, in order of time."""
+    streams = [*run.events.items(), *run.superseded.items()]
+    readings = [_times(found, None) for stream, found in streams if stream.endswith(READING)]
+    others = [_times(found, stream) for stream, found in streams if stream in _LEADS_TO or stream == _UNTIL_THEN]
+    return heapq.merge(*readings, *others)
+
+
+def _times(events: Iterable[TableRow], kind: str | None) -> Iterator[tuple[float, str]]:
+    return ((event["t_s"], event["phase"] if kind is None else kind) for event in events)
 
 
 RUNNING, KILLED, SHORT = "running", "killed", "incomplete"

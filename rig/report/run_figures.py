@@ -1,7 +1,7 @@
 """Figures of a run: force, contact, and receptor responses according to the finger model."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from textwrap import wrap
 from typing import Any
 
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.tables import Span, spans
 from rig.plan.finger_model import PredictedHold, by_group, measured
-from rig.report.run_tables import Condition, Samples, by_target, conditions, loading, past_touch, samples_of
+from rig.report.run_tables import Condition, by_target, conditions, loading, past_touch
 from rig.report.style import (
     BLUE,
     DOTTED,
@@ -256,7 +256,7 @@ def force_depth(run: Run) -> Plot:
     groups = by_target(conditions(run))
     height, spread = 0.5 + _ROW_IN * len(groups), has_repeats(run)
     width = _WIDTH_IN if spread else 0.55 * _WIDTH_IN
-    return Plot((width, height), lambda figure: _force_depth(figure, groups, samples_of(run), spread), layout=None)
+    return Plot((width, height), lambda figure: _force_depth(figure, groups, run, spread), layout=None)
 
 
 def has_repeats(run: Run) -> bool:
@@ -349,27 +349,45 @@ def _strip(axes: Axes, found: Sequence[Span], per: float) -> None:
         axes.broken_barh(bars, (0, 1), color=color, lw=0)
 
 
-def broken(samples: Sequence[dict[str, Any]], run: Run) -> tuple[Array, Array]:
+def broken(samples: Iterable[dict[str, Any]], run: Run) -> tuple[Array, Array]:
     """Return times and forces with a gap between indentations, and where the run was resumed."""
-    index = np.array([sample["index"] for sample in samples])
-    t = np.array([sample["t_s"] for sample in samples], dtype=float)
+    rows = ((sample["index"], sample["t_s"], _force_gwt(sample)) for sample in samples)
+    index, t, force = np.fromiter(rows, dtype=np.dtype((float, 3))).reshape(-1, 3).T
     part = np.searchsorted([begin_s for begin_s, _ in run.parts[1:]], t, side="right")
     at = np.flatnonzero((np.diff(index) != 0) | (np.diff(part) != 0)) + 1
-    t = np.insert(t, at, np.nan)
-    return t, np.insert(np.array([sample["force_gwt"] for sample in samples], dtype=float), at, np.nan)
+    return _thinned(np.insert(t, at, np.nan), np.insert(force, at, np.nan))
+
+
+def _force_gwt(sample: dict[str, Any]) -> float:
+    return math.nan if sample["force_gwt"] is None else float(sample["force_gwt"])
+
+
+_MOST_POINTS = 20_000
+"""Points of a line, several for each dot of a printed page."""
+
+
+def _thinned(t: Array, y: Array) -> tuple[Array, Array]:
+    """Return the gaps of a long line, and the lowest and highest point of each of many equal pieces."""
+    each = -(-2 * len(t) // _MOST_POINTS)
+    if each <= 2:
+        return t, y
+    begins = np.arange(0, len(t), each)
+    pieces = np.append(y, np.full(-len(y) % each, np.nan)).reshape(-1, each)
+    low, high = (np.argmin(np.where(np.isnan(pieces), np.inf, sign * pieces), axis=1) for sign in (1, -1))
+    kept = np.unique(np.concatenate([begins + low, begins + high, np.flatnonzero(np.isnan(y))]))
+    return t[kept], y[kept]
 
 
 def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> None:
     panels = _panels(figure, len(groups))
-    samples = samples_of(run)
     for (name, members), (left, right) in zip(groups.items(), panels, strict=True):
         xs = [condition.x_mm for condition in members]
         for condition in members:
             for index in condition.indices:
-                color = shade_of(condition.x_mm, xs)
-                left.plot(*_since_press(samples[index]), lw=0.8, color=color)
-                for t, ratio in _in_holds(samples[index]):
-                    right.plot(t, ratio, lw=0.8, color=color)
+                color, readings = shade_of(condition.x_mm, xs), run.readings_of(index)
+                left.plot(*_thinned(*_since_press(readings)), lw=0.8, color=color)
+                for t, ratio in _in_holds(readings):
+                    right.plot(*_thinned(t, ratio), lw=0.8, color=color)
         left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
         low, high = right.get_ylim()
         right.set_ylim(min(low, 1 - _LEAST_RELATIVE), max(high, 1 + _LEAST_RELATIVE))
@@ -392,12 +410,12 @@ def _in_holds(samples: Sequence[dict[str, Any]]) -> list[tuple[Array, Array]]:
     return [(t[a:b] - t[a], force[a:b] / force[a]) for a, b in parts if force[a] > 0]
 
 
-def _force_depth(figure: Figure, groups: dict[str, list[Condition]], samples: Samples, spread: bool) -> None:
+def _force_depth(figure: Figure, groups: dict[str, list[Condition]], run: Run, spread: bool) -> None:
     panels = _panels(figure, len(groups), 2 if spread else 1)
     for (name, members), (left, *right) in zip(groups.items(), panels, strict=True):
         xs = [condition.x_mm for condition in members]
         for condition in members:
-            found, color = loading(condition, samples), shade_of(condition.x_mm, xs)
+            found, color = loading(condition, run), shade_of(condition.x_mm, xs)
             if found is not None:
                 left.plot(found.doi_mm, found.mean_gwt, lw=1, color=color)
                 for axes in right:

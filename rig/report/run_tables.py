@@ -84,7 +84,6 @@ def _digits(value: float) -> str:
 
 
 Array = NDArray[np.float64]
-Samples = dict[int, list[dict[str, Any]]]
 
 _UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
 _DEPTHS = 60
@@ -145,9 +144,9 @@ def by_target(found: Sequence[Condition]) -> dict[str, list[Condition]]:
     return grouped(found, key=lambda condition: condition.group)
 
 
-def loading(condition: Condition, samples: Samples) -> Loading | None:
+def loading(condition: Condition, run: Run) -> Loading | None:
     """Return the loading over the depths that all repeats reached; None if there are none."""
-    curves = [_curve(samples[index]) for index in condition.indices]
+    curves = [_curve(run.readings_of(index)) for index in condition.indices]
     low, high = max(doi[0] for doi, _ in curves), min(doi[-1] for doi, _ in curves)
     if not low < high:
         return None
@@ -162,14 +161,6 @@ def _curve(samples: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
     mine = [s for s in past_touch(samples) if s["doi_mm"] is not None]
     doi, back = np.unique([s["doi_mm"] for s in mine], return_inverse=True)
     return doi, np.bincount(back, [s["force_gwt"] for s in mine]) / np.bincount(back)
-
-
-def samples_of(run: Run) -> Samples:
-    """Return the readings of each indentation by its index, in order of time."""
-    found: Samples = {}
-    for sample in run.stream("sample"):
-        found.setdefault(sample["index"], []).append(sample)
-    return found
 
 
 def past_touch(samples: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
@@ -210,7 +201,7 @@ def phases(run: Run) -> list[Phase]:
 
 def why_approach(run: Run) -> str:
     """Return a sentence on the number and duration of polls during the approach; empty without one."""
-    samples = [s for s in run.stream("sample") if s["index"] >= 0]
+    samples = (s for s in run.stream("sample") if s["index"] >= 0)
     looks = [
         (after["t_s"] - before["t_s"], before["height_mm"] - after["height_mm"])
         for before, after in pairwise(samples)
@@ -220,7 +211,7 @@ def why_approach(run: Run) -> str:
     if not down:
         return ""
     seconds, fallen = np.median(down, axis=0)
-    presses = len({s["index"] for s in samples})
+    presses = len({s["index"] for s in run.stream("sample") if s["index"] >= 0})
     return (
         f"An approach descends by {fallen:.3g} mm, waits for a force reading, and repeats: {seconds:.2f} s "
         f"per step, {len(looks) / presses:.0f} steps per indentation. This keeps an unexpected force small; a "
@@ -231,16 +222,18 @@ def why_approach(run: Run) -> str:
 def limits(run: Run) -> list[tuple[str, str]]:
     """Return the limits of the run and the highest measured values."""
     table = limits_in_kpa(toml_of(read_text(run.folder.config)).get("limits", {}))
-    forces = [s["force_gwt"] for s in run.stream("sample") if s["force_gwt"] is not None]
-    depths = [s["doi_mm"] for s in run.stream("sample") if s["doi_mm"] is not None]
+    highest_gwt, deepest_mm = (
+        max((s[name] for s in run.stream("sample") if s[name] is not None), default=None)
+        for name in ("force_gwt", "doi_mm")
+    )
     rows = []
     if "soft_trip_n" in run.start:
         trip_n = run.start["soft_trip_n"]
         rows.append(("soft trip of this run", f"{trip_n / GWT_N:.2f} gwt ({trip_n:.4f} N)"))
-    if forces:
-        rows.append(("highest measured force", f"{max(forces):.2f} gwt ({max(forces) * GWT_N:.4f} N)"))
-    if depths:
-        rows.append(("deepest", f"{max(depths):.3f} mm"))
+    if highest_gwt is not None:
+        rows.append(("highest measured force", f"{highest_gwt:.2f} gwt ({highest_gwt * GWT_N:.4f} N)"))
+    if deepest_mm is not None:
+        rows.append(("deepest", f"{deepest_mm:.3f} mm"))
     rows += motions_in_contact(run)
     rows.append(("total contact time", f"{run.contact_s:.1f} s"))
     return rows + [(f"limits.{key}", as_number(table[key])) for key in _LIMITS if key in table]

@@ -104,13 +104,14 @@ class Rehearsing:
 
 @dataclass(frozen=True)
 class Rehearsed:
-    """Predicted duration, contact time and time of each milestone (s)."""
+    """Predicted duration, contact time and time of each milestone (s), and number of events in the journal."""
 
     duration_s: float
     contact_s: float
     instants_s: Mapping[Milestone, float]
     words: Mapping[Milestone, str] = field(default_factory=dict)
     marks: Mapping[Milestone, Marks] = field(default_factory=dict)
+    events: int = 0
 
     @property
     def course(self) -> Course:
@@ -159,4 +160,11 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
         verbs.home(engine)
         handler = ResumeHandler(before, handler)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
-    return Rehearsed(clock.monotonic_s(), engine.contact.total_s, timeline.instants_s, timeline.words, timeline.marks)
+    return Rehearsed(
+        clock.monotonic_s(),
+        engine.contact.total_s,
+        timeline.instants_s,
+        timeline.words,
+        timeline.marks,
+        timeline.events,
+    )

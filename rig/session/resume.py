@@ -78,6 +78,12 @@ def read_stopped(path: Path) -> StoppedRun:
         raise around(BadInputError, "{problem}", error) from None
 
 
+def _refuse_foreign(run: Run) -> None:
+    """Raise an error in `FOREIGN` if the journal lacks what a resumed run needs."""
+    for needed in ("done", "missing", "repeated", "contact_s"):
+        getattr(run, needed)
+
+
 def _never_planned(run: Run) -> bool:
     """Return whether the run was stopped during planning, so that its remaining steps are unknown."""
     stopped_while = None if run.stop is None else run.stop.get("stopped_while")
@@ -112,6 +118,8 @@ def _read(folder: RunFolder) -> StoppedRun:
     copy = folder.path / "protocol.py"
     mend_journal(folder.events)
     run = read_run(folder.path) if folder.events.exists() and folder.events.stat().st_size else None
+    if run is not None:
+        _refuse_foreign(run)
     if run is not None and run.damage and run.damage[0].line == 1:
         raise BadInputError(
             "run folder {path}: {events}, line 1: {problem}; it gives the soft trip, so resuming is refused; put "

@@ -279,6 +279,13 @@ def _recorded(folder: RunFolder) -> Run | RunError:
             return read_run(folder.path)
     except RunError as error:
         return error
+    except Exception as error:
+        return RunError(
+            "run folder {run}: {problem}",
+            code="bad_journal",
+            run=str(folder.path),
+            problem=f"{type(error).__name__}: {error}",
+        )
 
 
 @dataclass

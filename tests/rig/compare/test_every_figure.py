@@ -52,7 +52,7 @@ from rig.report.comparison_report import shape_figures, shown_measures, simulati
 from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
-from rig.report.run_tables import conditions, loading, samples_of
+from rig.report.run_tables import conditions, loading
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
@@ -351,11 +351,12 @@ def _force_time_cut(world: World, figure: Figure) -> Shown:
 
 def _presses(world: World, figure: Figure) -> Shown:
     left, right = _panels(figure)
-    samples = samples_of(world.run)
     wanted = []
     for condition in conditions(world.run):
         for index in condition.indices:
-            pressed = [(s["t_s"], s["force_gwt"]) for s in samples[index] if s["phase"] in ("press", "hold")]
+            pressed = [
+                (s["t_s"], s["force_gwt"]) for s in world.run.readings_of(index) if s["phase"] in ("press", "hold")
+            ]
             wanted.append(np.array(pressed).T - [[pressed[0][0]], [0]])
     for drawn, table in zip(_lines(left), wanted, strict=True):
         yield drawn, table
@@ -365,7 +366,7 @@ def _presses(world: World, figure: Figure) -> Shown:
 
 def _force_depth(world: World, figure: Figure) -> Shown:
     mean, sd = _panels(figure)
-    found = [loading(condition, samples_of(world.run)) for condition in conditions(world.run)]
+    found = [loading(condition, world.run) for condition in conditions(world.run)]
     for drawn, spread, one in zip(_lines(mean), _lines(sd), found, strict=True):
         assert one is not None
         yield drawn, (one.doi_mm, one.mean_gwt)

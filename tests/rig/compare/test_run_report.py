@@ -26,7 +26,6 @@ from rig.report.run_tables import (
     limits,
     loading,
     phases,
-    samples_of,
     scheduled,
     why_approach,
     write_numbers,
@@ -131,7 +130,7 @@ def test_the_mean_force_of_repeats_is_at_depths_that_all_reached() -> None:
     ]
     run = run_of([{"index": k, "indentor": "bar:3.0", "x_mm": 0.0} for k in (0, 1)], samples)
     (condition,) = conditions(run)
-    found = loading(condition, samples_of(run))
+    found = loading(condition, run)
     assert found is not None
     assert (found.doi_mm[0], found.doi_mm[-1]) == (0.2, 0.3)
     np.testing.assert_allclose(found.mean_gwt, 11 * found.doi_mm, rtol=1e-12)
@@ -141,10 +140,13 @@ def test_the_mean_force_of_repeats_is_at_depths_that_all_reached() -> None:
 def test_one_press_has_no_spread_and_one_depth_no_curve() -> None:
     run = run_of([{"index": 0, "indentor": "bar:3.0", "x_mm": 0.0}], [reading(0, 0.1, 1.0), reading(0, 0.2, 2.0)])
     (condition,) = conditions(run)
-    found = loading(condition, samples_of(run))
+    found = loading(condition, run)
     assert found is not None
     assert np.isnan(found.sd_gwt).all()
-    assert loading(condition, {0: [reading(0, 0.1, 1.0), reading(0, 0.1, 1.1)]}) is None
+    one_depth = run_of(
+        [{"index": 0, "indentor": "bar:3.0", "x_mm": 0.0}], [reading(0, 0.1, 1.0), reading(0, 0.1, 1.1)]
+    )
+    assert loading(condition, one_depth) is None
 
 
 def test_a_row_has_mean_and_sd_of_its_repeats(bar_run: Run, finger: Fingertip) -> None:

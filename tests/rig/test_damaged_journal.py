@@ -1,0 +1,274 @@
+"""A damaged journal: the line is named, sound presses stay, and nothing that decides a press is taken from it."""
+
+import json
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from rig.data import read_run
+from rig.data.documents import as_line, fits, read_lines
+from rig.data.journal import add_to_end, mend_journal
+from rig.plan.config import Config
+from rig.plan.plan import make_plan
+from rig.protocol.script import load_script
+from rig.session.session import NewRun, Session, dry_run
+from sim.models.fingertip import Fingertip
+from tests.program import Program
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (-0.5, 0.0, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent(force_gwt=1.0, hold_s=0.1)
+"""
+Lines = list[bytes]
+Spoil = Callable[[Lines, int], object]
+
+
+@pytest.fixture(scope="module")
+def whole(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("whole")
+    path = folder / "three.py"
+    path.write_text(SCRIPT, encoding="utf-8")
+    script = load_script(str(path))
+    plan = make_plan(script, Config(), finger)
+    done = dry_run(Session(script, Config(), finger, plan, NewRun(folder / "runs")))
+    assert done.complete, done.problem
+    return done.folder.path
+
+
+@pytest.fixture
+def folder(whole: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "runs" / whole.name))
+
+
+def _lines(folder: Path) -> Lines:
+    return (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+
+
+def _number(lines: Lines, stream: str, index: int) -> int:
+    """Position of the first event of a press in a stream."""
+    found = [json.loads(line) for line in lines]
+    return next(
+        n for n, one in enumerate(found) if one.get("stream") == stream and one.get("data", {}).get("index") == index
+    )
+
+
+def _changed_bit(lines: Lines, n: int) -> None:
+    at = lines[n].rindex(b"0")
+    lines[n] = lines[n][:at] + b"1" + lines[n][at + 1 :]
+
+
+SPOILS: dict[str, Spoil] = {
+    "one digit changed": _changed_bit,
+    "dropped": lambda lines, n: lines.pop(n),
+    "doubled": lambda lines, n: lines.insert(n, lines[n]),
+    "swapped with the next": lambda lines, n: lines.insert(n + 1, lines.pop(n)),
+    "not a document": lambda lines, n: lines.__setitem__(n, b"rubbish\n"),
+    "a foreign line before it": lambda lines, n: lines.insert(n, b'{"level": "info", "msg": "sync"}\n'),
+    "a line without a checksum before it": lambda lines, n: lines.insert(
+        n, b'{"doc": "event", "t_s": 1.0, "stream": "note", "data": {"text": "by hand"}}\n'
+    ),
+    "an overlong line before it": lambda lines, n: lines.insert(n, b"x" * 5_000_000 + b"\n"),
+}
+"""What happens to a line of the journal."""
+PLACES = ("indentation_start", "sample", "touch", "hold_end", "indentation_end")
+"""Events of the second press; its neighbors are sound."""
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("what", SPOILS)
+def test_a_damaged_press_is_left_out_and_the_others_stay(folder: Path, what: str, place: str) -> None:
+    lines = _lines(folder)
+    SPOILS[what](lines, n := _number(lines, place, 1))
+    (folder / "events.jsonl").write_bytes(b"".join(lines))
+    run = read_run(folder)
+    assert n + 1 <= run.damage[0].line <= n + 2
+    assert run.warning is not None
+    assert f"line {run.damage[0].line}" in run.warning
+    assert set(run.done) <= {0, 1, 2}
+    assert {0, 2} - {2 if place == "indentation_end" else 0} <= set(run.done)
+    if what in ("one digit changed", "dropped", "not a document"):
+        assert 1 not in run.done
+    for events in run.events.values():
+        assert all(event.get("index") not in run.damaged for event in events)
+
+
+def test_the_checksum_of_each_line_fits_it_alone(folder: Path) -> None:
+    lines = _lines(folder)
+    assert all(fits(line.rstrip(b"\n")) for line in lines)
+    assert [json.loads(line)["seq"] for line in lines] == list(range(len(lines)))
+    for line in lines[:40]:
+        for at in range(0, len(line) - 1, 7):
+            other = bytes([line[at] ^ 1])
+            assert not fits((line[:at] + other + line[at + 1 :]).rstrip(b"\n"))
+
+
+@pytest.mark.parametrize("command", [("show",), ("export", "--csv"), ("export", "--report"), ("watch",), ("resume",)])
+def test_every_command_that_reads_a_run_names_its_damaged_line(
+    program: Program, folder: Path, command: tuple[str, ...]
+) -> None:
+    lines = _lines(folder)
+    lines[_number(lines, "hold_end", 1)] = b"rubbish\n"
+    (folder / "events.jsonl").write_bytes(b"".join(lines))
+    name, *options = command
+    ended = program(name, folder, *options)
+    assert ended.code == 0, ended.err
+    damage = read_run(folder).damage[0]
+    assert f"line {damage.line}: {damage.problem}" in ended.err
+    if name == "resume":
+        run = read_run(folder)
+        assert (sorted(run.done), run.missing) == ([0, 1, 2], 0)
+
+
+@pytest.mark.parametrize("spoil", [_changed_bit, lambda lines, n: lines.pop(n)])
+def test_a_damaged_first_line_is_not_resumed_and_nothing_is_written(
+    program: Program, folder: Path, spoil: Spoil
+) -> None:
+    lines = _lines(folder)[:-3]
+    spoil(lines, 0)
+    (folder / "events.jsonl").write_bytes(b"".join(lines))
+    ended = program("resume", folder, "--json")
+    assert ended.code == 2
+    assert ended.json["code"] in ("start_damaged", "no_start")
+    assert "line 1" in ended.err or "start document" in ended.err
+    assert _lines(folder) == lines
+
+
+def test_a_soft_trip_changed_in_the_first_line_is_noticed(program: Program, folder: Path) -> None:
+    """One wrong bit: 0.02 → 1.02 N."""
+    lines = _lines(folder)[:-3]
+    start = json.loads(lines[0])
+    changed = json.dumps(start["soft_trip_n"])
+    lines[0] = lines[0].replace(f'"soft_trip_n": {changed}'.encode(), f'"soft_trip_n": 1{changed[1:]}'.encode())
+    (folder / "events.jsonl").write_bytes(b"".join(lines))
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "start_damaged")
+
+
+def _as_of_0_2(lines: Lines, soft_trip_n: float | None = None) -> bytes:
+    """Documents without checksums, as version 0.2 wrote them."""
+    documents = [{key: value for key, value in json.loads(line).items() if key != "crc32"} for line in lines]
+    if soft_trip_n is not None:
+        documents[0]["soft_trip_n"] = soft_trip_n
+    return b"".join(json.dumps(document).encode() + b"\n" for document in documents)
+
+
+def test_a_journal_of_0_2_is_resumed_only_with_the_soft_trip_of_its_plan(program: Program, folder: Path) -> None:
+    lines = _lines(folder)
+    half = lines[: _number(lines, "indentation_start", 1) + 3]
+    (folder / "events.jsonl").write_bytes(_as_of_0_2(half, soft_trip_n=1.15))
+    assert read_run(folder).damage == []
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "other_soft_trip")
+    (folder / "events.jsonl").write_bytes(_as_of_0_2(half))
+    assert program("resume", folder).code == 0
+    run = read_run(folder)
+    assert (run.missing, run.repeated, run.complete) == (0, 0, True)
+
+
+def test_a_journal_goes_on_with_the_next_number(folder: Path) -> None:
+    path, count = folder / "events.jsonl", len(_lines(folder))
+    assert mend_journal(path) == count
+    add_to_end(path, {"stopped_while": "reporting"}, 1.0)
+    *_, last = read_lines(path)
+    assert last.damage is None
+    assert last.document is not None
+    assert (last.document["seq"], last.document["stopped_while"]) == (count, "reporting")
+    assert fits(as_line(last.document).rstrip(b"\n"))
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="has no /dev/zero")
+@pytest.mark.parametrize("command", [("resume",), ("show",), ("export", "--csv"), ("watch",)])
+def test_a_journal_that_is_a_link_to_an_endless_device_is_refused(
+    program: Program, folder: Path, command: tuple[str, ...]
+) -> None:
+    (folder / "events.jsonl").unlink()
+    os.symlink("/dev/zero", folder / "events.jsonl")
+    name, *options = command
+    ended = program(name, folder, *options, "--json")
+    assert ended.code == 2
+    assert "a device instead of a regular file" in ended.err
+
+
+KEYS = ("index", "stream", "t_s", "hold", "units", "data", "indentor", "x_mm", "force_gwt", "unix_s", "doc")
+
+
+@pytest.mark.parametrize("key", KEYS)
+@pytest.mark.parametrize("command", [("export", "--csv"), ("export", "--report"), ("show",), ("resume",)])
+def test_one_changed_key_of_an_unchecked_journal_is_one_line(
+    program: Program, folder: Path, key: str, command: tuple[str, ...]
+) -> None:
+    text = _as_of_0_2(_lines(folder)).decode().replace(f'"{key}"', f'"{key}_"')
+    (folder / "events.jsonl").write_text(text, encoding="utf-8")
+    name, *options = command
+    ended = program(name, folder, *options)
+    assert ended.code in (0, 2)
+    assert "Traceback" not in ended.err
+    if ended.code:
+        assert str(folder) in ended.err.splitlines()[-1]
+
+
+# --- the disk, and files that fail ---
+
+
+def test_a_run_that_the_disk_cannot_hold_is_refused_before_it_begins(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "three.py"
+    script.write_text(SCRIPT, encoding="utf-8")
+    usage = shutil.disk_usage(tmp_path)
+    words = ("dry-run", script, "--out", tmp_path / "out", "--json")
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=1_000_000))
+    ended = program(*words)
+    assert (ended.code, ended.error_code) == (2, "disk_full")
+    assert not (tmp_path / "out").exists()
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: usage._replace(free=20_000_000))
+    assert program(*words).code == 0
+
+
+AFTER_THE_LAST_MOTION = {
+    "the journal is read": "rig.session.session.read_run",
+    "the export": "rig.session.session.export_run",
+    "the report": "rig.cli.script_execution.make_report",
+    "the checksums": "rig.data.folder.RunFolder.write_checksums",
+}
+
+
+@pytest.mark.parametrize("what", AFTER_THE_LAST_MOTION)
+@pytest.mark.parametrize("failure", [RuntimeError("no usable backend"), ValueError("usetex"), MemoryError()])
+@pytest.mark.parametrize("trips", [False, True])
+def test_what_fails_after_the_last_motion_never_replaces_the_ending(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, failure: Exception, trips: bool
+) -> None:
+    script = tmp_path / "three.py"
+    once = SCRIPT.replace("(-0.5, 0.0, 0.5)", "(0.0,)")
+    # It is run to plan, to rehearse, and then to press.
+    stops = "    os.environ['TIMES'] += 'I'\n    if os.environ['TIMES'] == 'III':\n        1 / 0\n"
+    monkeypatch.setenv("TIMES", "")
+    script.write_text(f"import os\n{once}{stops if trips else ''}", encoding="utf-8")
+
+    def fails(*about: Any, **__: object) -> None:
+        if what != "the checksums" or (about[0].path / "bytes.jsonl").exists():
+            raise failure
+
+    monkeypatch.setattr(AFTER_THE_LAST_MOTION[what], fails)
+    ended = program("dry-run", script, "--out", tmp_path / "out", "--json")
+    assert ended.code == (1 if trips else 2), ended.err
+    assert "Traceback" not in ended.err
+    assert "no_traceback" not in ended.err
+    answer = ended.json
+    assert answer["indentations"] == 1
+    assert "rig export" in answer["files_text"]
+    if trips:
+        assert answer["ending"]["indentor"]["left"] == "lifted"
+        assert "division by zero" in answer["ending"]["reason_text"]
