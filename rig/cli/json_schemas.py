@@ -305,6 +305,7 @@ class CheckJson(Output):
     peak_force_n: float
     peak_force_gwt: float
     small_strain: SmallStrainJson
+    repeats: bool
     peak_pressure_kpa: float
     soft_trip_n: float
     hard_trip_n: float

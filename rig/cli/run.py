@@ -66,6 +66,7 @@ from rig.engine import RunAborted
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import make_plan
+from rig.protocol.fresh_passes import find_difference
 from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
@@ -122,6 +123,15 @@ def check_command(
             plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
             found = preflight(script, settings, finger, plan).as_json()
+        with busy("repeating the script in fresh processes …", quick=True, as_json=as_json):
+            differs = find_difference(script, settings, plan.steps)
+        found["repeats"] = differs is None
+        if differs is not None:
+            complain(
+                "the script does not repeat itself, so a stopped run of it cannot be resumed: "
+                f"step {differs.number} is {differs.one} in one pass and {differs.other} in another; seed what is "
+                "random (random.Random(7).shuffle), sort what is a set"
+            )
         if choose:
             found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
         if as_json:

@@ -320,6 +320,9 @@ def loaded(config: Config, finger: FingerProcess | None, *, as_json: bool) -> Fi
         return finger
 
 
+_MOST_DIFFERENCES = 3
+
+
 def _planned(
     script: Script,
     config: Config,
@@ -331,6 +334,8 @@ def _planned(
     with checking_the_script() as show_steps:
         known, trip_n = (None, 0.0) if approved is None else (approved.predictions, approved.soft_trip_n)
         plan = make_plan(script, config, finger, before, folder, show_steps, known, trip_n)
+    for difference in plan.differences[:_MOST_DIFFERENCES]:
+        complain(f"the script differs from the resumed run: {difference}")
     return Session(script, config, finger, plan, into)
 
 

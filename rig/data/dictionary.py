@@ -52,6 +52,9 @@ MEANINGS = {
     "value": "commanded value, in the unit of target",
     "commanded": "commanded value of this hold, in the unit of target",
     "increments": "number of holds, at equal parts of the target",
+    "verb": "verb of the press: indent, ramp or vibrate",
+    "indentation_start.speed_mm_s": "speed that the protocol asked for, of the press or the ramp",
+    "indentation_start.hold_s": "duration of each hold that the protocol asked for",
     "target_doi_mm": "commanded depth past contact, for a hold its own part; empty if a force was commanded",
     "target_force_gwt": "commanded force, for a hold its own part; empty if a depth was commanded",
     "block": "number of the block in the schedule, from 1; empty outside a schedule",
@@ -160,7 +163,7 @@ MODEL_TABLES = {
 
 TEXT = frozenset({
     *("indentor", "target", "condition", "phase", "at", "controller", "sensor", "contact"),
-    *("name", "text", "reason", "by", "probabilities"),
+    *("verb", "name", "text", "reason", "by", "probabilities"),
 })  # fmt: skip
 FLAGS = frozenset({"stable"})
 

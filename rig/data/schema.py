@@ -7,8 +7,8 @@ READING = "sample"
 
 PRESS_STREAMS = {
     "indentation_start": {
-        "index": "", "indentor": "", "x_mm": "mm", "target": "", "value": "", "increments": "",
-        "block": "", "repeat": "", "condition": "",
+        "index": "", "indentor": "", "x_mm": "mm", "verb": "", "target": "", "value": "", "increments": "",
+        "speed_mm_s": "mm/s", "hold_s": "s", "block": "", "repeat": "", "condition": "",
     },
     "sample": {
         "index": "", "phase": "", "x_mm": "mm", "height_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "stable": "",

@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rig.devices.registry import highest_hz, ramps
 from rig.engine.engine import Engine
@@ -171,9 +171,11 @@ def indent(
         parts = range(1, increments + 1)
         return tuple(press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in parts)
 
-    return _indentation(
-        engine, target, increments, speed_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id
+    habits = engine.settings.habits
+    asked = RequestedPress(
+        "indent", target, increments, habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s, hold_s
     )
+    return _indentation(engine, asked, asked.speed_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
 
 
 def ramp(
@@ -207,7 +209,8 @@ def ramp(
         approach.back_off()
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
-    return _indentation(engine, target, 1, None, holds, expected_contact_mm, contact_area_mm2, press_id)
+    asked, press_mm_s = RequestedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
+    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
 
 
 def vibrate(
@@ -238,7 +241,9 @@ def vibrate(
         bound.refuse_beyond(LimitError, engine.x_mm)
         return (press.vibrate(target, bound),)
 
-    return _indentation(engine, target, 1, None, holds, expected_contact_mm, contact_area_mm2, press_id)
+    press_mm_s = engine.settings.habits.press_speed_mm_s
+    asked = RequestedPress("vibrate", target, 1, press_mm_s, vibration.duration_s)
+    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
 
 
 def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
@@ -256,11 +261,33 @@ Reached = tuple[float, float] | None
 """Depth (mm) and force (gwt) of the last press at a position since the last homing."""
 
 
+@dataclass(frozen=True)
+class RequestedPress:
+    """Press as the script asked for it: verb, target, number of holds, speed (mm/s) and duration of each hold (s)."""
+
+    verb: str
+    target: Target
+    increments: int
+    speed_mm_s: float
+    hold_s: float
+
+    @property
+    def fields(self) -> dict[str, Any]:
+        """Columns of the journal."""
+        return {
+            "verb": self.verb,
+            "target": self.target.kind,
+            "value": self.target.value,
+            "increments": self.increments,
+            "speed_mm_s": self.speed_mm_s,
+            "hold_s": self.hold_s,
+        }
+
+
 def _indentation(
     engine: Engine,
-    target: Target,
-    increments: int,
-    speed_mm_s: float | None,
+    asked: RequestedPress,
+    press_mm_s: float,
     holds: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
     expected_contact_mm: float,
     contact_area_mm2: float,
@@ -268,13 +295,12 @@ def _indentation(
 ) -> Indentation:
     ready_to_indent(engine)
     press = PressId(engine.next_index()) if press_id is None else press_id
-    speed = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
     search_mm = engine.settings.limits.search_mm
     approach = Approach(engine, press, expected_contact_mm - search_mm, expected_contact_mm + search_mm)
 
     def attempt() -> Indentation:
         engine.trips.press_on(contact_area_mm2)
-        return _attempt(engine, approach, target, increments, speed, holds)
+        return _attempt(engine, approach, asked, press_mm_s, holds)
 
     return unpaused(attempt)
 
@@ -301,9 +327,8 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
 def _attempt(
     engine: Engine,
     approach: Approach,
-    target: Target,
-    increments: int,
-    speed_mm_s: float,
+    asked: RequestedPress,
+    press_mm_s: float,
     past_touch: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
 ) -> Indentation:
     safe_point(engine)
@@ -311,19 +336,11 @@ def _attempt(
     press, start_s = approach.press, engine.clock.monotonic_s()
     engine.record(
         press.stream("indentation_start"),
-        {
-            "index": press.index,
-            "indentor": engine.indentor,
-            "x_mm": engine.x_mm,
-            "target": target.kind,
-            "value": target.value,
-            "increments": increments,
-            **press.marks,
-        },
+        {"index": press.index, "indentor": engine.indentor, "x_mm": engine.x_mm, **asked.fields, **press.marks},
     )
     try:
         touch = approach.touch_off()
-        pressing = Press(engine, press, touch, speed_mm_s)
+        pressing = Press(engine, press, touch, press_mm_s)
         holds = past_touch(approach, pressing, before)
     except LimitError:
         retract(engine)

@@ -44,13 +44,16 @@ def _nothing_yet() -> dict[Purpose, list[PlannedIndentation]]:
 class Plan:
     """Remaining presses of a protocol, by purpose, and touches, in order.
 
-    `predictions` caches the model for the execution. `first_soft_trip_n` is the soft trip of a resumed run.
+    `predictions` caches the model for the execution. `first_soft_trip_n` is the soft trip of a resumed run,
+    `differences` its notes and rests that differ from the journal.
     """
 
     presses: dict[Purpose, list[PlannedIndentation]] = field(default_factory=_nothing_yet)
     touches: list[ExpectedTouch] = field(default_factory=list)
     predictions: Predictions = field(default_factory=dict)
     first_soft_trip_n: float | None = None
+    differences: list[str] = field(default_factory=list)
+    steps: list[tuple[Step[Any, Any], Any]] = field(default_factory=list)  # with the predicted answers
     shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
     mounts: list[str] = field(default_factory=list)  # indentors to be mounted by hand, in order
     speeds_mm_s: list[tuple[float, PlannedIndentation]] = field(default_factory=list)  # speed of each press
@@ -114,7 +117,8 @@ def make_plan(
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
-        planner = ResumeHandler(before, planner)
+        planner = ResumeHandler(before, planner, config.habits.press_speed_mm_s)
+        plan.differences = planner.differences
     try:
         with impatient():
             script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
@@ -247,7 +251,9 @@ class Planner:
             self._plan.touches.append(expected)
         elif isinstance(step, Mount):
             self._plan.mounts.append(step.indentor)
-        return step.foreseen(expected)
+        answer = step.foreseen(expected)
+        self._plan.steps.append((step, answer))
+        return answer
 
 
 _PREFIX: Mapping[str, str] = {"data": "", "precondition": "precondition_", "reference": "reference_"}

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
+from rig.protocol.same_steps import SameSteps
 from rig.protocol.steps import Journalled, Owed, Step
 from rig.protocol.turns import script_under_way
 
@@ -24,11 +25,20 @@ class ResumeHandler:
     """Handler of a resumed run: passes on the missing steps, and the earlier steps that they need.
 
     The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)
-    is passed on only when that press comes, at the spot where the script made the step.
+    is passed on only when that press comes, at the spot where the script made the step. A step that differs from the
+    journal is refused.
+
+    Parameters
+    ----------
+    before : Journalled
+    then : Handler
+    press_mm_s : float
+        Speed of a press that names none (mm/s).
     """
 
-    def __init__(self, before: Journalled, then: Handler) -> None:
-        self._before, self._then = before, then
+    def __init__(self, before: Journalled, then: Handler, press_mm_s: float) -> None:
+        self._before, self._then, self._press_mm_s = before, then, press_mm_s
+        self._same = SameSteps(before)
         self._answers: dict[type[Step[Any, Any]], dict[int, Any]] = {}
         self._written: dict[str, int] = {}
         self._owed: dict[str, tuple[Step[Any, Any], Spot]] = {}
@@ -36,7 +46,8 @@ class ResumeHandler:
         self._behind = True  # until the first missing indentation after the last one that is done
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Return the step's answer, from the journal or from `then`."""
+        """Return the step's answer, from the journal or from `then`. Raises BadInputError for another press."""
+        self._same.compare(step, spot, self._press_mm_s)
         if step.owed is Owed.ANSWER:
             return self._answer(step, spot)
         if not self._behind:
@@ -47,6 +58,11 @@ class ResumeHandler:
             self._owed.pop(step.verb, None)
             self._owed[step.verb] = step, spot
         return None  # type: ignore[return-value]
+
+    @property
+    def differences(self) -> list[str]:
+        """Notes and rests that differ from the journal, in words."""
+        return self._same.differences
 
     def _answer(self, step: Step[E, A], spot: Spot) -> A:
         (press,) = spot.ids

@@ -158,7 +158,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:
         verbs.home(engine)
-        handler = ResumeHandler(before, handler)
+        handler = ResumeHandler(before, handler, settings.habits.press_speed_mm_s)
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
     return Rehearsed(
         clock.monotonic_s(),

@@ -411,7 +411,7 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     handler = session.handler(engine, walk)
     if session.before is not None:
         engine.first_reference_gwt = first_reference_gwt(session.before)
-        handler = ResumeHandler(session.before, handler)
+        handler = ResumeHandler(session.before, handler, config.habits.press_speed_mm_s)
     return Rig(session.script.parameters, walk, Patience(handler))
 
 

@@ -11,6 +11,7 @@ from typing import Any, ClassVar, get_type_hints
 import pytest
 
 from rig.data import Run, export_nwb, read_run
+from rig.data.documents import as_line
 from rig.engine import Engine, verbs
 from rig.errors import BadInputError, ScriptError
 from rig.plan.config import Config
@@ -155,8 +156,7 @@ def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
         )
         if without_soft_trip:
             del documents[0]["soft_trip_n"]
-        text = "".join(json.dumps(d) + "\n" for d in documents[: last + 1])
-        (folder / "events.jsonl").write_text(text, encoding="ascii")
+        (folder / "events.jsonl").write_bytes(b"".join(as_line(d) for d in documents[: last + 1]))
         return folder
 
     return make
@@ -213,7 +213,7 @@ def test_what_a_missing_press_is_owed() -> None:
         def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
             handed.append(step)
 
-    taken_up = ResumeHandler(_Two(), Noting())
+    taken_up = ResumeHandler(_Two(), Noting(), 1.0)
     at = Spot("bar:3", 0.0, 0.0, ())
     indents = [Spot("bar:3", 0.0, 0.0, (PressId(n),)) for n in range(3)]
     for step in (Mount(indentor="a"), Home(), Zero(), Note(text="a"), Rest(seconds=1), MoveTo(x_mm=1.0)):

@@ -1,0 +1,115 @@
+"""Passes over a script in fresh processes: whether it makes the same steps each time, so that it can be resumed."""
+
+import contextlib
+import json
+import os
+import pickle
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from rig.errors import code_of
+from rig.protocol.api import Rig
+from rig.protocol.check import Spot, Walk
+from rig.protocol.script import Script, script_with
+from rig.protocol.steps import Step
+from rig.settings import RigSettings
+
+_HASH_SEEDS = ("1", "2")
+_LONGEST_S = 60.0
+
+
+class StepDifference(NamedTuple):
+    """First step in which two passes differ: its number, and the step in each, in words."""
+
+    number: int
+    one: str
+    other: str
+
+
+def find_difference(
+    script: Script, settings: RigSettings, steps: Sequence[tuple[Step[Any, Any], Any]]
+) -> StepDifference | None:
+    """Return the first difference between a pass and two in fresh processes with other hash seeds; None without one.
+
+    steps: those of the first pass, with the answers that the script received; they are given again.
+    """
+    here = [in_words(step) for step, _ in steps]
+    parameters, answers = script.parameters.model_dump(mode="json"), [answer for _, answer in steps]
+    order = pickle.dumps((str(script.path), script.name, parameters, settings, answers))
+    with contextlib.ExitStack() as running:
+        processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
+        for process in processes:
+            try:
+                there = json.loads(process.communicate(order, timeout=_LONGEST_S)[0])
+            except (subprocess.TimeoutExpired, ValueError):
+                there = ["no end of the pass"]
+            if (found := _first(here, there)) is not None:
+                for other in processes:
+                    other.kill()
+                return found
+    return None
+
+
+def _pass(hash_seed: str) -> subprocess.Popen[bytes]:
+    words = [sys.executable, "-m", "rig.protocol.fresh_passes"]
+    env, pipe = {**os.environ, "PYTHONHASHSEED": hash_seed}, subprocess.PIPE
+    return subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
+
+
+def _first(here: list[str], there: list[str]) -> StepDifference | None:
+    longest = max(len(here), len(there))
+    pairs = zip(*(one + ["the end"] * (longest - len(one)) for one in (here, there)), strict=True)
+    return next((StepDifference(n, *pair) for n, pair in enumerate(pairs, 1) if pair[0] != pair[1]), None)
+
+
+def in_words(step: Step[Any, Any]) -> str:
+    """Return a step as the call of its verb."""
+    values = {field.name: getattr(step, field.name) for field in fields(step)}
+    return f"{step.verb}({', '.join(f'{name}={value!r}' for name, value in values.items() if value is not None)})"
+
+
+class _AnyModel:
+    """Model of a pass that predicts nothing; the first pass has checked the indentors."""
+
+    def refuse_shape(self, indentor: str) -> None:
+        return
+
+    def press(self, *about: Any) -> Any:
+        raise NotImplementedError
+
+    def touch_height_mm(self, *about: Any) -> Any:
+        raise NotImplementedError
+
+
+class _Replay:
+    """Handler that gives the answers of the first pass."""
+
+    def __init__(self, answers: Sequence[Any]) -> None:
+        self._answers = answers
+        self.steps: list[str] = []
+
+    def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
+        self.steps.append(in_words(step))
+        number = len(self.steps) - 1
+        return self._answers[number] if number < len(self._answers) else None
+
+
+def main() -> None:
+    """Make a pass, and print its steps as JSON."""
+    path, name, parameters, settings, answers = pickle.load(sys.stdin.buffer)
+    replay = _Replay(answers)
+    with contextlib.redirect_stdout(sys.stderr):
+        try:
+            script = script_with(Path(path), name, parameters)
+            script.run(Rig(script.parameters, Walk(settings, _AnyModel()), replay))
+        except (Exception, SystemExit) as error:
+            replay.steps.append(f"an error ({code_of(error)}): {error}")
+    print(json.dumps(replay.steps))
+
+
+if __name__ == "__main__":
+    main()
