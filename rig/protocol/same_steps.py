@@ -87,8 +87,9 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
 
 
 def _refuse_other(recorded: Asked, asked: Asked, press: PressId) -> None:
-    marks = {key for key in ("block", "repeat", "condition") if key in recorded or key in asked}
-    keys = [key for key in (*recorded, *marks) if not _equal(recorded.get(key), asked.get(key))]
+    # Earlier versions recorded the place in the schedule only in part.
+    marks = ("block", "repeat", "condition") if "hold_s" in recorded else ()
+    keys = [key for key in {**recorded, **dict.fromkeys(marks)} if not _equal(recorded.get(key), asked.get(key))]
     if not keys:
         return
     raise BadInputError(
