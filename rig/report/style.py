@@ -60,7 +60,9 @@ class Plot:
         return content.getvalue()
 
     def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
-        with mpl.rc_context(_STYLE):
+        with mpl.rc_context():
+            mpl.rcdefaults()  # The user's settings are for other figures.
+            mpl.rcParams.update(_STYLE)
             self._laid_out.savefig(target, **options)
 
     @cached_property

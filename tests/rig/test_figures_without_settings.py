@@ -1,0 +1,64 @@
+"""Figures are the same whatever matplotlib settings the user has."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import pytest
+from matplotlib.figure import Figure
+
+from rig.report.style import Plot
+
+
+def _draw(figure: Figure) -> None:
+    figure.subplots().plot([0.0, 1.0], [1.0, 0.0], label="force (gwt)")
+
+
+SETTINGS: dict[str, dict[str, object]] = {
+    "TeX": {"text.usetex": True},
+    "large letters": {"font.size": 30, "font.family": "serif"},
+    "dark": {"axes.facecolor": "black", "savefig.facecolor": "black", "text.color": "white"},
+    "other map": {"image.cmap": "gray", "lines.linewidth": 9.0},
+    "xkcd": {"path.sketch": (1, 100, 2)},
+}
+
+
+@pytest.mark.parametrize("name", SETTINGS)
+def test_a_figure_does_not_follow_the_settings_of_the_user(name: str) -> None:
+    plain = Plot((3, 2), _draw).svg
+    with mpl.rc_context(SETTINGS[name]):  # type: ignore[arg-type]
+        of_the_user = dict(mpl.rcParams)
+        assert Plot((3, 2), _draw).svg == plain
+        assert dict(mpl.rcParams) == of_the_user
+
+
+ENVIRONMENTS = {
+    "backend of a notebook": {"MPLBACKEND": "module://matplotlib_inline.backend_inline"},
+    "no such backend": {"MPLBACKEND": "nosuch"},
+    "TeX": {"MATPLOTLIBRC": "text.usetex: True\n"},
+    "a bad value": {"MATPLOTLIBRC": "image.cmap: nosuch\n"},
+    "noise": {"MATPLOTLIBRC": "\udcff\n: ::\n"},
+}
+SAVE = """\
+import sys
+from tests.rig.test_figures_without_settings import Plot, _draw
+sys.stdout.write(Plot((3, 2), _draw).svg)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "where"), [*((name, "variable") for name in ENVIRONMENTS), ("a bad value", "working folder")]
+)
+def test_a_program_starts_whatever_the_settings_of_matplotlib_are(name: str, where: str, tmp_path: Path) -> None:
+    env = {**os.environ, **ENVIRONMENTS[name], "PYTHONPATH": str(Path(__file__).parents[2])}
+    if (text := env.get("MATPLOTLIBRC")) is not None:
+        file = tmp_path / "matplotlibrc"
+        file.write_bytes(text.encode("utf-8", "surrogateescape"))
+        env["MATPLOTLIBRC"] = str(file)
+    cwd = tmp_path if where == "working folder" else Path(__file__).parents[2]
+    program = "import rig.report\n" + SAVE
+    done = subprocess.run([sys.executable, "-c", program], env=env, cwd=cwd, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout == Plot((3, 2), _draw).svg
