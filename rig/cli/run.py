@@ -1,6 +1,7 @@
 """`rig check`, `rig dry-run`, `rig run` and `rig resume`."""
 
 import math
+import shlex
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
@@ -63,14 +64,15 @@ from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
-from rig.errors import BadInputError
+from rig.errors import BadInputError, around, code_of
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.plan import make_plan
 from rig.protocol.fresh_passes import find_difference
 from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
-from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped
+from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
 from rig.session.session import dry_run, real_run
+from rig.transport import TransportError
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
@@ -442,6 +444,10 @@ def _refuse_mounts(
 
 def resume_command(
     run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the stopped run.")],
+    config: Annotated[
+        Path | None,
+        typer.Option(metavar="TOML", help="Take the ports from this file, if a device was plugged into another one."),
+    ] = None,
     mounted: MountedOption = None,
     yes: YesOption = False,
     as_json: JsonOption = False,
@@ -453,6 +459,8 @@ def resume_command(
             stopped = read_stopped(run)
             if stopped.run is not None:
                 warn_of_damage(stopped.run)
+            if config is not None:
+                stopped = with_ports(stopped, config)
         with ExitStack() as opened:
             here = stopped.virtual or stopped.complete
             finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
@@ -490,7 +498,13 @@ def _stage(
         return
     with closing(OwnedStage(stopped.config, WallClock(stopped.begins_at_s))) as stage:
         if finger is not None:
-            ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+            try:
+                ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
+            except TransportError as error:
+                if code_of(error) != "no_port":
+                    raise
+                sentence = "{problem}, then name it: rig resume {run} --config TOML"
+                raise around(TransportError, sentence, error, run=shlex.quote(str(run))) from None
             _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped, as_json=as_json)
             stage.open()
         yield stage

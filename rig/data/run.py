@@ -4,7 +4,7 @@ import os
 import zlib
 from array import array
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -121,6 +121,8 @@ class Run:
     end_s: float  # t_s of the last document
     # (begin, end) of each part, in t_s
     parts: Sequence[tuple[float, float]] = ()
+    # stream and data of all events, in the order of the journal
+    in_order: Iterable[tuple[str, Event]] = ()
     damage: Sequence[Damage] = ()
     damaged: frozenset[int] = frozenset()  # indices of presses at a damage, which are left out
 
@@ -134,14 +136,6 @@ class Run:
         if isinstance(found, RunReadings):
             return found.of_press(index)
         return [reading for reading in found if reading["index"] == index]
-
-    @property
-    def in_order(self) -> Iterator[tuple[str, Event]]:
-        """Stream and data of all events, in the order of the journal."""
-        time = RunTime()
-        for line in read_lines(self.folder.events):
-            if line.document is not None and (document := time.document(line.document))["doc"] == "event":
-                yield document["stream"], {"t_s": document["t_s"], **document["data"]}
 
     @cached_property
     def done(self) -> dict[int, list[dict[str, Any]]]:
@@ -389,6 +383,7 @@ class _Documents:
             duration_s=float(sum(end_s - begin_s for begin_s, end_s in self._parts)),
             end_s=self._last["t_s"],
             parts=self._parts,
+            in_order=EventsInOrder(folder.events),
             damage=self.damage,
             damaged=damaged,
         )
@@ -409,12 +404,26 @@ def _taken_out(events: dict[str, Any], presses: Collection[int]) -> dict[str, An
     return taken
 
 
+class EventsInOrder:
+    """Stream and data of all events of a journal in order, read from it each time."""
+
+    def __init__(self, journal: Path) -> None:
+        self._journal = journal
+
+    def __iter__(self) -> Iterator[tuple[str, Event]]:
+        time = RunTime()
+        for line in read_lines(self._journal):
+            if line.document is not None and (document := time.document(line.document))["doc"] == "event":
+                yield document["stream"], {"t_s": document["t_s"], **document["data"]}
+
+
 class Following:
     """Reader of a growing journal, which returns each document once."""
 
     def __init__(self, folder: RunFolder) -> None:
         self._path, self._at = folder.events, 0
         self._check, self._time = LineCheck(), RunTime()
+        self.damage: Damage | None = None  # the first one
 
     def new(self) -> list[Document]:
         """Return the new documents without damaged lines, up to the last whole line. Raises RunError."""
@@ -447,8 +456,9 @@ class Following:
                 most=MOST_ON_A_LINE,
             )
         self._at += len(whole) + len(end)
-        found = [self._check.document(line)[0] for line in lines if line]
-        documents = [self._time.document(document) for document in found if document is not None]
+        found = [self._check.document(line) for line in lines if line]
+        self.damage = self.damage or next((damage for _, damage in found if damage is not None), None)
+        documents = [self._time.document(document) for document, _ in found if document is not None]
         return documents if documents or not found else self.next(most)
 
 

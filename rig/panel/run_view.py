@@ -94,6 +94,12 @@ class RunView(RunFollower):
         self.alive = not self.ended and self._is_alive(unix_s)
         return rows
 
+    @property
+    def _damage(self) -> str:
+        """Damaged line of the journal in words, which is left out; empty without one."""
+        damage = self._journal.damage
+        return "" if damage is None else f"{self.folder.events}, line {damage.line}: {damage.problem}"
+
     def _is_alive(self, unix_s: float) -> bool:
         """Return whether a process writes the journal; the lock of a silent journal is checked from time to time."""
         if unix_s - written_s(self.folder.path) < GROWS_S:
@@ -111,6 +117,8 @@ class RunView(RunFollower):
             while documents := self._journal.next(AT_ONCE):
                 rows = _latest(rows) + self._taken(documents)
             self.take(())  # The course may have been written since.
+            if not self.start and self._journal.damage is not None:
+                raise RunError(self._damage, code="no_start")
         except (RunError, BadInputError) as error:
             self.problem = str(error)
         except FOREIGN as error:
@@ -175,7 +183,7 @@ class RunView(RunFollower):
             "said": self.said or None,
             "ending": None if stop is None else str(stop.get("reason") or ""),
             "stopped_while": None if stop is None else stop.get("stopped_while"),
-            "problem": self.problem or None,
+            "problem": self.problem or self._damage or None,
         }
 
     def _state(self, *, going: bool) -> str:

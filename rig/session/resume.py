@@ -3,10 +3,12 @@
 import platform
 import subprocess
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from datetime import datetime
+from functools import reduce
 from importlib.metadata import version
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +20,11 @@ from rig.data.journal import mend_journal
 from rig.data.run import read_provenance
 from rig.data.run_time import resumed_s
 from rig.data.tables import FOREIGN, foreign_in_one_line
-from rig.devices.registry import stage_ports
+from rig.devices.registry import StageKind, find, stage_ports
 from rig.engine import RunAborted
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError, around
-from rig.plan.config import Config, load_config
+from rig.plan.config import Config, config_from, load_config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script, script_with
 from rig.session.early_ending import Ending, FinalPosition
@@ -76,6 +78,42 @@ def read_stopped(path: Path) -> StoppedRun:
         ) from None
     except (RunError, JournalError) as error:
         raise around(BadInputError, "{problem}", error) from None
+
+
+def with_ports(stopped: StoppedRun, path: Path) -> StoppedRun:
+    """Return the run with the ports of a configuration file. Raises BadInputError if anything else differs.
+
+    A device may be plugged into another port; what decides a press may not change.
+    """
+    entry = find(StageKind, stopped.config.stage.kind)
+    ports = {"stage.port", "force.port", *(f"stage.{entry.place}.{key}" for key in entry.further_ports)}
+    own, given = (dict(_flat(one.model_dump(mode="json"))) for one in (stopped.config, load_config(path)))
+    others = sorted(key for key in own.keys() | given.keys() if own.get(key) != given.get(key) and key not in ports)
+    if others:
+        key = others[0]
+        raise BadInputError(
+            "config {path}: {key} = {given}, but {own} in the run; when it is resumed, only {allowed} may change",
+            code="other_settings",
+            path=str(path),
+            key=key,
+            given=given.get(key),
+            own=own.get(key),
+            allowed=", ".join(sorted(ports)),
+        )
+    tables = stopped.config.model_dump(mode="json", exclude_none=True)
+    for name in ports & given.keys():
+        *place, key = name.split(".")
+        reduce(getitem, place, tables)[key] = given[name]
+    return replace(stopped, config=config_from(f"config {path}", tables, path.parent))
+
+
+def _flat(tables: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each key of nested tables with its place, and its value."""
+    for key, value in tables.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", value
 
 
 def _refuse_foreign(run: Run) -> None:

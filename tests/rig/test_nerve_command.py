@@ -115,7 +115,7 @@ def test_a_run_without_presses_or_without_contact_heights_has_no_spikes(run: Run
 def test_a_run_that_was_killed_in_a_hold_is_lifted(run: Run, config: Config) -> None:
     """The journal ends in contact; the depth does not stay for ever."""
     last = max(n for n, (name, _) in enumerate(run.in_order) if name == "hold_end")
-    found = visits_of(replace(run, in_order=run.in_order[: last + 1]), config)
+    found = visits_of(replace(run, in_order=list(run.in_order)[: last + 1]), config)
     assert len(found.visits) == 5
     assert found.visits[-1].path.depth_mm(found.visits[-1].path.times_s[-1]) < 0
 

@@ -61,7 +61,7 @@ WALK = {
     "nerve": Walked("run", LOAD),
     "compare": Walked("run", LOAD),
     "runs": Walked(".", "rig.cli.runs.listed"),
-    "show": Walked("run", "rig.cli.runs.read_run"),
+    "show": Walked("run", "rig.cli.recorded_run.read_run"),
     "watch": Walked("run", "rig.cli.watch.RunScreen", own=False),
     "stream": Walked("--out .", "rig.cli.stream.open_streams", own=False),
     "take-orders": Walked("--indentor bar:3.0 --doi-mm 0.2 --virtual", "rig.cli.take_orders.load_config", own=False),

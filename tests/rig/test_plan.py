@@ -139,12 +139,13 @@ def test_a_run_that_tells_no_soft_trip_is_planned_whole(
     """Only where the journal tells it is what has been done answered from there."""
     asked: list[str] = []
 
-    def taken_up(before: Any, planner: Any) -> Any:
+    def taken_up(before: Any, planner: Any, press_mm_s: float) -> Any:
         asked.append("journal")
+        planner.differences = []
         return planner
 
     monkeypatch.setattr("rig.plan.plan.ResumeHandler", taken_up)
-    before: Any = SimpleNamespace(start=start)
+    before: Any = SimpleNamespace(start=start, is_checked=True)
     plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}    rig.indent(doi_mm=0.3)\n", before=before)
     assert plan.first_soft_trip_n == soft_trip_n
     assert asked == ([] if soft_trip_n is None else ["journal"])

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder, read_run
+from rig.data.documents import as_line, fits
 from rig.data.journal import add_to_end, read_journal
 from rig.data.run_state import RunState
 from rig.data.tables import state_of, summary_of
@@ -114,8 +115,9 @@ def test_a_run_that_was_to_be_taken_up_says_so_and_where_it_was_left(whole: RunF
         left = {"left": "held", "x_mm": 0.25, "height_mm": -0.1, "trusted": False, "may_touch": True,
                 "contact": "touching", "force_gwt": 2.0}  # fmt: skip
         with whole.events.open("a", encoding="ascii") as file:
-            document = {"doc": "stop", "seq": 1, "t_s": 99.0, "unix_s": 1.0, "status": "failed", "reason": "x"}
-            file.write(json.dumps({**document, "indentor": left}) + "\n")
+            number = sum(1 for _ in read_journal(whole.events))
+            document = {"doc": "stop", "seq": number, "t_s": 99.0, "unix_s": 1.0, "status": "failed", "reason": "x"}
+            file.write(as_line({**document, "indentor": left}).decode())
     stopped = read_stopped(whole.path)
     assert stopped.run is not None
     end_s, duration_s = stopped.run.end_s, stopped.run.duration_s
@@ -154,7 +156,7 @@ def test_a_run_whose_report_was_being_made_stays_done(whole: RunFolder) -> None:
     assert kept == documents
     assert last["stopped_while"] == "reporting"
     differs = {key for key in last if last[key] != documents[-1].get(key)}
-    assert differs == {"uid", "seq", "unix_s", "stopped_while"}
+    assert differs == {"uid", "seq", "unix_s", "stopped_while", "crc32"}
     assert last["seq"] == documents[-1]["seq"] + 1
     assert (after.complete, state_of(after), after.done) == (True, "done", before.done)
     assert (after.duration_s, after.end_s) == (before.duration_s, before.end_s)
@@ -239,4 +241,6 @@ def test_one_document_more_is_the_last_one_with_more(tmp_path: Path) -> None:
     *_, before, last = read_journal(path)
     assert before["uid"] == "b"
     assert last.pop("uid") not in ("a", "b")
+    assert fits(as_line(last).rstrip(b"\n"))
+    assert last.pop("crc32")
     assert last == {"doc": "stop", "seq": 2, "t_s": 2.5, "unix_s": 12.345679, "status": "done", "reason": "again"}

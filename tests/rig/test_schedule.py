@@ -14,6 +14,7 @@ from pydantic import ValidationError
 from rig.bench.checks import checked_subject
 from rig.cli import main
 from rig.data import RunFolder, read_run
+from rig.data.documents import as_line
 from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.engine.sensing import APART_S
@@ -403,7 +404,7 @@ def test_a_resumed_run_compares_with_its_first_reference(
     last = next(n for n, line in enumerate(lines) if b'"indentation_end"' in line and b'"event"' in line)
     (first,) = [e["force_gwt"] for e in referenced.run.stream("reference_hold_end")[1:2]]
     text = b"".join(lines[: last + 1]).replace(f'"force_gwt": {first}'.encode(), f'"force_gwt": {first / 2}'.encode())
-    folder.events.write_bytes(text)
+    folder.events.write_bytes(b"".join(as_line(json.loads(line)) for line in text.splitlines()))
     stopped = read_stopped(folder.path)
     plan = make_plan(stopped.script, stopped.config, finger)
     again = dry_run(Session(stopped.script, stopped.config, finger, plan, stopped))

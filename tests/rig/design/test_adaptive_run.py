@@ -15,6 +15,7 @@ from rig.cli.choosing import adaptive_run
 from rig.cli.run import _refuse_mounts
 from rig.data import read_run
 from rig.data.choices import verdict_of
+from rig.data.documents import as_line
 from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
 from rig.design import design as designs
 from rig.design import response_table
@@ -184,15 +185,15 @@ def test_a_recorded_number_that_names_another_press_is_refused(
     for name, (other_table, journal) in OTHER_PRESSES.items():
         folder = shutil.copytree(whole, here / name)
         lines[numbers[1]]["data"] = {**recorded, **journal}
-        left = "".join(json.dumps(one) + "\n" for one in lines[: numbers[1] + 1])
-        (folder / "events.jsonl").write_text(left, encoding="utf-8")
+        left = b"".join(map(as_line, lines[: numbers[1] + 1]))
+        (folder / "events.jsonl").write_bytes(left)
         now = some if other_table is None else other_table(some)
         times = PressTimes(10.0, np.full(len(now.presses), 5.0), 30.0)
         monkeypatch.setattr(designs, "response_table", lambda *_, now=now: now)
         monkeypatch.setattr(designs, "press_times", lambda *_, times=times: times)
         ended = program("resume", folder, "--json")
         assert (ended.code, ended.json["code"]) == (2, "choice_changed"), (name, ended.err)
-        assert (folder / "events.jsonl").read_text(encoding="utf-8") == left, "nothing was made"
+        assert (folder / "events.jsonl").read_bytes() == left, "nothing was made"
 
 
 def test_a_resume_that_nobody_answers_asks_beforehand_for_all_shapes_that_may_be_chosen(

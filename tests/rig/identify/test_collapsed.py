@@ -97,7 +97,7 @@ def _identification(effective: float) -> Identification:
     ],
 )
 def test_the_exit_code(effective: float, problem: Exception | None, code: int, tmp_path: Path) -> None:
-    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
+    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None, files_problem=None))
     with pytest.raises(typer.Exit) as ended:
         identify_finger._leave(done, _identification(effective), tmp_path / "finger.toml")
     assert ended.value.exit_code == code
@@ -109,7 +109,7 @@ def test_an_object_that_no_finger_explains_has_an_exit_code_of_its_own_and_its_r
 ) -> None:
     monkeypatch.setattr(Identification, "mismatch", "it is bone")
     identification = _identification(1500.0)
-    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None))
+    done = cast(Any, SimpleNamespace(problem=problem, ending=None, complete=problem is None, files_problem=None))
     with pytest.raises(typer.Exit) as ended:
         identify_finger._leave(done, identification, tmp_path / "finger.toml")
     assert ended.value.exit_code == code

@@ -291,7 +291,7 @@ def test_a_look_at_which_nothing_is_new_needs_next_to_nothing(what: str, tmp_pat
         "a run": lambda: seen.look(0.0),
         "no run": lambda: asyncio.run(look()),
         "runs": lambda: growing(tmp_path / "runs", 0.0),
-        "a journal": lambda: journal.new(1 << 20),
+        "a journal": lambda: journal.next(1 << 20),
         "a bench": lambda: (bench.update({"state": "Idle"}), bench.devices_state(0.0), bench.newest_state(0.0)),
     }
     assert needed_bytes(looks[what]) < MOST_NEEDED
