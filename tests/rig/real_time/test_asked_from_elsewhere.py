@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 from collections.abc import Callable
 from pathlib import Path
@@ -29,8 +30,14 @@ def test_a_stop_while_the_report_is_made_leaves_the_data_what_they_are(
 ) -> None:
     _, config = whole
     monkeypatch.setenv(HELD_REPORT, "1")
-    run = elsewhere(decides(), "run", "--yes", "--json", "--config", config)
-    run.comes_to(lambda: run.is_at("reporting")() and any(one["doc"] == "stop" for one in run.documents))
+    for _ in range(10):
+        run = elsewhere(decides(), "run", "--yes", "--json", "--config", config)
+        run.comes_to(lambda run=run: run.is_at("reporting")() and any(one["doc"] == "stop" for one in run.documents))
+        if run.documents[-1]["status"] == "done":
+            break
+        run.ask("stop")  # A busy machine solved the finger too late for the balance.
+        run.end()
+        shutil.rmtree(run.folder)
     sent = len(run.sent)
     before = read_run(run.folder)
     assert run.ask("stop") == {"ok": True, "stopped": True}
