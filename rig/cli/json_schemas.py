@@ -230,6 +230,7 @@ class FinishedRunJson(Output):
     restarted: NotRequired[int]
     code: NotRequired[Code]
     ending: NotRequired[EndingJson]
+    deviation_text: NotRequired[str]
     files_text: NotRequired[str]
 
 

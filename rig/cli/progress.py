@@ -68,7 +68,8 @@ class IndentationProgress(RunState):
         marks += [f"condition {about['condition']}"] if "condition" in about else []
         peak_gwt = max([0.0, *(hold["peak_gwt"] for hold in self.holds)])
         done = f"{len(self.finished)} of {self.total}"
-        return ", ".join([done, *marks, self.where, f"peak {peak_gwt:.2f} gwt", self.left])
+        measured = [] if self.deviation is None else [self.deviation.words]
+        return ", ".join([done, *marks, self.where, f"peak {peak_gwt:.2f} gwt", *measured, self.left])
 
 
 class _Between(Activity):

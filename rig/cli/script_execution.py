@@ -24,6 +24,7 @@ from rig.control.client import Announcement
 from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunError, RunFolder, export_run
+from rig.data.deviation import deviations, warning_of
 from rig.data.folder import may_write_below
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
@@ -423,6 +424,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
     )
     report = str(done.folder.report) if done.folder.report.exists() else None
     chosen = None if run is None else choice_as_json(run)
+    deviating = None if run is None else warning_of(deviations(run))
     counts = {}
     if run is not None and resumed:
         counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted}
@@ -438,6 +440,7 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
                 **({} if chosen is None else {"choice": chosen}),
                 **counts,
                 **failure(done),
+                **({} if deviating is None else {"deviation_text": deviating}),
                 **({} if problem is None else {"files_text": files_in_words(problem, done.folder)}),
             }
         )
@@ -452,6 +455,8 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         for about, words in [] if chosen is None else choice_lines(chosen):
             out.print(f"{about:<8}{words}")
         out.print(f"run     {done.folder.path}\nreport  {report or 'none'}")
+        if deviating is not None:
+            complain(deviating)
         for about, words in {} if ending is None else ending.lines.items():
             out.print(f"{about:<8}{words}")
 

@@ -54,6 +54,8 @@ MEANINGS = {
     "increments": "number of holds, at equal parts of the target",
     "verb": "verb of the press: indent, ramp or vibrate",
     "indentation_start.speed_mm_s": "speed that the protocol asked for, of the press or the ramp",
+    "predicted_doi_mm": "depth in the last hold that the finger model predicts",
+    "predicted_force_gwt": "force in the last hold that the finger model predicts",
     "indentation_start.hold_s": "duration of each hold that the protocol asked for",
     "target_doi_mm": "commanded depth past contact, for a hold its own part; empty if a force was commanded",
     "target_force_gwt": "commanded force, for a hold its own part; empty if a depth was commanded",

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from rig.data.deviation import PressDeviation, deviation_of
 from rig.data.documents import Document
 from rig.data.folder import RunFolder, replace_text
 from rig.data.schema import READING, WAITED_FOR
@@ -318,6 +319,7 @@ class RunState:
         self.stop: Mapping[str, Any] | None = None  # its end; None while it runs, and after a kill
         self.said = ""  # reason of the last trip, pause or alarm
         self.finished: set[int] = set()  # indices of the finished indentations
+        self.deviations: dict[int, PressDeviation] = {}  # of the same
         self.indentation: Mapping[str, Any] = {}  # the last one that began
         self.holds: list[Mapping[str, Any]] = []  # finished ones of that indentation
         self.pressing = False  # during any press
@@ -363,6 +365,8 @@ class RunState:
             self.holds.append(data)
         elif stream == ENDED and "index" in data:
             self.finished.add(data["index"])
+            if self.deviation is not None:
+                self.deviations[data["index"]] = self.deviation
         elif stream in ("alarm", "trip", "paused"):
             self.said = str(data.get("reason", ""))
 
@@ -394,6 +398,13 @@ class RunState:
             self.stage_status = DeviceStatus(_STAGE_IS[stream], self._unix_s)
         elif stream == "zero":
             self.force_status = DeviceStatus("zeroed", self._unix_s)
+
+    @property
+    def deviation(self) -> PressDeviation | None:
+        """Measured beside predicted quantity of the last indentation; None before its last hold has ended."""
+        if not self.holds or self.holds[-1].get("hold") != self.indentation.get("increments"):
+            return None
+        return deviation_of(self.indentation, self.holds[-1])
 
     @property
     def unix_s(self) -> float | None:

@@ -8,7 +8,8 @@ READING = "sample"
 PRESS_STREAMS = {
     "indentation_start": {
         "index": "", "indentor": "", "x_mm": "mm", "verb": "", "target": "", "value": "", "increments": "",
-        "speed_mm_s": "mm/s", "hold_s": "s", "block": "", "repeat": "", "condition": "",
+        "speed_mm_s": "mm/s", "hold_s": "s", "predicted_doi_mm": "mm", "predicted_force_gwt": "gwt",
+        "block": "", "repeat": "", "condition": "",
     },
     "sample": {
         "index": "", "phase": "", "x_mm": "mm", "height_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt", "stable": "",

@@ -4,7 +4,7 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 from rig.devices.registry import highest_hz, ramps
 from rig.engine.engine import Engine
@@ -148,6 +148,13 @@ class Approach:
         engine.record(self.press.stream("touch"), data)
 
 
+class PredictedPress(NamedTuple):
+    """Depth (mm) and force (gwt) in the last hold that the finger model predicts."""
+
+    predicted_doi_mm: float
+    predicted_force_gwt: float
+
+
 def indent(
     engine: Engine,
     target: Target,
@@ -157,6 +164,7 @@ def indent(
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
+    predicted: PredictedPress | None = None,
     press_id: PressId | None = None,
 ) -> Indentation:
     """Touch off at the present x, press in equal increments with a hold after each, and lift to clearance.
@@ -171,11 +179,9 @@ def indent(
         parts = range(1, increments + 1)
         return tuple(press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in parts)
 
-    habits = engine.settings.habits
-    asked = RequestedPress(
-        "indent", target, increments, habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s, hold_s
-    )
-    return _indentation(engine, asked, asked.speed_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
+    press_mm_s = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
+    asked = RequestedPress("indent", target, increments, press_mm_s, hold_s)
+    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
 def ramp(
@@ -186,6 +192,7 @@ def ramp(
     hold_s: float = 1.0,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
+    predicted: PredictedPress | None = None,
     press_id: PressId | None = None,
 ) -> Indentation:
     """Touch off at the present x, move to a depth at constant speed, hold, and lift to clearance.
@@ -210,7 +217,7 @@ def ramp(
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
     asked, press_mm_s = RequestedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
-    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
+    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
 def vibrate(
@@ -220,6 +227,7 @@ def vibrate(
     *,
     expected_contact_mm: float = 0.0,
     contact_area_mm2: float = math.inf,
+    predicted: PredictedPress | None = None,
     press_id: PressId | None = None,
 ) -> Indentation:
     """Touch off at the present x, press by increments to a preload, vibrate about it, and lift to clearance.
@@ -243,7 +251,7 @@ def vibrate(
 
     press_mm_s = engine.settings.habits.press_speed_mm_s
     asked = RequestedPress("vibrate", target, 1, press_mm_s, vibration.duration_s)
-    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, press_id)
+    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
 def _bound(engine: Engine, doi_mm: float, speed_mm_s: float, reached: tuple[float, float]) -> RampBound:
@@ -291,6 +299,7 @@ def _indentation(
     holds: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
     expected_contact_mm: float,
     contact_area_mm2: float,
+    predicted: PredictedPress | None,
     press_id: PressId | None,
 ) -> Indentation:
     ready_to_indent(engine)
@@ -300,7 +309,7 @@ def _indentation(
 
     def attempt() -> Indentation:
         engine.trips.press_on(contact_area_mm2)
-        return _attempt(engine, approach, asked, press_mm_s, holds)
+        return _attempt(engine, approach, asked, predicted, press_mm_s, holds)
 
     return unpaused(attempt)
 
@@ -328,6 +337,7 @@ def _attempt(
     engine: Engine,
     approach: Approach,
     asked: RequestedPress,
+    predicted: PredictedPress | None,
     press_mm_s: float,
     past_touch: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
 ) -> Indentation:
@@ -336,7 +346,12 @@ def _attempt(
     press, start_s = approach.press, engine.clock.monotonic_s()
     engine.record(
         press.stream("indentation_start"),
-        {"index": press.index, "indentor": engine.indentor, "x_mm": engine.x_mm, **asked.fields, **press.marks},
+        {
+            **{"index": press.index, "indentor": engine.indentor, "x_mm": engine.x_mm},
+            **asked.fields,
+            **({} if predicted is None else predicted._asdict()),
+            **press.marks,
+        },
     )
     try:
         touch = approach.touch_off()

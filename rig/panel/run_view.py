@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from rig.data.deviation import warning_of
 from rig.data.documents import Document
 from rig.data.folder import RunFolder
 from rig.data.run import Following, RunError
@@ -183,6 +184,7 @@ class RunView(RunFollower):
             "said": self.said or None,
             "ending": None if stop is None else str(stop.get("reason") or ""),
             "stopped_while": None if stop is None else stop.get("stopped_while"),
+            "deviation": warning_of(list(self.deviations.values())),
             "problem": self.problem or self._damage or None,
         }
 

@@ -14,6 +14,7 @@ Asked = Mapping[str, Any]
 
 _ALIKE = 1e-3
 """Largest difference of equal numbers (mm, gwt, s): a script may compute with answers, which the journal rounds."""
+_NOT_ASKED = ("index", "t_s", "contact_height_mm", "predicted_doi_mm", "predicted_force_gwt")
 _STARTS: dict[Purpose, str] = {
     "data": "indentation_start",
     "precondition": "precondition_indentation_start",
@@ -75,7 +76,7 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
     speeds_mm_s = {event["index"]: event["speed_mm_s"] for event in before.stream("ramp")}
     for purpose, stream in _STARTS.items():
         for event in before.stream(stream):
-            asked = {key: value for key, value in event.items() if key not in ("index", "t_s", "contact_height_mm")}
+            asked = {key: value for key, value in event.items() if key not in _NOT_ASKED}
             if purpose == "find":
                 asked["verb"] = Touch.verb
             if purpose == "data" and event["index"] in speeds_mm_s:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rig.data import Run
 from rig.data.choices import WHY_ENDED, verdict_of
+from rig.data.deviation import deviations, warning_of
 from rig.data.folder import replace_text
 from rig.data.run import read_provenance
 from rig.data.spike_files import read_spikes
@@ -112,6 +113,8 @@ def _write_page(
         verdict=verdict_of(run),
         why_ended=WHY_ENDED,
         small_strain=_small_strain(found),
+        deviating=warning_of(beside := deviations(run)),
+        beside={one.index: one for one in beside},
         phases=run_tables.phases(run),
         why_approach=run_tables.why_approach(run),
         identified=finger_section(run, finger),

@@ -151,6 +151,7 @@ def ramp(engine: Engine, step: Ramp, expected: ExpectedPresses) -> Indentation:
         hold_s=float(planned.hold_s),
         expected_contact_mm=planned.expected_contact_mm,
         contact_area_mm2=planned.contact_area_mm2,
+        predicted=_predicted(planned),
         press_id=expected.ids[0],
     )
 
@@ -165,6 +166,7 @@ def vibrate(engine: Engine, step: Vibrate, expected: ExpectedPresses) -> Indenta
         step.vibration,
         expected_contact_mm=planned.expected_contact_mm,
         contact_area_mm2=planned.contact_area_mm2,
+        predicted=_predicted(planned),
         press_id=expected.ids[0],
     )
 
@@ -186,6 +188,10 @@ def reference(engine: Engine, step: Reference, expected: ExpectedPresses) -> Non
     compare_reference(engine, found, None if band is None else band.force_gwt)
 
 
+def _predicted(planned: PlannedIndentation) -> indentation.PredictedPress:
+    return indentation.PredictedPress(round(planned.predicted_doi_mm, 6), round(planned.predicted_force_gwt, 6))
+
+
 def _press(
     engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
 ) -> Indentation:
@@ -197,6 +203,7 @@ def _press(
         hold_s=float(planned.hold_s),
         expected_contact_mm=planned.expected_contact_mm,
         contact_area_mm2=planned.contact_area_mm2,
+        predicted=_predicted(planned),
         press_id=press_id,
     )
 

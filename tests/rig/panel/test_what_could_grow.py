@@ -66,6 +66,7 @@ HAS_AN_END = {
     "rig/data/run_state.py marks": "the run's plan",
     "rig/data/run_state.py start": "one",
     "rig/data/run_state.py finished": "the run's plan",
+    "rig/data/run_state.py deviations": "the run's plan",
     "rig/data/run_state.py indentation": "the last one",
     "rig/data/run_state.py holds": "those of one indentation",
     "rig/data/run_state.py newest": "the last one",

@@ -1,0 +1,89 @@
+"""A press that is far from its prediction, as with another indentor than was asked for, is named in every place."""
+
+from pathlib import Path
+
+import pytest
+
+from rig.data import read_run
+from rig.data.deviation import PressDeviation, deviations, warning_of
+from rig.panel.run_view import RunView
+from tests.program import Program
+
+pytestmark = pytest.mark.usefixtures("empty_figures")
+
+SCRIPT = """\
+def run(rig):
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    for x_mm in (0.0, 0.5):
+        rig.move_to(x_mm=x_mm)
+        rig.indent({target}, increments=2, hold_s=0.1)
+"""
+
+
+def _pressed(program: Program, folder: Path, target: str, stiffness: float, *words: object) -> tuple[Path, str]:
+    (folder / "two.py").write_text(SCRIPT.format(target=target), encoding="utf-8")
+    (folder / "rig.toml").write_text(f"[virtual]\nstiffness = {stiffness}\n", encoding="utf-8")
+    ended = program(
+        "dry-run", folder / "two.py", "--config", folder / "rig.toml", "--out", folder / "runs", *words
+    )
+    assert ended.code == 0, ended.err
+    (run,) = (folder / "runs").iterdir()
+    return run, ended.err
+
+
+@pytest.mark.parametrize(
+    ("target", "stiffness", "name", "large"),
+    [
+        ("doi_mm=0.3", 1.0, "force", False),
+        ("doi_mm=0.3", 0.5, "force", True),
+        ("doi_mm=0.3", 1.8, "force", True),
+        ("force_gwt=1.0", 1.0, "DOI", False),
+        ("force_gwt=1.0", 0.5, "DOI", True),
+    ],
+)
+def test_every_place_names_a_press_that_is_far_from_its_prediction(
+    program: Program, tmp_path: Path, target: str, stiffness: float, name: str, large: bool
+) -> None:
+    folder, err = _pressed(program, tmp_path, target, stiffness)
+    run = read_run(folder)
+    found = deviations(run)
+    assert [one.index for one in found] == [0, 1]
+    assert [one.is_large for one in found] == [large, large]
+    warning = warning_of(found)
+    view = RunView(folder)
+    view.look(0.0)
+    page = run.folder.report.read_text(encoding="utf-8")
+    assert err.count(", predicted ") >= 2, "measured beside predicted, for each press"
+    if not large:
+        assert warning is None
+        assert view.as_json(going=False)["deviation"] is None
+        assert 'id="deviating"' not in page
+        return
+    assert warning is not None
+    assert warning.startswith("2 of 2 presses are more than 30% off the prediction: ")
+    assert f"{name} " in warning
+    assert "check that bar:3.0 is mounted" in warning
+    assert warning in err
+    assert view.as_json(going=False)["deviation"] == warning
+    assert warning in page
+
+
+def test_json_names_it(program: Program, tmp_path: Path) -> None:
+    (tmp_path / "two.py").write_text(SCRIPT.format(target="doi_mm=0.3"), encoding="utf-8")
+    (tmp_path / "rig.toml").write_text("[virtual]\nstiffness = 0.5\n", encoding="utf-8")
+    ended = program(
+        "dry-run", tmp_path / "two.py", "--config", tmp_path / "rig.toml", "--out", tmp_path / "runs", "--json"
+    )
+    assert "check that bar:3.0 is mounted" in ended.json["deviation_text"]
+
+
+def test_an_identified_finger_has_its_band() -> None:
+    """Half the force is inside a wide band, and a tenth off outside a narrow one."""
+    wide = PressDeviation(0, "bar:3.0", "force_gwt", 4.0, 2.0, (1.5, 6.0))
+    narrow = PressDeviation(1, "bar:3.0", "force_gwt", 4.0, 4.4, (3.8, 4.2))
+    assert (wide.is_large, narrow.is_large) == (False, True)
+    warning = warning_of([wide, narrow])
+    assert warning is not None
+    assert warning.startswith("1 of 2 presses are outside their predicted band: force 1.10 times")
