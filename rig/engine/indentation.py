@@ -180,7 +180,7 @@ def indent(
         return tuple(press.hold_at(target.part(k, increments), hold=k, hold_s=hold_s) for k in parts)
 
     press_mm_s = engine.settings.habits.press_speed_mm_s if speed_mm_s is None else speed_mm_s
-    asked = RequestedPress("indent", target, increments, press_mm_s, hold_s)
+    asked = ScriptedPress("indent", target, increments, press_mm_s, hold_s)
     return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
@@ -216,7 +216,7 @@ def ramp(
         approach.back_off()
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
-    asked, press_mm_s = RequestedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
+    asked, press_mm_s = ScriptedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
     return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
@@ -250,7 +250,7 @@ def vibrate(
         return (press.vibrate(target, bound),)
 
     press_mm_s = engine.settings.habits.press_speed_mm_s
-    asked = RequestedPress("vibrate", target, 1, press_mm_s, vibration.duration_s)
+    asked = ScriptedPress("vibrate", target, 1, press_mm_s, vibration.duration_s)
     return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 
@@ -270,7 +270,7 @@ Reached = tuple[float, float] | None
 
 
 @dataclass(frozen=True)
-class RequestedPress:
+class ScriptedPress:
     """Press as the script asked for it: verb, target, number of holds, speed (mm/s) and duration of each hold (s)."""
 
     verb: str
@@ -294,7 +294,7 @@ class RequestedPress:
 
 def _indentation(
     engine: Engine,
-    asked: RequestedPress,
+    asked: ScriptedPress,
     press_mm_s: float,
     holds: Callable[[Approach, Press, Reached], tuple[Hold, ...]],
     expected_contact_mm: float,
@@ -336,7 +336,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
 def _attempt(
     engine: Engine,
     approach: Approach,
-    asked: RequestedPress,
+    asked: ScriptedPress,
     predicted: PredictedPress | None,
     press_mm_s: float,
     past_touch: Callable[[Approach, Press, Reached], tuple[Hold, ...]],

@@ -1,6 +1,7 @@
 """State of the rig for pages: the owners of ports, and the run in progress."""
 
 import asyncio
+import os
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -145,8 +146,18 @@ class Watcher:
 
     @property
     def owner(self) -> Owner | None:
-        """Owner that the pages show."""
-        return shown(self.owners)
+        """Owner that the pages show: of the panel's own devices if it has a configuration, or a virtual one."""
+        return shown(self._of_this_rig(self.owners))
+
+    @property
+    def others(self) -> list[Owner]:
+        """Owners of other devices, which get nothing from this panel but STOP."""
+        mine = self._of_this_rig(self.owners)
+        return [one for one in self.owners if one not in mine]
+
+    def _of_this_rig(self, owners: Sequence[Owner]) -> list[Owner]:
+        own = set(map(_device, self.bench.ports))
+        return [one for one in owners if one.virtual or not own or own & set(map(_device, one.ports))]
 
     @property
     def job(self) -> Job | None:
@@ -170,7 +181,7 @@ class Watcher:
             owners, problem = await loop.run_in_executor(self._asking, self.find), ""
         except OSError as error:
             owners, problem = (), f"{error.filename}: {error.strerror}"
-        owner = shown(owners)
+        owner = shown(self._of_this_rig(owners))
         if owner is not None:
             status = await loop.run_in_executor(self._asking, _status_of, owner, self.bench.since_of(owner.pid))
         self.owners, self.problem, self._status = owners, problem, status
@@ -251,6 +262,7 @@ class Watcher:
             "controls": self.tabs.holder,
             "configured": self.bench.configured,
             "owner": None if owner is None else owner_state(owner, status),
+            "others": [owner_state(one, None) for one in self.others],
             "run": self._run_state,
             "hand": hand,
             "devices": seen.devices_state(unix_s),
@@ -259,6 +271,11 @@ class Watcher:
             "notice": (self.last_line() or None) if status is None else _NOTICES.get(str(status.get("state"))),
             "problem": self.problem or None,
         }
+
+
+def _device(port: str) -> str:
+    """Return the device behind the name of a port, which may be a link."""
+    return port if "://" in port else os.path.realpath(port)
 
 
 def _status_of(owner: Owner, since: int) -> dict[str, Any] | None:

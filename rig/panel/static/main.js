@@ -73,7 +73,8 @@ function what() {
   const { owner, run, notice } = state ?? {};
   const bench = owner ? (owner.virtual ? "virtual bench" : `devices on ${owner.ports.join(", ")}`) : null;
   const doing = run ? `${run.name}: ${[run.state, run.ending].filter(Boolean).join(", ")}` : (owner?.kind ?? "nothing is running");
-  const words = [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice, run?.deviation, run?.problem].filter(Boolean).join(" · ");
+  const others = (state?.others ?? []).map(({ pid, ports }) => `process ${pid} has ${ports.join(", ")}, another rig`);
+  const words = [doing, run?.subject ? `subject ${run.subject}` : null, bench, notice, run?.deviation, run?.problem, ...others].filter(Boolean).join(" · ");
   write("what", words, run ? "run" : (owner?.kind.replace(" ", "_") ?? "nothing"));
 }
 
