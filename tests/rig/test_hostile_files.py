@@ -27,8 +27,9 @@ from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.neo_file import read_neo
+from rig.compare.recordings.nwb_file import read_nwb
 from rig.compare.recordings.reading import Reading, read_srp, sha256
-from rig.compare.recordings.spikes import _read_csv, read_nwb
+from rig.compare.recordings.spikes import _read_csv
 from rig.control.stop import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following

@@ -48,9 +48,14 @@ _ROLES = {
     "window": _Role("window_s", _TIMES),
     "time": _Role("time_s", _TIMES),
     "kind": _Role("kind", {}),
-    "sync": _Role("sync_pulses", {}),
+    "unit": _Role("unit", {}),
+    "sync": _Role("sync_pulses", _TIMES),
+    "observed": _Role("obs_intervals", _TIMES),
     "segment": _Role("segment", {}),
 }
+
+
+_THROUGHOUT = "throughout"
 
 
 @dataclass(frozen=True)
@@ -66,6 +71,11 @@ class ColumnMap:
     def __getitem__(self, role: str) -> RecordingColumn:
         """Return the column of a role."""
         return self.named.get(role, RecordingColumn(_ROLES[role].default))
+
+    @property
+    def observed_throughout(self) -> bool:
+        """Whether the user states that the unit was observed throughout the run."""
+        return "observed" in self.named and self.named["observed"].name == _THROUGHOUT
 
     def names(self, *roles: str) -> list[str]:
         """Return the names of the columns of several roles."""

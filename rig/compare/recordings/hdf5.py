@@ -19,14 +19,15 @@ MOST_CHUNK_BYTES = 256_000_000
 _MOST_LINKS = 16
 
 
-def numbers_in(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
-    """Return a list of numbers, or of numbers as text; None if there is none. Raises RecordingError."""
-    found = _at(file, path, place)
-    if not isinstance(found, h5py.Dataset):
+def numbers_in(file: h5py.File, path: Path, place: str, *, columns: int = 1) -> h5py.Dataset | None:
+    """Return a list of numbers or of rows of them, also as text; None if there is none. Raises RecordingError.
+
+    A list may be stored as a column (n, 1), as MATLAB does.
+    """
+    found = _dataset(file, path, place)
+    if found is None:
         return None
-    if found.is_virtual or found.external:
-        raise _refused(path, place, "elsewhere", "its values are in another file; copy them into this one")
-    if found.dtype.kind not in "iufS":
+    if found.dtype.kind not in "iufbS":
         raise RecordingError(
             "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
             code="no_numbers",
@@ -34,7 +35,7 @@ def numbers_in(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
             dataset=place,
             dtype=str(found.dtype),
         )
-    if len(found.shape) != 1:
+    if found.shape[1:] not in ((), (1,)) if columns == 1 else found.shape[1:] != (columns,):
         shape = " × ".join(map(str, found.shape))
         raise _refused(path, place, "no_list", "must be a list of numbers, but has the shape {shape}", shape=shape)
     if math.prod(found.chunks or (0,)) * found.dtype.itemsize > MOST_CHUNK_BYTES:
@@ -51,16 +52,81 @@ def values_of(
     if last - first > most or (last - first) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
         raise _refused(path, str(dataset.name), "too_many_values", "{values} values; at most {most} are allowed",
                        values=last - first, most=most)  # fmt: skip
-    return np.asarray(dataset[first:last])
+    found = np.asarray(dataset[first:last])
+    return found[:, 0] if found.shape[1:] == (1,) else found
 
 
-def _at(file: h5py.File, path: Path, place: str) -> Any:
-    """Return what is at a place, or None, without opening other files: HDF5 would follow links by itself."""
+def texts_in(file: h5py.File, path: Path, place: str) -> list[str] | None:
+    """Return a list of texts, or None if there is none. Raises RecordingError."""
+    found = _dataset(file, path, place)
+    if found is None or h5py.check_string_dtype(found.dtype) is None or len(found.shape) != 1:
+        return None
+    if len(found) > _MOST_TEXTS:
+        raise _refused(path, place, "too_many_values", "{values} values; at most {most} are allowed",
+                       values=len(found), most=_MOST_TEXTS)  # fmt: skip
+    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in found[:]]
+
+
+def text_at(file: h5py.File, path: Path, place: str) -> str:
+    """Return a single text, "" if there is none."""
+    found = _dataset(file, path, place)
+    if found is None or found.shape != () or h5py.check_string_dtype(found.dtype) is None:
+        return ""
+    text = found[()]
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+
+
+def members(file: h5py.File, path: Path, place: str) -> list[str]:
+    """Return the names in a group, without following links to other files; none if there is no group."""
+    found = _at(file, path, place, outside=False)
+    return list(found)[:_MOST_MEMBERS] if isinstance(found, h5py.Group) else []
+
+
+def dataset_at(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
+    """Return a dataset of any kind, or None if there is none in this file."""
+    found = _at(file, path, place, outside=False)
+    return found if isinstance(found, h5py.Dataset) and not (found.is_virtual or found.external) else None
+
+
+def rows_of(file: h5py.File, path: Path, place: str) -> int | None:
+    """Return the number of rows of a dataset, or None if there is none in this file."""
+    found = dataset_at(file, path, place)
+    return int(found.shape[0]) if found is not None and found.shape else None
+
+
+def attribute_of(file: h5py.File, path: Path, place: str, name: str) -> float | None:
+    """Return a number among the attributes of a dataset, or None."""
+    found = _at(file, path, place, outside=False)
+    try:
+        return None if found is None else float(found.attrs[name])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+_MOST_TEXTS, _MOST_MEMBERS = 100_000, 1_000
+
+
+def _dataset(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
+    found = _at(file, path, place)
+    if not isinstance(found, h5py.Dataset):
+        return None
+    if found.is_virtual or found.external:
+        raise _refused(path, place, "elsewhere", "its values are in another file; copy them into this one")
+    return found
+
+
+def _at(file: h5py.File, path: Path, place: str, *, outside: bool = True) -> Any:
+    """Return what is at a place, or None, without opening other files: HDF5 would follow links by itself.
+
+    A link to another file is refused, or is nothing if not `outside`.
+    """
     group, names, links = file["/"], [name for name in place.split("/") if name], 0
     while names:
         name = names.pop(0)
         link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
         if isinstance(link, h5py.ExternalLink):
+            if not outside:
+                return None
             raise _refused(path, place, "elsewhere", "is a link to another file; copy it into this one")
         if isinstance(link, h5py.SoftLink):
             links += 1

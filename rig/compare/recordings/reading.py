@@ -17,8 +17,9 @@ from rig.compare.recordings.columns import (
     read_table,
 )
 from rig.compare.recordings.neo_file import neo_format
+from rig.compare.recordings.nwb_file import is_nwb
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
-from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.data import Run
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
@@ -184,14 +185,18 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
     """Split a file from the unit named after it, as in "afferent.nwb#3"; the unit is empty if none is named."""
     marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
-    named = (one for one in parted if one[0].endswith(NWB) or neo_format(Path(one[0])) is not None)
+    named = (one for one in parted if _may_have_units(Path(one[0])))
     file, unit = next(named, (text, ""))
     return Path(file), unit
 
 
+def _may_have_units(path: Path) -> bool:
+    return is_nwb(path) or neo_format(path) is not None or path.is_file()
+
+
 def _roles(path: Path, columns: ColumnMap) -> Roles:
     """Return the required and the optional roles of a file's columns, by its kind."""
-    if path.suffix == NWB:
+    if is_nwb(path):
         return SPIKES_IN_NWB
     if neo_format(path) is not None:
         return SPIKES_IN_NEO
@@ -209,7 +214,10 @@ def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recor
         run = _run_with(shape, path, runs)
         times = read_spike_times(path, run, unit, reading.columns, may_be_silent=reading.may_be_silent)
         found = rates_in_run(run, shape, times, path.name, reading.window_s, reading.field_centre_mm)
-        found = replace(with_enough_positions(path, found), changes=reading.columns.changes(*roles[0]))
+        used = (*roles[0], *(role for role in roles[1] if role in reading.columns.named))
+        assert found.spikes is not None
+        changes = (*reading.columns.changes(*used), *found.spikes.changes)
+        found = replace(with_enough_positions(path, found), changes=changes)
     return replace(found, sha256=sha256(path))
 
 

@@ -87,7 +87,7 @@ def test_a_window_that_is_a_number(said: str, seconds: float | None) -> None:
     assert column_map([said]).window_s == (None if seconds is None else pytest.approx(seconds))
 
 
-ROLES = "position, rate, sd, repeat, count, window, time, kind, sync, segment"
+ROLES = "position, rate, sd, repeat, count, window, time, kind, unit, sync, observed, segment"
 LENGTHS = "nm, um, µm, mm, cm, m"
 RATES = "1/s, /s, Hz, spikes/s, imp/s, 1/ms, /ms, 1/min, /min"
 

@@ -366,6 +366,7 @@ def test_spike_times_from_nwb(command: Command, run: Run) -> None:
         file["units/spike_times"] = [1.0, *(start + 0.01 * np.arange(1, 11))]
         file["units/spike_times_index"] = [1, 11]
     line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--json")
+    line = (*line, "--columns", "observed=throughout")
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#9")
     assert code == 0
     rows = json.loads(out)["rows"]
@@ -383,13 +384,20 @@ def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, 
         file["units/id"] = [4, 9]
         file["units/spike_times"] = [1.0]
         file["units/spike_times_index"] = [1, 1]
-    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html")
+    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--columns", "observed=throughout")
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4", "--json")
     (verdict,) = json.loads(out)["answers"]
     assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:]] == ["answer", "shape", "report"]
+    assert [line.split()[0] for line in out.splitlines()[1:]] == [
+        "answer",
+        "spikes",
+        "Times",
+        "No",
+        "shape",
+        "report",
+    ]
     assert verdict["answer_text"] in out
     page = Path("a.html").read_text(encoding="utf-8")
     assert verdict["answer_text"] in page
