@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import check_header, column_map, no_rows, table_lines
+from rig.compare.recordings.columns import Row, check_header, column_map, no_rows, table_lines
+from rig.compare.recordings.number_cells import number_format
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.stimuli import StimulusRow
@@ -83,7 +84,8 @@ Wrong = list[dict[str, object]]
 
 
 def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
-    return {"row": row, "code": code, "problem": f"{where}: {' '.join(problem.split())}"}
+    about = " ".join(problem.split()).removeprefix(f"{where}, ")
+    return {"row": row, "code": code, "problem": f"{where}: {about}"}
 
 
 def _own(reading: Reading, one: _Named) -> Reading:
@@ -140,37 +142,41 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines = table_lines(path)
     first, header = next(lines)
-    check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
+    columns = check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
+    rows = [(number, cells) for number, cells in lines if any(cells)]
+    at = {name: header.index(column.name) for name, column in columns.items()}
+    pressed = [name for name in _CONDITIONS if name in at]
+    numbers = number_format(
+        {name: cells[at[name]] for name in pressed} for _, cells in rows if len(cells) == len(header)
+    )
     named, wrong = [], []
-    for number, cells in lines:
+    for number, cells in rows:
         where = f"{path}, row {number}"
-        if not any(cells):
-            continue
         try:
-            named.append(_row(path, number, where, header, cells))
+            if len(cells) != len(header):
+                raise RecordingError(
+                    "{cells} cells, but the header has {columns}",
+                    code="cells_of_row",
+                    cells=len(cells),
+                    columns=len(header),
+                )
+            named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
             wrong.append(_wrong(where, number, str(error), error.code))
     return named, wrong
 
 
-def _row(path: Path, number: int, where: str, header: list[str], cells: list[str]) -> _Named:
-    if len(cells) != len(header):
-        raise RecordingError(
-            "{cells} cells, but the header has {columns}",
-            code="cells_of_row",
-            cells=len(cells),
-            columns=len(header),
-        )
-    cell = dict(zip(header, cells, strict=True))
+def _row(where: str, row: Row) -> _Named:
+    cell = row.cells
     for name in REQUIRED:
         if not cell[name]:
             raise RecordingError("column {column} must not be empty", code="empty_cell", column=name)
-    pressed = [f"{cell[name]}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
+    pressed = [f"{row.number(name, 0.0):.6g}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
     if len(pressed) > 1 or (pressed and "@" in cell["shape"]):
         raise RecordingError("state one depth or force", code="several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
-    return _Named(where, number, cell["afferent"], shape, str(path.parent / file), cell.get("columns", ""))
+    return _Named(where, row.row, cell["afferent"], shape, str(row.path.parent / file), cell.get("columns", ""))
 
 
 def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, read_table
+from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, read_table, role_name
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import FromSpikes, Recording, condition_of, recording, shape_key
@@ -129,20 +129,17 @@ _KINDS = ("spike", "sync", "start", "stop")
 
 def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     """Read the rows `time_s[,kind][,unit]`; rows of kind start and stop limit the time in which it was recorded."""
-    rows = read_table(
-        path, *columns.split(("time",), ("kind", "unit")), others=bool(columns.named), hint=COLUMNS_HINT
-    )
-    time, kind, of_unit = columns["time"], columns["kind"].name, columns["unit"].name
+    rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=columns.by_name, hint=COLUMNS_HINT)
     times: dict[str, list[float]] = {name: [] for name in _KINDS}
     units: dict[str, int] = {}
     for row in rows:
-        said = (row.cells.get(kind) or "spike").casefold()
+        said = (row.cells.get("kind") or "spike").casefold()
         if said not in times:
-            raise row.wrong(kind, "unknown_kind", either(_KINDS))
-        name = row.cells.get(of_unit, "") if said == "spike" else ""
+            raise row.wrong("kind", "unknown_kind", either(_KINDS))
+        name = row.cells.get("unit", "") if said == "spike" else ""
         if said == "spike":
             units[name] = units.get(name, 0) + 1
-        seconds = time.factor * row.number(time.name)
+        seconds = row.number(role_name("time"))
         if said != "spike" or unit in ("", name):
             times[said].append(seconds)
     if (unit and unit not in units) or (not unit and len(units) > 1):
@@ -154,7 +151,10 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             ids=", ".join([name or "(empty)" for name in units][:_MOST_LISTED]),
         )  # fmt: skip
     spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
-    return UnitSpikes(spikes, pulses, _between(path, starts, stops) if len(starts) or len(stops) else None)
+    observed = _between(path, starts, stops) if len(starts) or len(stops) else None
+    unit_of_time = rows[0].columns[role_name("time")].unit if rows and not columns.named.get("time") else ""
+    notes = (f"The times are in {unit_of_time}, as their column says.",) if unit_of_time not in ("", "s") else ()
+    return UnitSpikes(spikes, pulses, observed, notes=notes)
 
 
 _MOST_LISTED = 50

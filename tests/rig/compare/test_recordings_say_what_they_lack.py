@@ -7,6 +7,7 @@ of presses that were not observed, or the code of the refusal and the words that
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import h5py
@@ -17,10 +18,16 @@ import quantities as pq
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.spike_clock import clock_shift
 from rig.data import Run
+from rig.design.presses import PossiblePress
+from rig.design.recorded_counts import read_counts
+from rig.report.recording_sections import read_deflections
+from tests.error_codes import raises
 from tests.rig.compare.test_every_kind_of_recording import STARTS, TIMES, WINDOW_S, journal
 
 Array = NDArray[np.float64]
@@ -294,7 +301,121 @@ PRESENT = {
     ),
 }  # fmt: skip
 
-CASES = UNOBSERVED | PRESENT
+
+def table(header: str, *rows: str, sep: str = ",") -> Callable[[Path], str]:
+    return text("\n".join((header, *rows)).replace("|", sep) + "\n")
+
+
+COUNTS_250MS = ("-0.5|3|250", "0|12|250", "0.25|6|250", "1|1|250")
+IN_QUARTER = [12, 48, 24, 4]
+"""Rates of these counts in 0.25 s."""
+
+UNITS = {
+    "window (msec)": Case("a synonym of ms", table("position_mm|count|window (msec)", *COUNTS_250MS),
+                          rates=IN_QUARTER),
+    "window [milliseconds]": Case("a synonym of ms", table("position_mm|count|window [milliseconds]", *COUNTS_250MS),
+                                  rates=IN_QUARTER),
+    "window_msec": Case("a synonym of ms", table("position_mm|count|window_msec", *COUNTS_250MS), rates=IN_QUARTER),
+    "window (fortnights)": Case("unknown", table("position_mm|count|window (fortnights)", *COUNTS_250MS),
+                                code="unknown_unit", says=("window (fortnights)", "fortnights", "ms")),
+    "window (mm)": Case("a length is no time", table("position_mm|count|window (mm)", *COUNTS_250MS),
+                        code="unknown_unit", says=("'mm'",)),
+    "position (mm)": Case("mm", table("position (mm)|rate", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL),
+    "Position [MM]": Case("mm", table("Position [MM]|Rate", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL),
+    "position (micron)": Case("µm", table("position (micron)|rate", "-500|6", "0|24", "250|12", "1000|1"), rates=ALL),
+    "rate (imp/min)": Case("a minute has 60 s", table("position_mm|rate (imp/min)", "-0.5|360", "0|1440", "0.25|720",
+                                                      "1|60"), rates=ALL),
+    "rate_per_min": Case("a minute has 60 s", table("position_mm|rate_per_min", "-0.5|360", "0|1440", "0.25|720",
+                                                    "1|60"), rates=ALL),
+    "rate (spikes per second)": Case("1/s", table("position_mm|rate (spikes per second)", "-0.5|6", "0|24", "0.25|12",
+                                                  "1|1"), rates=ALL),
+    "rate (kHz)": Case("1000/s", table("position_mm|rate (kHz)", "-0.5|.006", "0|.024", "0.25|.012", "1|.001"),
+                       rates=ALL),
+    "sd with the rates": Case("an sd without a unit has that of the rates, so its rates are read",
+                              table("position_mm|rate (1/ms)|sd", "-0.5|.006|.001", "0|.024|.001", "0.25|.012|.001",
+                                    "1|.001|.001"), rates=ALL),
+    "rate (V)": Case("unknown", table("position_mm|rate (V)", "-0.5|6", "0|24", "0.25|12"), code="unknown_unit",
+                     says=("'V'",)),
+    "--columns x (in)": Case("an inch has 25.4 mm", table("x (in)|rate", "-.02|6", "0|24", ".01|12", ".04|1"),
+                             ("position=x (in)",), rates=ALL),
+    "--columns x:inch": Case("an inch has 25.4 mm", table("x|rate", "-.02|6", "0|24", ".01|12", ".04|1"),
+                             ("position=x:inch",), rates=ALL),
+    "--columns x (parsec)": Case("unknown", table("x (parsec)|rate", "1|6", "2|24", "3|12"), ("position=x (parsec)",),
+                                 code="unknown_unit", says=("parsec",)),
+    "--columns x (parsec):mm": Case("stated", table("x (parsec)|rate", "1|6", "2|24", "3|12", "4|1"),
+                                    ("position=x (parsec):mm",), rates=ALL),
+    "count (spikes)": Case("counts may say what they count", table("position_mm|count (spikes)|window_ms",
+                                                                   *COUNTS_250MS), rates=IN_QUARTER),
+    "count (kHz)": Case("a rate is no count", table("position_mm|count (kHz)|window_ms", *COUNTS_250MS),
+                        code="unknown_unit", says=("kHz",)),
+    "time (msec)": Case("a synonym of ms", text("time (msec)\n" + "".join(f"{1e3 * t}\n" for t in TIMES)), rates=ALL,
+                        pulses=False),
+    "no unit": Case("mm or µm?", table("position|rate", "-0.5|6", "0|24", "0.25|12"), code="no_unit",
+                    says=("--columns position=position:mm",)),
+    "two columns": Case("which of the two?", table("position (mm)|x (um)|rate", "1|1000|6", "2|2000|24", "3|3000|12"),
+                        code="two_columns", says=("position (mm)", "x (um)")),
+    "µm called mm": Case("no finger is 2 m wide", table("position_mm|rate", "-2000|6", "0|24", "2000|12"),
+                         code="beyond_a_finger", says=("row 2", "-2000", ":um")),
+    "µm called mm by --columns": Case("no finger is 2 m wide", table("x|rate", "-2000|6", "0|24", "2000|12"),
+                                      ("position=x:mm",), code="beyond_a_finger", says=("row 2",)),
+    "m called mm": Case("no profile lies within 10 µm", table("position_mm|rate", "-.002|6", "0|24", ".002|12"),
+                        code="beyond_a_finger", says=("0.004", ":m")),
+    "ms called s": Case("no hold lasts 16 min", table("position_mm|count|window_s", "-0.5|3|1000", "0|12|1000",
+                                                      "0.25|6|1000"), code="beyond_a_finger", says=("1000", ":ms")),
+    "window=500": Case("no hold lasts 8 min", table("position_mm|count", "-0.5|3", "0|12", "0.25|6"),
+                       ("window=500",), code="beyond_a_finger", says=("500", ":ms")),
+    "counts called rates per min": Case("no afferent fires 3600 times a second",
+                                        table("position_mm|rate", "-0.5|360", "0|3600", "0.25|72"),
+                                        code="beyond_a_finger", says=("3600", ":1/min")),
+    "rates in units of their own": Case("stated", table("position_mm|rate", "-0.5|3600", "0|4800", "0.25|7200"),
+                                        ("rate=rate:a.u.",), rates=[3600, 4800, 7200]),
+    "trials": Case(
+        "a table of trials: presses at one place are told apart by the number of the trial",
+        table("trial|position (mm)|spike_count|duration_ms", "1|-0.5|2|500", "2|0|10|500", "3|0|14|500",
+              "4|-0.5|4|500", "5|0.25|6|500", "6|0.25|6|500", "7|1|0|500", "8|1|1|500"), rates=ALL,
+    ),
+    "trials without a unit": Case(
+        "one line says all that is missing",
+        table("trial|position|spike_count|duration_ms", "1|-0.5|2|500", "2|0|10|500", "3|0.25|6|500"), code="no_unit",
+        says=("--columns position=position:mm",),
+    ),
+    "trials with another column": Case(
+        "one line says how to go on",
+        table("subject|trial|position (mm)|spike_count|duration_ms", "S1|1|-0.5|2|500", "S1|2|0|10|500"),
+        code="extra_column",
+        says=("'subject'", "position=position (mm),count=spike_count,window=duration_ms,repeat=trial"),
+    ),
+    "CSV, kinds in a column of another name": Case(
+        "pulses are no spikes",
+        spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier(TIMES).tolist(), header="t_s,type"), ("time=t_s",),
+        rates=ALL,
+    ),
+}  # fmt: skip
+
+NUMBERS = {
+    "thousands of µm": Case("−2 mm or −0.002 mm?", table('x (um);rate', "-2,000;6", "-800;24", "0;12", "1,000;1"),
+                            code="ambiguous_number", says=("row 2", "'-2,000'", "2000")),
+    "thousands, quoted": Case("−2 mm or −0.002 mm?", table("x (um),rate", '"-2,000",6', "-800,24", "0,12"),
+                              code="ambiguous_number", says=("row 2", "'-2,000'")),
+    "thousands of counts": Case("1449 or 1.449?", table("position_mm,count,window_s", "-0.5,935,20", '0,"1,449",20',
+                                                        "0.25,537,20"),
+                                code="ambiguous_number", says=("row 3", "'1,449'")),
+    "thousands with a point": Case("−2000 or −2.000 µm?", table("x (um);rate", "-2.000;6", "-800;24", "0;12"),
+                                   code="ambiguous_number", says=("row 2", "'-2.000'")),
+    "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
+                     code="ambiguous_number", says=("'-2,000,000'",)),
+    "decimal commas with three digits": Case("0,250 is no thousand, so the comma is decimal",
+                                             table("position_mm;rate", "-0,500;6", "0;24", "0,250;12", "1,000;1"),
+                                             rates=ALL),
+    "decimal points with three digits": Case("all cells have a point and three digits", table(
+        "position_mm;rate", "-0.500;6", "0.000;24", "0.250;12", "1.000;1"), rates=ALL),
+    "decimal points, without zeros": Case("1.125 beside 2 is decimal",
+                                          table("position_mm,rate", "1.125,6", "2,24", "3,12", "4,1"), rates=ALL),
+    "a space between thousands": Case("no number", table("position_mm;count;window_s", "0;1 449;20", "1;2;20",
+                                                         "2;3;20"), code="no_number", says=("row 2", "'1 449'")),
+}  # fmt: skip
+
+CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -355,3 +476,65 @@ def test_every_recording_of_spikes_says_whose_clock_it_used(name: str, tmp_path:
     assert found.spikes is not None
     assert found.spikes.clock.source == source
     assert words in found.spikes.clock.text
+
+
+def skin(path: Path) -> list[float]:
+    found = read_skin_deflection(path)
+    return [*found.deflection_mm, *found.x_mm]
+
+
+def along(path: Path) -> list[float]:
+    (found,) = read_deflections(path)
+    return [*found.deflection_mm, *found.z_mm, found.doi_mm]
+
+
+def counted(path: Path) -> list[float]:
+    presses = [PossiblePress("bar:3", x, "doi_mm", 0.5) for x in (-1.0, 0.5)]
+    return [value for one in read_counts(path, presses) for value in one]
+
+
+def afferents(path: Path) -> list[float]:
+    (path.parent / "a.csv").write_text("position_mm,rate\n0,1\n1,2\n2,3\n", encoding="utf-8")
+    stimulus = SimpleNamespace(shape="step:1", condition="4 gwt")
+    found = read_afferents(path, [], [], [stimulus], Reading())  # type: ignore[list-item]
+    (key,) = found["a1"]
+    return [float(key.partition("@")[2].removesuffix(" gwt"))]
+
+
+TABLES = {
+    "skin deflection": (skin, "deflection ({um})|x ({um})", "100|-500", [0.1, -0.5]),
+    "deflection along the finger": (along, "z ({um})|deflection ({um})|doi ({um})", "1000|100|500", [0.1, 1.0, 0.5]),
+    "counts of a designed session": (counted, "shape|x ({um})|doi ({um})|count", "bar:3|500|500|7", [1, 7]),
+    "afferents": (afferents, "afferent|shape|force ({mN})|file", "a1|step:1|39.2266|a.csv", [4.0]),
+}
+"""Every other table whose columns have units: its reader, header, a row, and what is right in the program's units."""
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -> None:
+    read, header, row, right = TABLES[name]
+    words = {"um": ("um", "micron", "µm"), "mN": ("mN", "millinewtons")}
+    for um, mn in zip(words["um"], (*words["mN"], "mN"), strict=True):
+        path = Path(table(header.format(um=um, mN=mn), row)(tmp_path))
+        np.testing.assert_allclose(read(path), right, rtol=1e-5)
+    path = Path(table(header.format(um="furlong", mN="slug"), row)(tmp_path))
+    with raises(RecordingError, "unknown_unit", path=str(path)) as caught:
+        read(path)
+    assert any(word in str(caught.value) for word in ("furlong", "slug"))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_values_a_thousand_times_beyond_a_finger_are_questioned_in_every_table(name: str, tmp_path: Path) -> None:
+    read, header, row, _ = TABLES[name]
+    if name == "afferents":
+        row = row.replace("39.2266", "39226.6")
+    path = Path(table(header.format(um="mm", mN="gwt"), row)(tmp_path))
+    with pytest.raises(RecordingError, match="at most"):
+        read(path)
+
+
+def test_decimal_commas_in_a_table_of_afferents(tmp_path: Path) -> None:
+    """As Excel writes it in German."""
+    path = tmp_path / "synthetic_afferents.csv"
+    path.write_text("\ufeffafferent;shape;force_gwt;file\na1;step:1;4,0;a.csv\n", encoding="utf-8")
+    assert afferents(path) == [4.0]
