@@ -13,7 +13,7 @@ import typer
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
-from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
+from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json, renamed
 from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
@@ -201,7 +201,7 @@ def command(
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True, size=len(runs)):
-            found = [recorded_run(path) for path in runs]
+            found = _without_copies([recorded_run(path) for path in runs])
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
@@ -388,6 +388,19 @@ def _compared(
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
+
+
+def _without_copies(runs: Sequence[Run]) -> list[Run]:
+    """Return each run once, from the folder with the most of its journal; say which folders are copies."""
+    kept: dict[object, Run] = {}
+    for run in runs:
+        uid = run.start.get("uid") or run.folder.path
+        other = kept.setdefault(uid, run)
+        if other is not run:
+            more, less = (other, run) if len(other.in_order) >= len(run.in_order) else (run, other)
+            complain(f"{less.folder.path}: a copy of {more.folder.path} (uid {uid}); the run is compared once")
+            kept[uid] = more
+    return list(kept.values())
 
 
 def _on(

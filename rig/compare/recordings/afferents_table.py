@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows, table_lines
 from rig.compare.recordings.number_cells import number_format
-from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.reading import Reading, read_recordings, unit_of
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
@@ -55,11 +55,11 @@ def read_afferents(
     table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
     named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
     found: Recordings = {}
-    seen: dict[tuple[str, str], _Named] = {}
+    seen: dict[tuple[str, str, str], _Named] = {}
     for one in named:
         try:
             ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
-            _refuse(one, key, found, seen, stimuli)
+            _refuse(one, key, recording, found, seen, stimuli)
         except (RecordingError, ValueError) as error:
             wrong.append(_wrong(one.where, one.row, str(error), code_of(error)))
         else:
@@ -96,11 +96,12 @@ def _own(reading: Reading, one: _Named) -> Reading:
 def _refuse(
     one: _Named,
     key: str,
+    recording: Recording,
     found: Recordings,
-    seen: dict[tuple[str, str], _Named],
+    seen: dict[tuple[str, str, str], _Named],
     stimuli: Sequence[StimulusRow],
 ) -> None:
-    """Refuse a shape that the runs do not have, and a recording that is named twice."""
+    """Refuse a shape that the runs do not have, and a recording that is named twice, also as a copy."""
     shape = key.partition("@")[0]
     conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
     if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
@@ -122,11 +123,13 @@ def _refuse(
             afferent=one.afferent,
             shape=key,
         )
-    same = seen.setdefault((str(Path(one.file).resolve()), key), one)
+    same = seen.setdefault((recording.sha256, unit_of(one.file), key), one)
     if same is not one:
+        copy = "" if Path(one.file).resolve() == Path(same.file).resolve() else ", in a file with the same content"
         raise RecordingError(
-            "{file} is the recording of {shape} of afferent {other} already ({where})",
+            "{file} is the recording of {shape} of afferent {other} already ({where}){copy}",
             code="file_twice",
+            copy=copy,
             file=one.file,
             shape=key,
             other=same.afferent,

@@ -37,6 +37,8 @@ class RecordingColumn(NamedTuple):
     name: str
     unit: str = ""
     factor: float = 1.0
+    stated: bool = False
+    """Whether the unit is stated after a colon."""
 
     @property
     def changed(self) -> bool:
@@ -189,7 +191,7 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
                 unit=unit,
                 units=", ".join(of.listed) if of is not COUNT else "",
             )
-        return RecordingColumn(before.strip(), unit.strip(), factor)
+        return RecordingColumn(before.strip(), unit.strip(), factor, True)
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
         raise RecordingError(

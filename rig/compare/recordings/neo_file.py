@@ -233,7 +233,8 @@ def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any
     ids = [str(one.annotations.get("id", "")) for one, _ in found]
     for number, (pair, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
         unique = [text for text, all_ in ((name, names), (key, ids)) if text and Counter(all_)[text] == 1]
-        yield (unique[0] if unique else str(number)), pair
+        taken = str(number) in names or str(number) in ids
+        yield (unique[0] if unique else f"channel {number}" if taken else str(number)), pair
 
 
 def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _Channels:
@@ -282,6 +283,11 @@ def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
 
 def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array]:
     name = columns["sync"].name
+    if columns["sync"].stated:
+        raise RecordingError(
+            "{path}: --columns sync={name}:{unit} must not state a unit of time; the file does",
+            code="no_unit_here", path=str(path), name=name, unit=columns["sync"].unit,
+        )  # fmt: skip
     if name in segment.events:
         return name, segment.events[name]
     if name in segment.lines:

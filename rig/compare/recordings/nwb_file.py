@@ -16,7 +16,16 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
-from rig.compare.recordings.hdf5 import attribute_of, dataset_at, members, numbers_in, rows_of, text_at, values_of
+from rig.compare.recordings.hdf5 import (
+    attribute_of,
+    dataset_at,
+    members,
+    numbers_in,
+    rows_of,
+    text_at,
+    texts_in,
+    values_of,
+)
 from rig.compare.recordings.recording import finite_times
 from rig.compare.recordings.spike_times import Array, UnitSpikes, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
@@ -26,6 +35,7 @@ from rig_shared.user_files import open_file
 NWB = ".nwb"
 
 _TIMES = "spike_times"
+_ROW, _NAMES, _MOST_TEXTS = "row", ("unit_name", "name", "label"), 5
 _MOST_UNITS, _MOST_LISTED = 100_000, 50
 _MOST_SAMPLES, _AT_ONCE = 200_000_000, 5_000_000
 
@@ -48,7 +58,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     with _damage_in_one_line(path), h5py.File(path) as file:
         units = _Units.of(file, path, columns)
-        row = units.row_of(unit)
+        row = units.row_of(file, unit)
         spikes = np.sort(columns["time"].factor * units.times(file, row))
         observed = _observed(file, path, columns, units, row, spikes)
         of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
@@ -107,20 +117,57 @@ class _Units(NamedTuple):
             )
         return cls(path, name, ids, times, ends)
 
-    def row_of(self, unit: str) -> int:
-        """Return the row of a unit. Raises RecordingError."""
-        if unit not in self.ids and not (unit == "" and len(self.ids) == 1):
-            known = "there is no unit {unit}" if unit else "{units} units"
-            raise RecordingError(
-                "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
-                code="no_unit" if unit else "several_units",
-                path=str(self.path),
-                file=self.path.name,
-                unit=unit,
-                units=len(self.ids),
-                ids=", ".join(self.ids[:_MOST_LISTED]) + ", …" * (len(self.ids) > _MOST_LISTED),
-            )
-        return self.ids.index(unit) if unit else 0
+    def row_of(self, file: h5py.File, unit: str) -> int:
+        """Return the row of a unit by its id or a text of its row, "COLUMN=TEXT", or "row=NUMBER" from 1.
+
+        Raises RecordingError.
+        """
+        if unit == "" and len(self.ids) == 1:
+            return 0
+        labels = self._labels(file)
+        column, equals, text = unit.partition("=")
+        if equals and column == _ROW:
+            found = [n for n in range(len(self.ids)) if str(n + 1) == text]
+        elif equals and column in labels:
+            found = [n for n, one in enumerate(labels[column]) if one == text]
+        else:
+            found = [n for n in range(len(self.ids)) if any(texts[n] == unit for texts in labels.values())]
+        if unit and len(found) == 1:
+            return found[0]
+        several = len(found) > 1 and unit != ""
+        listed = found if several else range(len(self.ids))
+        each = [self._described(labels, n, several) for n in list(listed)[:_MOST_LISTED]]
+        between = "; " if any(":" in one for one in each) else ", "
+        known = (
+            "several units are called {unit}" if several else "there is no unit {unit}" if unit else "{units} units"
+        )
+        raise RecordingError(
+            "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
+            code="unit_twice" if several else "no_unit" if unit else "several_units",
+            path=str(self.path),
+            file=self.path.name,
+            unit=unit,
+            units=len(self.ids),
+            ids=between.join(each) + f"{between}…" * (len(listed) > _MOST_LISTED),
+        )
+
+    def _labels(self, file: h5py.File) -> dict[str, list[str]]:
+        """Return the ids and the texts of all units by column, the names of the units first."""
+        found = {"id": self.ids}
+        for column in sorted(members(file, self.path, "units"), key=lambda one: (one not in _NAMES, one)):
+            texts = texts_in(file, self.path, f"units/{column}")
+            if texts is not None and len(texts) == len(self.ids):
+                found[column] = texts
+        return found
+
+    def _described(self, labels: dict[str, list[str]], row: int, several: bool) -> str:
+        """Return a unit for a list: its id and texts, and how to choose it if its id or text does not."""
+        about = ", ".join(f"{column} {texts[row]}" for column, texts in list(labels.items())[1:_MOST_TEXTS])
+        shown = f"{self.ids[row]}{f' ({about})' if about else ''}"
+        if not several and self.ids.count(self.ids[row]) == 1:
+            return shown
+        alone = (f"{column}={texts[row]}" for column, texts in labels.items() if texts.count(texts[row]) == 1)
+        return f"{shown}: #{next(alone, f'{_ROW}={row + 1}')}"
 
     def times(self, file: h5py.File, row: int) -> Array:
         """Return the spike times of a row in the unit of the file. Raises RecordingError."""

@@ -79,8 +79,8 @@ def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording
     if span_mm < LEAST_PROFILE_MM:
         column = rows[0].columns[role_name("position")]
         raise RecordingError(
-            "{path}, column {column}: all positions lie within {span_mm:g} mm, at least {least_mm:g} mm are required; "
-            "if the unit is another, state it: {remedy}",
+            "{path}, column {column}: all positions lie within {span_mm:g} mm, at least {least_mm:g} mm are "
+            "required; if the unit is another, state it: {remedy}",
             code="beyond_a_finger",
             path=str(path),
             column=column.name,
@@ -235,6 +235,11 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
     named = (one for one in parted if _may_have_units(Path(one[0])))
     file, unit = next(named, (text, ""))
     return Path(file), unit
+
+
+def unit_of(text: str) -> str:
+    """Return the unit that is named after a file, "" for none."""
+    return _file_and_unit(text)[1]
 
 
 def _may_have_units(path: Path) -> bool:

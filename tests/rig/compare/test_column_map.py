@@ -72,9 +72,9 @@ def test_names_and_units(said: str, name: str, factor: float) -> None:
 
 
 def test_the_unit_of_rates_is_their_sd_s() -> None:
-    assert column_map(["rate=FR:1/ms,sd=s"])["sd"] == ("s", "1/ms", 1000.0)
-    assert column_map(["rate=FR:1/ms,sd=s:1/s"])["sd"] == ("s", "1/s", 1.0)
-    assert column_map(["sd=s"])["sd"] == ("s", "", 1.0)
+    assert column_map(["rate=FR:1/ms,sd=s"])["sd"][:3] == ("s", "1/ms", 1000.0)
+    assert column_map(["rate=FR:1/ms,sd=s:1/s"])["sd"][:3] == ("s", "1/s", 1.0)
+    assert column_map(["sd=s"])["sd"][:3] == ("s", "", 1.0)
 
 
 def test_what_was_converted_is_told() -> None:

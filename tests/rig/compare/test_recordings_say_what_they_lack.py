@@ -4,6 +4,7 @@ All files are synthetic: one afferent under eight presses at four places. A row 
 of presses that were not observed, or the code of the refusal and the words that it must contain.
 """
 
+import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,13 +18,15 @@ import pytest
 import quantities as pq
 from numpy.typing import NDArray
 
+from rig.cli.compare import _without_copies
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.compare.spike_clock import clock_shift
-from rig.data import Run
+from rig.data import Run, read_run
+from rig.data.index import listed
 from rig.design.presses import PossiblePress
 from rig.design.recorded_counts import read_counts
 from rig.report.recording_sections import read_deflections
@@ -415,7 +418,103 @@ NUMBERS = {
                                                          "2;3;20"), code="no_number", says=("row 2", "'1 449'")),
 }  # fmt: skip
 
-CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS
+MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
+MS_SPIKES = {"units__spike_times": 1e3 * amplifier(TIMES)}
+
+CLOCKED = {
+    "NWB, spikes in ms and pulses in s": Case(
+        "each input has its own unit", nwb(**MS_SPIKES, **PULSES), ("time=spike_times:ms",), rates=ALL,
+    ),
+    "NWB, spikes in ms, said nowhere": Case(
+        "spikes a thousand times later than any pulse", nwb(**MS_SPIKES, **PULSES), code="outside_run",
+        says=("--columns time=COLUMN:ms", "same unit of time as the pulses"),
+    ),
+    "NWB, both in ms": Case(
+        "each input has its own unit", nwb(**MS_SPIKES, **MS_PULSES), ("time=spike_times:ms", "sync=sync_pulses:ms"),
+        rates=ALL,
+    ),
+    "NWB, both in ms, said of one": Case(
+        "a clock does not run a thousand times as fast", nwb(**MS_SPIKES, **MS_PULSES), ("time=spike_times:ms",),
+        code="no_clock", says=("0.00099", "sync=NAME:ms"),
+    ),
+    "NWB, both in ms, said nowhere": Case(
+        "a clock does not run a thousand times as fast", nwb(**MS_SPIKES, **MS_PULSES), code="no_clock",
+        says=("sync=NAME:ms",),
+    ),
+    "NWB, another sampling rate": Case(
+        "2 % are no drift", of_amplifier(**pulses_at(1.02 * amplifier(RISES))), code="no_clock",
+        says=("at most 1 %",),
+    ),
+    "NWB, intervals in ms": Case(
+        "each input has its own unit", of_amplifier(
+            UNTIL_LOST, **PULSES, units__obs_intervals=1e3 * amplifier([[0.0, LOST_S]]),
+            units__obs_intervals_index=[1],
+        ), ("observed=obs_intervals:ms",), rates=ALL[:3], lost=2,
+    ),
+    "CSV in ms": Case(
+        "one column, one unit", spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()),
+        ("time=time_s:ms",), rates=ALL,
+    ),
+    "CSV in ms, said nowhere": Case(
+        "a clock does not run a thousand times as fast",
+        spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()), code="no_clock",
+        says=("time=COLUMN:ms",),
+    ),
+    "NIX, a unit for pulses": Case(
+        "the file has units of its own", nix(line_v=True), ("sync=ttl:ms",), code="no_unit_here", says=("ttl:ms",),
+    ),
+}  # fmt: skip
+
+
+def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path], str]:
+    """Several units; the first has the spikes, the others one spike each."""
+    others = [[t + 0.001] for t in RISES[: len(ids) - 1]]
+    times = [TIMES, *others]
+    strings = {key: np.array(value, dtype=h5py.string_dtype()) for key, value in more.items()}
+    write = nwb(
+        units__id=list(ids), units__spike_times=np.concatenate([amplifier(one) for one in times]),
+        units__spike_times_index=np.cumsum([len(one) for one in times]),
+        units__obs_intervals=np.tile([[0.0, 500.0]], (len(ids), 1)),
+        units__obs_intervals_index=np.arange(1, len(ids) + 1), **PULSES, **strings,
+    )  # fmt: skip
+    return lambda folder: write(folder) + choice
+
+
+NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
+
+IDENTITIES = {
+    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
+    "an id that occurs twice": Case(
+        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
+        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
+    ),
+    "an id that occurs twice, without names": Case(
+        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
+    ),
+    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
+    "a text that two units share": Case(
+        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
+    ),
+    "the id of one and the name of another": Case(
+        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
+        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
+    ),
+    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
+    "no choice": Case(
+        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
+    ),
+    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
+                         says=("unit_name A0",)),
+    "a column of MATLAB": Case(
+        "MatNWB writes (N, 1)",
+        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
+        rates=ALL,
+    ),
+}  # fmt: skip
+
+CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -538,3 +637,16 @@ def test_decimal_commas_in_a_table_of_afferents(tmp_path: Path) -> None:
     path = tmp_path / "synthetic_afferents.csv"
     path.write_text("\ufeffafferent;shape;force_gwt;file\na1;step:1;4,0;a.csv\n", encoding="utf-8")
     assert afferents(path) == [4.0]
+
+
+def test_a_copied_run_folder_is_one_run(bar_run: Run, tmp_path: Path) -> None:
+    """A conflict copy of a cloud folder has the same uid; its holds are not counted twice."""
+    runs = tmp_path / "runs"
+    name = bar_run.folder.path.name
+    for folder in (name, f"{name} (conflicted copy)"):
+        shutil.copytree(bar_run.folder.path, runs / folder)
+    original, copy = listed(runs)
+    assert (original.summary.name, original.summary.problem, len(original.rows)) == (name, "", 12)
+    assert (copy.summary.name, copy.rows) == (f"{name} (conflicted copy)", [])
+    assert name in copy.summary.problem
+    assert _without_copies([read_run(one) for one in sorted(runs.glob(f"{name}*"))]) == [read_run(runs / name)]
