@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import Row, check_header, column_map, no_rows, table_lines
+from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
 from rig.compare.recordings.number_cells import number_format
 from rig.compare.recordings.reading import Reading, read_recordings, unit_of
 from rig.compare.recordings.recording import Recording, shape_key
+from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.errors import code_of

@@ -1,11 +1,8 @@
 """Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
-import csv
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,9 +23,7 @@ from rig.compare.recordings.column_units import (
     means,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig_shared.user_files import lines_of
-
-MOST_TABLE_BYTES = 100_000_000
+from rig.compare.recordings.table_cells import table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -205,10 +200,6 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
             first=of.listed[0],
         )
     return RecordingColumn(name, said.unit, said.factor or 1.0)
-
-
-_SEPARATORS = (",", ";", "\t")
-_SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 
 
 _MOST_LISTED = 20
@@ -492,39 +483,3 @@ def has_column(path: Path, name: str, given: Mapping[str, RecordingColumn]) -> b
 def header_of(path: Path) -> list[str]:
     """Return the names of the columns; an empty list for an empty file. Raises RecordingError."""
     return next(table_lines(path))[1]
-
-
-def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the stripped cells of the header (no cells for an empty file), then of each row.
-
-    The separator is the one that splits the header into the most columns. Comments and empty lines above the header
-    are skipped, as are empty columns at the right. Raises RecordingError.
-    """
-    try:
-        lines = lines_of(path, most=MOST_TABLE_BYTES)
-        above = 1
-        header = next(lines, "")
-        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line(header)):
-            above, header = above + 1, next(lines, "")
-        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
-        columns = 0
-        for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
-            cells = [cell.strip() for cell in line]
-            while len(cells) > columns and not cells[-1]:
-                cells.pop()
-            columns = columns or len(cells)
-            yield number, cells
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(
-            "{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8",
-            code="no_csv",
-            path=str(path),
-            reason=str(error),
-        ) from None
-
-
-def _is_separator_line(line: str) -> bool:
-    return _SEPARATOR_LINE.fullmatch(line.strip()) is not None

@@ -52,8 +52,25 @@ def values_of(
     if last - first > most or (last - first) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
         raise _refused(path, str(dataset.name), "too_many_values", "{values} values; at most {most} are allowed",
                        values=last - first, most=most)  # fmt: skip
-    found = np.asarray(dataset[first:last])
+    found = part_of(dataset, path, slice(first, last))
     return found[:, 0] if found.shape[1:] == (1,) else found
+
+
+def part_of(dataset: h5py.Dataset, path: Path, rows: slice) -> NDArray[Any]:
+    """Return some rows of a dataset. Raises RecordingError for values that a missing filter compressed."""
+    try:
+        return np.asarray(dataset[rows])
+    except OSError:
+        stored = dataset.id.get_create_plist()
+        for number, _, _, name in (stored.get_filter(n) for n in range(stored.get_nfilters())):
+            if not h5py.h5z.filter_avail(number):
+                text = name.decode("utf-8", "replace").strip("\0 ") or "unnamed"
+                raise _refused(
+                    path, str(dataset.name), "unknown_filter",
+                    "its values are compressed with filter {number} ({name}), which is not installed; repack the "
+                    "file with h5repack -f GZIP=4 OLD NEW", number=number, name=text,
+                ) from None  # fmt: skip
+        raise
 
 
 def texts_in(file: h5py.File, path: Path, place: str) -> list[str] | None:

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.file_kinds import is_hdf5, kind_of
 from rig.compare.recordings.hdf5 import (
     attribute_of,
     dataset_at,
     members,
     numbers_in,
+    part_of,
     rows_of,
     text_at,
     texts_in,
@@ -73,13 +75,46 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         yield
     except RecordingError:
         raise
-    except OSError:
-        raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
+    except OSError as error:
+        raise _unopened(path, error) from None
     except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
         raise RecordingError(
             "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
         ) from None
+
+
+_LOCKED = ("unable to lock", "resource temporarily unavailable", "already open")
+
+
+def _unopened(path: Path, error: OSError) -> RecordingError:
+    """Return the error for a file that HDF5 cannot open or read: not one, truncated, in use, or damaged."""
+    reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+    with open_file(path) as file:
+        start = file.read(_START_BYTES)
+    if not is_hdf5(start):
+        kind = kind_of(start) or "of an unknown kind"
+        return RecordingError(
+            "{path}: not an NWB file (HDF5); it is {kind}", code="no_hdf5", path=str(path), kind=kind
+        )
+    if isinstance(error, BlockingIOError) or any(word in reason.casefold() for word in _LOCKED):
+        return RecordingError(
+            "{path}: another program has this file open and has locked it; close it there, or copy the file",
+            code="locked_hdf5",
+            path=str(path),
+        )
+    if "truncated" in reason:
+        return RecordingError(
+            "{path}: this NWB file (HDF5) is truncated: it ends before its content does; copy or download it again",
+            code="truncated_hdf5",
+            path=str(path),
+        )
+    return RecordingError(
+        "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
+    )
+
+
+_START_BYTES = 4096
 
 
 class _Units(NamedTuple):
@@ -399,12 +434,12 @@ def _rising_samples(file: h5py.File, path: Path, place: str) -> Array:
             most=_MOST_SAMPLES,
         )
     parts = [slice(at, at + _AT_ONCE) for at in range(0, len(data), _AT_ONCE)]
-    read = (np.asarray(data[part]).ravel() for part in parts)
+    read = (part_of(data, path, part).ravel() for part in parts)
     ends = np.array([(part.min(), part.max()) for part in read], dtype=float).reshape(-1, 2)
     low, high = (float(ends[:, 0].min()), float(ends[:, 1].max())) if len(ends) else (0.0, 0.0)
     found, before = [np.empty(0)], True
     for part in parts if high > low else ():
-        values, middle = np.asarray(data[part]).ravel(), (low + high) / 2
+        values, middle = part_of(data, path, part).ravel(), (low + high) / 2
         found.append((part.start + rises(values, middle, high_before=before)) / rate_hz)
         before = bool(values[-1] > middle)
     return float(start[()]) + np.concatenate(found)

@@ -25,6 +25,7 @@ from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.nwb_file import is_nwb
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.table_cells import file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
@@ -230,6 +231,9 @@ def _is_shape(text: str) -> bool:
 
 def _file_and_unit(text: str) -> tuple[Path, str]:
     """Split a file from the unit named after it, as in "afferent.nwb#3"; the unit is empty if none is named."""
+    path, sheet = file_and_sheet(Path(text))
+    if sheet and path.is_file():
+        return Path(text), ""
     marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
     named = (one for one in parted if _may_have_units(Path(one[0])))
@@ -262,6 +266,11 @@ def _roles(path: Path, columns: ColumnMap) -> Roles:
 def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recording:
     path, unit = _file_and_unit(file)
     roles = _roles(path, reading.columns)
+    if unit and roles in (RATES, COUNTS):
+        raise RecordingError(
+            "{file}: a table of rates or counts has no units to choose from; remove #{unit}",
+            code="no_unit_here", file=file, unit=unit, path=str(path),
+        )  # fmt: skip
     if roles in (RATES, COUNTS):
         found = read_srp(path, reading.columns)
     else:
@@ -272,7 +281,7 @@ def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recor
         assert found.spikes is not None
         changes = (*reading.columns.changes(*used), *found.spikes.changes)
         found = replace(with_enough_positions(path, found), changes=changes)
-    return replace(found, sha256=sha256(path))
+    return replace(found, sha256=sha256(file_and_sheet(path)[0]))
 
 
 def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:

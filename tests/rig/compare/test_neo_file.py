@@ -284,7 +284,14 @@ def test_a_truncated_file(name: str, written: Callable[[str], Path], tmp_path: P
             one.write_bytes(one.read_bytes()[:kept])
         with pytest.raises(RecordingError) as caught:
             read(f"{path}#{kind.unit}", kind.columns, pulsed(tmp_path))
-        assert caught.value.code in {"neo_cannot_read", "no_hdf5", "no_spikes", "no_unit", "several_units"}, kept
+        assert caught.value.code in {
+            "neo_cannot_read",
+            "no_hdf5",
+            "truncated_hdf5",
+            "no_spikes",
+            "no_unit",
+            "several_units",
+        }, kept
         assert "\n" not in str(caught.value)
 
 

@@ -5,6 +5,9 @@ of presses that were not observed, or the code of the refusal and the words that
 """
 
 import shutil
+import subprocess
+import sys
+import zipfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,6 +19,7 @@ import neo
 import numpy as np
 import pytest
 import quantities as pq
+import scipy.io
 from numpy.typing import NDArray
 
 from rig.cli.compare import _without_copies
@@ -514,7 +518,163 @@ IDENTITIES = {
     ),
 }  # fmt: skip
 
-CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES
+RATES_CSV = "position_mm,rate\n" + "".join(f"{x},{y:g}\n" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))
+RATES_ROWS = [["position_mm", "rate"], *([x, y] for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))]
+_XML = '<?xml version="1.0"?>'
+_MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+_RELATIONS = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+
+
+def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = False, inline: bool = False) -> Any:
+    """A workbook as Excel writes it: texts are shared, numbers are plain; `dates`: numbers have a date's format."""
+
+    def write(folder: Path) -> str:
+        path, shared = folder / "synthetic.xlsx", list[str]()
+
+        def cell(value: Any, at: str) -> str:
+            if value is None:
+                return ""
+            if not isinstance(value, str):
+                return f'<c r="{at}" s="{int(dates)}"><v>{value}</v></c>'
+            if inline:
+                return f'<c r="{at}" t="inlineStr"><is><t>{value}</t></is></c>'
+            shared.append(value)
+            return f'<c r="{at}" t="s"><v>{len(shared) - 1}</v></c>'
+
+        made = {}
+        for number, rows in enumerate(sheets.values(), 1):
+            cells = ("".join(cell(value, f"{chr(65 + k)}{n}") for k, value in enumerate(row))
+                     for n, row in enumerate(rows, 1))  # fmt: skip
+            each = (f'<row r="{n}">{one}</row>' for n, one in enumerate(cells, 1))
+            made[f"xl/worksheets/sheet{number}.xml"] = (
+                f"{_XML}<worksheet {_MAIN}><sheetData>{''.join(each)}</sheetData></worksheet>"
+            )
+        names = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(sheets, 1))
+        book = f'<workbook {_MAIN} xmlns:r="{_RELATIONS}"><sheets>{names}</sheets></workbook>'
+        made["xl/workbook.xml"] = f"{_XML}{book}"
+        targets = "".join(
+            f'<Relationship Id="rId{n}" Target="worksheets/sheet{n}.xml" Type="x"/>'
+            for n in range(1, len(sheets) + 1)
+        )
+        made["xl/_rels/workbook.xml.rels"] = (
+            f'{_XML}<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">{targets}'
+            "</Relationships>"
+        )
+        texts = "".join(f"<si><t>{text}</t></si>" for text in shared)
+        made["xl/sharedStrings.xml"] = f"{_XML}<sst {_MAIN}>{texts}</sst>"
+        made["xl/styles.xml"] = (
+            f'{_XML}<styleSheet {_MAIN}><cellXfs><xf numFmtId="0"/><xf numFmtId="14"/></cellXfs></styleSheet>'
+        )
+        with zipfile.ZipFile(path, "w") as file:
+            for name, content in made.items():
+                file.writestr(name, content)
+        return f"{path}{choice}"
+
+    return write
+
+
+def mat(**variables: Any) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        path = folder / "synthetic.mat"
+        scipy.io.savemat(path, variables, do_compression=True)
+        return str(path)
+
+    return write
+
+
+def content(data: bytes, name: str) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        (folder / name).write_bytes(data)
+        return str(folder / name)
+
+    return write
+
+
+def truncated(folder: Path) -> str:
+    path = Path(of_amplifier(**PULSES)(folder))
+    path.write_bytes(path.read_bytes()[:-500])
+    return str(path)
+
+
+def filtered(folder: Path) -> str:
+    """Compressed by a filter that h5py does not have: the number of Zstandard, put where gzip's was."""
+    path = folder / "synthetic.nwb"
+    with h5py.File(path, "w") as file:
+        file["units/id"] = [0]
+        file["units/spike_times_index"] = [len(TIMES)]
+        made = file.create_dataset("units/spike_times", (len(TIMES),), dtype="f8", chunks=True, compression="lzf")
+        made.id.write_direct_chunk((0,), b"no compressed data", 0)
+    path.write_bytes(path.read_bytes().replace((32000).to_bytes(2, "little"), (32015).to_bytes(2, "little")))
+    return str(path)
+
+
+def capitals(folder: Path) -> str:
+    return str(Path(of_amplifier(**PULSES)(folder)).rename(folder / "SYNTHETIC.NWB"))
+
+
+POSITIONS, THESE = np.array([-0.5, 0, 0.25, 1]), np.array(ALL)
+
+KINDS = {
+    "UTF-16, tabs": Case("Excel's Unicode text", text(RATES_CSV.replace(",", "\t"), encoding="utf-16"), rates=ALL),
+    "UTF-16, no mark": Case("it says what it is", content(RATES_CSV.encode("utf-16-le"), "a.csv"), code="no_csv",
+                            says=("UTF-16", "CSV UTF-8")),
+    "Latin-1": Case("it says what it is and how to save it", content("Höhe,rate\n0,1\n".encode("latin-1"), "a.csv"),
+                    code="no_csv", says=("UTF-8", "Latin-1", "row 1")),
+    "no header": Case("numbers are no names", text("-0.5,6\n0,24\n0.25,12\n"), code="no_header",
+                      says=("row 1", "position_mm,rate")),
+    "xlsx": Case("a table is a table", xlsx({"Sheet1": RATES_ROWS}), rates=ALL),
+    "xlsx, texts in the cells": Case("a table is a table", xlsx({"Sheet1": RATES_ROWS}, inline=True), rates=ALL),
+    "xlsx, units and an empty row": Case("as in a CSV", xlsx({"Sheet1": [
+        [], ["Position (um)", "Rate (imp/s)", None], *([1000 * x, y] for x, y in RATES_ROWS[1:]), [None, None]
+    ]}), rates=ALL),
+    "xlsx, empty sheets": Case("only one has rows", xlsx({"A": [], "B": RATES_ROWS, "C": []}), rates=ALL),
+    "xlsx, several sheets": Case("which of them?", xlsx({"A": RATES_ROWS, "B": RATES_ROWS}), code="several_sheets",
+                                 says=("#A", "B")),
+    "xlsx, a sheet": Case("chosen", xlsx({"A": RATES_ROWS[:3], "B": RATES_ROWS}, "#B"), rates=ALL),
+    "xlsx, no such sheet": Case("listed", xlsx({"A": RATES_ROWS}, "#C"), code="no_sheet", says=("A",)),
+    "xlsx, a cell that is no number": Case("named", xlsx({"A": [*RATES_ROWS[:2], [0, "x"]]}), code="no_number",
+                                           says=("row 3", "rate", "'x'")),
+    "xlsx, an empty cell": Case("named", xlsx({"A": [*RATES_ROWS[:2], [0.1], [0.2, 3]]}), code="no_number",
+                                says=("row 3", "rate", "delete rows without data")),
+    "xlsx, dates": Case("Excel made a date of 1.5", xlsx({"A": RATES_ROWS}, dates=True), code="no_number",
+                        says=("a date",)),
+    "xls": Case("it says what it is and how to save it",
+                content(bytes.fromhex("d0cf11e0a1b11ae1") + 600 * b"\0", "a.xls"), code="no_csv",
+                says=(".xls", "save")),
+    "a zip that is no workbook": Case("it says what it is", content(b"PK\x03\x04" + 60 * b"\0", "a.xlsx"),
+                                      code="no_csv", says=("ZIP",)),
+    "mat": Case("vectors of one length are columns", mat(position_mm=POSITIONS, rate=THESE), rates=ALL),
+    "mat, columns and a scalar": Case(
+        "a scalar is the same in all rows",
+        mat(x_um=1000 * POSITIONS[:, None], n=np.array([3, 12, 6, 1])[:, None], window_ms=250.0),
+        ("position=x_um,count=n",), rates=IN_QUARTER,
+    ),
+    "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
+                             rates=ALL, pulses=False),
+    "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
+                               says=("position_mm (4)", "rate (3)")),
+    "mat, a struct": Case("listed", mat(s={"position_mm": POSITIONS, "rate": THESE}), code="no_mat_table",
+                          says=("s (struct)", "-struct")),
+    "mat 7.3": Case("it says what it is and how to save it", content(b"MATLAB 7.3 MAT-file" + 600 * b" ", "a.mat"),
+                    code="no_csv", says=("7.3", "-v7")),
+    "NWB called CSV": Case("it says what it is", lambda folder: str(
+        Path(nwb()(folder)).rename(folder / "a.csv")), code="no_csv", says=("HDF5", ".nwb")),
+    "CSV called NWB": Case("it says what it is", content(RATES_CSV.encode(), "a.nwb"), code="no_hdf5",
+                           says=("text",)),
+    "an empty NWB": Case("it says what it is", content(b"", "a.nwb"), code="no_hdf5", says=("empty",)),
+    "a pointer of Git LFS": Case("it says what it is", content(
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "a.nwb"), code="no_hdf5",
+        says=("Git LFS",)),
+    "NWB, truncated": Case("it is an NWB file, cut short", truncated, code="truncated_hdf5",
+                           says=("truncated", "copy")),
+    "NWB, an unknown filter": Case("it is an NWB file, compressed", filtered, code="unknown_filter",
+                                   says=("units/spike_times", "32015", "h5repack")),
+    ".NWB": Case("a capital is a letter", capitals, rates=ALL),
+    "a unit of a table of rates": Case("nothing to choose from", lambda folder: text(RATES_CSV)(folder) + "#3",
+                                       code="no_unit_here", says=("#3",)),
+}  # fmt: skip
+
+CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -650,3 +810,16 @@ def test_a_copied_run_folder_is_one_run(bar_run: Run, tmp_path: Path) -> None:
     assert (copy.summary.name, copy.rows) == (f"{name} (conflicted copy)", [])
     assert name in copy.summary.problem
     assert _without_copies([read_run(one) for one in sorted(runs.glob(f"{name}*"))]) == [read_run(runs / name)]
+
+
+def test_a_file_that_another_program_writes_says_so(tmp_path: Path) -> None:
+    """HDF5 locks files: the amplifier's program has not closed this one."""
+    path = of_amplifier(**PULSES)(tmp_path)
+    hold = f"import h5py, sys; file = h5py.File({path!r}, 'a'); print('open', flush=True); sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline().strip() == b"open"
+        with raises(RecordingError, "locked_hdf5", path=path) as caught:
+            read_recordings([f"bar:3={path}"], [], [run_with_pulses(tmp_path)], Reading((0.0, WINDOW_S)))
+        other.communicate()
+    assert "another program" in str(caught.value)
