@@ -391,12 +391,16 @@ def _matlab(path: Path) -> None:
     head += (
         struct.pack("<IIii", 5, 8, 10**9, 1) + struct.pack("<HHI", 1, 1, 0x61) + struct.pack("<II", 9, size % 2**32)
     )
-    packed = made.compress(head) + b"".join(made.compress(bytes(10**7)) for _ in range(100)) + made.flush()
+    zeros = b"".join(made.compress(bytes(10**7)) for _ in range(100))
+    packed = made.compress(head) + zeros + made.flush()
     start = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
     path.write_bytes(start + struct.pack("<II", 15, len(packed)) + packed)
 
 
-ENTITIES = b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]><sst><si><t>&b;</t></si></sst>'
+ENTITIES = (
+    b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    b"<sst><si><t>&b;</t></si></sst>"
+)
 POINTS = 40_000
 NESTED, DIGITS = 100_000, 100_000
 ROWS = 10_000_000
