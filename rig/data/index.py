@@ -6,6 +6,7 @@ again and indexed. An index that is lost, corrupt, of another version, locked or
 
 import json
 import os
+import re
 import sqlite3
 import stat
 import zlib
@@ -74,9 +75,12 @@ def _with_originals(entries: Sequence[IndexEntry]) -> Iterator[tuple[IndexEntry,
         yield entry, original[entry.summary.uid] if of_run else entry.summary.name
 
 
-def _least_a_copy(summary: Summary) -> tuple[int, int, str]:
-    """Order folders of one run: most presses first, then the shortest name."""
-    return -summary.done, len(summary.name), summary.name
+def _least_a_copy(summary: Summary) -> tuple[int, bool, str]:
+    """Order folders of one run: most presses first, then a name that the program gave."""
+    return -summary.done, _OWN_NAME.fullmatch(summary.name) is None, summary.name
+
+
+_OWN_NAME = re.compile(r"\d{8}T\d{6}-.*-[0-9a-f]{6}")
 
 
 def _as_copy(entry: IndexEntry, original: str) -> IndexEntry:

@@ -18,6 +18,7 @@ from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.errors import code_of
+from rig_shared.plural import number_of
 
 REQUIRED = ("afferent", "shape", "file")
 OPTIONAL = ("depth_mm", "force_gwt", "columns")
@@ -69,7 +70,8 @@ def read_afferents(
         wrong.sort(key=lambda row: int(str(row["row"])))
         more = f"\n… and {len(wrong) - _MOST_LISTED} more" if len(wrong) > _MOST_LISTED else ""
         raise RecordingError(
-            "{path}: {bad} recordings cannot be used\n{problems}",
+            "{path}: {recordings} cannot be used\n{problems}",
+            recordings=number_of(len(wrong), "recordings"),
             code="bad_rows",
             path=str(path),
             bad=len(wrong),

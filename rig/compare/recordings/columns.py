@@ -368,6 +368,8 @@ def check_header(
             problem = "{path}, row {row}: the column {column} is missing; expected {columns}, read {read}"
             problem, code = (_NO_HEADER, "no_header") if _is_numbers(header) else (problem, "no_column")
             missing = given[name].name if name in given else name
+            if len(header) == 1 and len(required) > 1:
+                hint = "; lines above the names of the columns must begin with #" + hint
             raise _wrong_header(problem + hint, code, path, row, missing, column_list(*shown), read)
     for cell in header:
         if (cell not in taken and not others) or (cell in taken and header.count(cell) > 1):

@@ -152,8 +152,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         )  # fmt: skip
     spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
     observed = _between(path, starts, stops) if len(starts) or len(stops) else None
-    unit_of_time = rows[0].columns[role_name("time")].unit if rows and not columns.named.get("time") else ""
-    notes = (f"The times are in {unit_of_time}, as their column says.",) if unit_of_time not in ("", "s") else ()
+    time = rows[0].columns[role_name("time")] if rows and "time" not in columns.named else None
+    notes = (f"Times were converted from {time.unit}.",) if time is not None and time.changed else ()
     return UnitSpikes(spikes, pulses, observed, notes=notes)
 
 

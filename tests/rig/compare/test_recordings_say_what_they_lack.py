@@ -455,6 +455,12 @@ CLOCKED = {
             units__obs_intervals_index=[1],
         ), ("observed=obs_intervals:ms",), rates=ALL[:3], lost=2,
     ),
+    "NWB, intervals in ms, said nowhere": Case(
+        "no unit is observed for a day", of_amplifier(
+            UNTIL_LOST, **PULSES, units__obs_intervals=1e3 * amplifier([[0.0, 400.0]]),
+            units__obs_intervals_index=[1],
+        ), code="beyond_a_finger", says=("observed=obs_intervals:ms",),
+    ),
     "CSV in ms": Case(
         "one column, one unit", spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()),
         ("time=time_s:ms",), rates=ALL,
@@ -620,6 +626,8 @@ KINDS = {
                             says=("UTF-16", "CSV UTF-8")),
     "Latin-1": Case("it says what it is and how to save it", content("Höhe,rate\n0,1\n".encode("latin-1"), "a.csv"),
                     code="no_csv", says=("UTF-8", "Latin-1", "row 1")),
+    "a title above the header": Case("it is no name of a column", text(f"Unit 3\n{RATES_CSV}"), code="no_column",
+                                     says=("read Unit 3", "must begin with #")),
     "no header": Case("numbers are no names", text("-0.5,6\n0,24\n0.25,12\n"), code="no_header",
                       says=("row 1", "position_mm,rate")),
     "xlsx": Case("a table is a table", xlsx({"Sheet1": RATES_ROWS}), rates=ALL),
