@@ -253,8 +253,8 @@ def _observed(
         found = union(spans)
         if len(found) and float(found[-1, 1] - found[0, 0]) > _LONGEST_S:
             raise RecordingError(
-                "{path}, {dataset}: {begin_s:g} to {end_s:g} s are longer than a day; if they are in ms, use --columns "
-                "observed={column}:ms",
+                "{path}, {dataset}: {begin_s:g} to {end_s:g} s are longer than a day; if they are in ms, use "
+                "--columns observed={column}:ms",
                 code="beyond_a_finger", path=str(path), dataset=place, begin_s=float(found[0, 0]),
                 end_s=float(found[-1, 1]), column=column.name,
             )  # fmt: skip
@@ -262,8 +262,8 @@ def _observed(
         if len(found) and 2 * inside < len(spike_s):
             raise RecordingError(
                 "{path}: only {inside} of {spikes} spikes of unit {unit} ({first_s:g} to {last_s:g} s) lie in its "
-                "{column}, {begin_s:g} to {end_s:g} s, and all should; if one of the two is in ms, state it, e.g. --columns "
-                "observed={column}:ms or --columns time={times}:ms",
+                "{column}, {begin_s:g} to {end_s:g} s, and all should; if one of the two is in ms, state it, e.g. "
+                "--columns observed={column}:ms or --columns time={times}:ms",
                 code="spikes_outside_observed",
                 path=str(path),
                 inside=inside,
