@@ -397,10 +397,14 @@ def _without_copies(runs: Sequence[Run]) -> list[Run]:
         uid = run.start.get("uid") or run.folder.path
         other = kept.setdefault(uid, run)
         if other is not run:
-            more, less = (other, run) if len(other.in_order) >= len(run.in_order) else (run, other)
+            more, less = (other, run) if _events(other) >= _events(run) else (run, other)
             complain(f"{less.folder.path}: a copy of {more.folder.path} (uid {uid}); the run is compared once")
             kept[uid] = more
     return list(kept.values())
+
+
+def _events(run: Run) -> int:
+    return sum(map(len, run.events.values()))
 
 
 def _on(

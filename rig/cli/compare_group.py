@@ -14,6 +14,7 @@ from rig.compare.make_verdict import CandidatePool, afferents, answers, candidat
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
 from rig.compare.recordings.recording import Recording
+from rig.compare.recordings.table_cells import file_and_sheet
 from rig.compare.spike_clock import clock_shift, recording_sentences, recordings_as_json
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
@@ -27,7 +28,7 @@ _TOO_FEW = "the runs cover too few of its positions"
 
 def named_group(recorded: Sequence[str]) -> Path | None:
     """Return the table or folder of several afferents that --recorded names, or None."""
-    paths = [Path(text) for text in recorded if Path(text).exists()]
+    paths = [Path(text) for text in recorded if file_and_sheet(Path(text))[0].exists()]
     return paths[0] if len(recorded) == 1 and paths else None
 
 

@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.file_kinds import is_hdf5, kind_of
+from rig_shared.user_files import open_file
 
 MOST_VALUES = 10_000_000
 MOST_CHUNK_BYTES = 256_000_000
@@ -54,6 +56,46 @@ def values_of(
                        values=last - first, most=most)  # fmt: skip
     found = part_of(dataset, path, slice(first, last))
     return found[:, 0] if found.shape[1:] == (1,) else found
+
+
+_LOCKED = ("unable to lock", "resource temporarily unavailable", "already open")
+_START_BYTES = 4096
+
+
+def trouble(path: Path, error: Exception, kind: str) -> RecordingError:
+    """Return the error for a file that HDF5 cannot open or read: it is none, truncated, in use, or damaged.
+
+    `kind` is what the file should be, e.g. "an NWB file".
+    """
+    reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+    with open_file(path) as file:
+        start = file.read(_START_BYTES)
+    if not is_hdf5(start):
+        found = kind_of(start) or "of an unknown kind"
+        return RecordingError(
+            "{path}: not {kind} (HDF5); it is {found}",
+            code="no_hdf5",
+            path=str(path),
+            kind=kind,
+            found=found,
+        )
+    if isinstance(error, BlockingIOError) or any(word in reason.casefold() for word in _LOCKED):
+        return RecordingError(
+            "{path}: another program has this file open and has locked it; close it there, or copy the file",
+            code="locked_hdf5",
+            path=str(path),
+        )
+    if "truncated" in reason:
+        return RecordingError(
+            "{path}: {kind} (HDF5) that is truncated: it ends before its content does; copy or download it again",
+            code="truncated_hdf5",
+            path=str(path),
+            kind=kind,
+        )
+    return RecordingError(
+        "{path}: {kind} (HDF5) that is damaged: {reason}",
+        code="damaged_hdf5", path=str(path), kind=kind, reason=reason,
+    )  # fmt: skip
 
 
 def part_of(dataset: h5py.Dataset, path: Path, rows: slice) -> NDArray[Any]:

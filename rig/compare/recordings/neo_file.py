@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
 from rig.compare.recordings.spike_times import UnitSpikes
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
@@ -138,6 +139,9 @@ def _segments(path: Path) -> list[_Channels]:
         try:
             read = [_channels(segment) for block in _blocks(neo_io, found, path) for segment in block.segments]
         except Exception as error:  # a reader raises whatever a wrong byte leads to
+            said = trouble(path, error, "a NIX file") if found.reader == "NixIO" else None
+            if said is not None and said.code in ("locked_hdf5", "truncated_hdf5"):
+                raise said from None
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise RecordingError(
                 "{path}: neo cannot read this file as {format}: {reason}",

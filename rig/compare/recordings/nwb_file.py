@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
-from rig.compare.recordings.file_kinds import is_hdf5, kind_of
 from rig.compare.recordings.hdf5 import (
     attribute_of,
     dataset_at,
@@ -26,6 +25,7 @@ from rig.compare.recordings.hdf5 import (
     rows_of,
     text_at,
     texts_in,
+    trouble,
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
@@ -37,6 +37,7 @@ from rig_shared.user_files import open_file
 NWB = ".nwb"
 
 _TIMES = "spike_times"
+_TWO = 2  # levels of a line
 _ROW, _NAMES, _MOST_TEXTS = "row", ("unit_name", "name", "label"), 5
 _MOST_UNITS, _MOST_LISTED = 100_000, 50
 _MOST_SAMPLES, _AT_ONCE = 200_000_000, 5_000_000
@@ -76,7 +77,7 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
     except RecordingError:
         raise
     except OSError as error:
-        raise _unopened(path, error) from None
+        raise trouble(path, error, "an NWB file") from None
     except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
         raise RecordingError(
@@ -84,37 +85,6 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         ) from None
 
 
-_LOCKED = ("unable to lock", "resource temporarily unavailable", "already open")
-
-
-def _unopened(path: Path, error: OSError) -> RecordingError:
-    """Return the error for a file that HDF5 cannot open or read: not one, truncated, in use, or damaged."""
-    reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-    with open_file(path) as file:
-        start = file.read(_START_BYTES)
-    if not is_hdf5(start):
-        kind = kind_of(start) or "of an unknown kind"
-        return RecordingError(
-            "{path}: not an NWB file (HDF5); it is {kind}", code="no_hdf5", path=str(path), kind=kind
-        )
-    if isinstance(error, BlockingIOError) or any(word in reason.casefold() for word in _LOCKED):
-        return RecordingError(
-            "{path}: another program has this file open and has locked it; close it there, or copy the file",
-            code="locked_hdf5",
-            path=str(path),
-        )
-    if "truncated" in reason:
-        return RecordingError(
-            "{path}: this NWB file (HDF5) is truncated: it ends before its content does; copy or download it again",
-            code="truncated_hdf5",
-            path=str(path),
-        )
-    return RecordingError(
-        "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
-    )
-
-
-_START_BYTES = 4096
 _LONGEST_S = 86_400.0
 
 
@@ -312,7 +282,7 @@ class _Candidate(NamedTuple):
     """Something that may be sync pulses: its place, what it is, and its size."""
 
     place: str
-    kind: str  # intervals, events or samples
+    kind: str  # one of _TELLING
     size: int
 
     @property
@@ -329,6 +299,13 @@ class _Candidate(NamedTuple):
 _NO_INTERVALS = ("invalid_times", "epochs")
 _WHERE = ("acquisition", "stimulus", "processing", "events", "analysis", "scratch")
 _DEEPEST = 3
+_TELLING = {
+    "events": ("timestamps",),
+    "intervals": ("start_time",),
+    "times": ("timestamp",),
+    "samples": ("data", "starting_time"),
+}
+"""Datasets of a group by which its kind is told; the first has the times, or is as long."""
 
 
 def _candidates(file: h5py.File, path: Path) -> list[_Candidate]:
@@ -342,10 +319,10 @@ def _candidates(file: h5py.File, path: Path) -> list[_Candidate]:
     while places:
         place, depth = places.pop(0)
         inside = members(file, path, place)
-        if "timestamps" in inside or ("data" in inside and "starting_time" in inside):
-            kind = "events" if "timestamps" in inside else "samples"
-            size = rows_of(file, path, f"{place}/{'timestamps' if kind == 'events' else 'data'}")
-            found += [] if size is None else [_Candidate(place, kind, size)]
+        has = next((kind for kind, names in _TELLING.items() if all(name in inside for name in names)), None)
+        if has is not None:
+            size = rows_of(file, path, f"{place}/{_TELLING[has][0]}")
+            found += [] if size is None else [_Candidate(place, has, size)]
         elif depth <= _DEEPEST:
             places += [(f"{place}/{name}", depth + 1) for name in inside]
     return found
@@ -353,7 +330,7 @@ def _candidates(file: h5py.File, path: Path) -> list[_Candidate]:
 
 def _may_be_pulses(file: h5py.File, path: Path, one: _Candidate) -> bool:
     """Return whether something looks like pulses, although it is not called so: no measured signal does."""
-    if one.kind == "intervals" or called_like_pulses(one.place):
+    if one.kind in ("intervals", "times") or called_like_pulses(one.place):
         return True
     if one.kind != "events":
         return False
@@ -402,8 +379,8 @@ def _unused(every: list[_Candidate], pulses: _Candidate) -> tuple[str, ...]:
 
 
 def _rises(file: h5py.File, path: Path, one: _Candidate) -> Array:
-    if one.kind == "intervals":
-        return _times(file, path, f"{one.place}/start_time")
+    if one.kind in ("intervals", "times"):
+        return _times(file, path, f"{one.place}/{_TELLING[one.kind][0]}")
     if one.kind == "events":
         return _rising_events(file, path, one.place)
     return _rising_samples(file, path, one.place)
@@ -416,14 +393,17 @@ def _times(file: h5py.File, path: Path, place: str) -> Array:
 
 
 def _rising_events(file: h5py.File, path: Path, place: str) -> Array:
-    """Return the times of events; if their data have two levels, of those at the higher one."""
+    """Return the times of events; if their data have two levels, of those at the higher one.
+
+    Data with labels are numbers of lines, not levels: the pulses are then found among all events.
+    """
     times = _times(file, path, f"{place}/timestamps")
     data = dataset_at(file, path, f"{place}/data")
     if data is None or data.dtype.kind not in "iufb" or data.shape != times.shape:
         return times
     values = np.asarray(values_of(data, path), dtype=float)
     levels = np.unique(values)
-    if len(levels) == 1:
+    if len(levels) != _TWO or "labels" in data.attrs:
         return times
     return times[rises(values, float(levels.mean()), high_before=False)]
 

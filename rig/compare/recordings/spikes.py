@@ -1,5 +1,6 @@
 """Discharge rates from spike times and a run, and synthetic recordings, which are not data."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,16 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, read_table, role_name
+from rig.compare.recordings.column_units import MOST_MM
+from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, Row, header_of, read_table, role_name
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import FromSpikes, Recording, condition_of, recording, shape_key
 from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent
-from rig.compare.recordings.sync_pulses import ClockFit, fitted_clock
+from rig.compare.recordings.sync_pulses import ClockFit, called_like_pulses, fitted_clock
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
+from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -75,7 +78,7 @@ def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes
 
 def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
-    fit = fitted_clock(path, found.pulse_s, rise_s) if len(found.pulse_s) else _without_pulses(found)
+    fit = fitted_clock(path, found.pulse_s, rise_s) if len(found.pulse_s) else _without_pulses(found, len(rise_s))
     spike_s = fit.run_s(found.spike_s)
     if found.observed_s is not None:
         return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes)
@@ -88,10 +91,14 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
 _STATED = SpikeClock("stated", "Times are those of the run's journal (t_s), as sync=none states.")
 
 
-def _without_pulses(found: UnitSpikes) -> ClockFit:
+def _without_pulses(found: UnitSpikes, made: int) -> ClockFit:
     if found.of_run:
         return ClockFit(1.0, 0.0, False, SpikeClock("run", "Times are the run's: the file was exported from it."))
-    return ClockFit(1.0, 0.0, False, _STATED if found.stated else SpikeTimes(found.spike_s).clock)
+    if found.stated:
+        return ClockFit(1.0, 0.0, False, _STATED)
+    assumed = SpikeTimes(found.spike_s).clock
+    lacks = f" The run made {number_of(made, 'sync pulses')}, and the file has none." if made else ""
+    return ClockFit(1.0, 0.0, False, assumed._replace(text=assumed.text + lacks))
 
 
 def _refuse_another_clock(path: Path, found: UnitSpikes, times: SpikeTimes, run: Run) -> None:
@@ -130,6 +137,7 @@ _KINDS = ("spike", "sync", "start", "stop")
 def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     """Read the rows `time_s[,kind][,unit]`; rows of kind start and stop limit the time in which it was recorded."""
     rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=columns.by_name, hint=COLUMNS_HINT)
+    _refuse_pulses_beside(path, rows)
     times: dict[str, list[float]] = {name: [] for name in _KINDS}
     units: dict[str, int] = {}
     for row in rows:
@@ -155,6 +163,20 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     time = rows[0].columns[role_name("time")] if rows and "time" not in columns.named else None
     notes = (f"Times were converted from {time.unit}.",) if time is not None and time.changed else ()
     return UnitSpikes(spikes, pulses, observed, notes=notes)
+
+
+def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse a column that is called like pulses, and is not read, since --columns names others."""
+    read = {column.name for column in rows[0].columns.values()} if rows else set()
+    unread = [name for name in header_of(path) if rows and called_like_pulses(name) and name not in read]
+    if unread:
+        raise RecordingError(
+            "{path}: the column {column!r} may have the sync pulses and is not read; a CSV has them as rows whose "
+            "kind is sync (--columns kind=COLUMN); else remove the column",
+            code="unknown_pulses",
+            path=str(path),
+            column=unread[0],
+        )
 
 
 _MOST_LISTED = 50
@@ -192,10 +214,11 @@ def rates_in_run(
             begin_s=begin,
             end_s=end,
         )
-    if not np.isfinite(centre_mm):
+    if not abs(centre_mm) <= MOST_MM:
         raise RecordingError(
-            "--field-centre-mm {centre_mm:g}: must be a number in mm", code="no_centre", centre_mm=centre_mm
-        )
+            "--field-centre-mm {centre_mm:g}: must be a number in mm, of at most {most_mm:g}",
+            code="no_centre", centre_mm=centre_mm, most_mm=MOST_MM,
+        )  # fmt: skip
     rows, lost_mm = [], []
     for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:

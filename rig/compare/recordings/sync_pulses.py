@@ -138,6 +138,7 @@ def _lines(pulse_s: Array, rise_s: Array) -> list[tuple[float, float]]:
     """Return drifts and offsets at which many pairs of a pulse and a rise lie on one line, best first."""
     middle = float(pulse_s.mean())
     span_s = float(np.ptp(pulse_s))
+    pulse_s = pulse_s[:: -(-len(pulse_s) // _MOST_VOTING)]
     wide_s = 2 * TOLERANCE_S + _DRIFT_STEP * span_s
     found = []
     for drift in np.arange(-_SEARCHED_DRIFT, _SEARCHED_DRIFT + _DRIFT_STEP / 2, _DRIFT_STEP):
@@ -153,7 +154,7 @@ def _lines(pulse_s: Array, rise_s: Array) -> list[tuple[float, float]]:
     return [(drift, offset_s) for _, drift, offset_s in found[:_TRIED]]
 
 
-_KEPT, _TRIED = 4, 60
+_KEPT, _TRIED, _MOST_VOTING = 4, 60, 300
 
 
 def _refined(pulse_s: Array, rise_s: Array, slope: float, offset_s: float) -> _Match | None:

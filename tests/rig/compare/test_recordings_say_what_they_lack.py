@@ -283,6 +283,16 @@ PRESENT = {
                                        processing__behavior__TTL__data=np.ones(8)),
         code="unknown_pulses", says=("processing/behavior/TTL",),
     ),
+    "NWB, a table of events": Case(
+        "times in a column", of_amplifier(events__ttl__timestamp=amplifier(RISES)), ("sync=ttl",), rates=ALL,
+    ),
+    "NWB, events with labels": Case(
+        "1 is the number of another line, not a level", of_amplifier(
+            acquisition__sync_pulses__timestamps=np.sort(np.concatenate([amplifier(RISES), [30.0, 50.0]])),
+            acquisition__sync_pulses__data=np.searchsorted([1, 3], np.arange(10)) == 1,
+            **{"acquisition__sync_pulses__data.labels": ["sync", "reward"]},
+        ), rates=ALL,
+    ),
     "NWB, trials": Case(
         "the trials are on the amplifier's clock, and no pulse leads to the run's",
         of_amplifier(intervals__trials__start_time=amplifier(STARTS)), code="unknown_pulses",
@@ -297,6 +307,11 @@ PRESENT = {
         "a signal called ttl may be the pulses", nix(line_v=True), code="several_channels", says=("ttl",)
     ),
     "NIX, that line": Case("named", nix(line_v=True), ("sync=ttl",), rates=ALL),
+    "CSV, a column of pulses beside": Case(
+        "--columns names the times, and the pulses are there", text(
+            "t_s,ttl\n" + "".join(f"{t},0\n" for t in TIMES)
+        ), ("time=t_s",), code="unknown_pulses", says=("'ttl'", "kind"), pulses=False,
+    ),
     "CSV, several units": Case(
         "spikes of two units are not one afferent's",
         text("unit,t_s\n" + "".join(f"a,{t}\nb,{t + 0.1}\n" for t in TIMES)), ("time=t_s",), code="several_units",
@@ -817,12 +832,14 @@ def test_a_copied_run_folder_is_one_run(bar_run: Run, tmp_path: Path) -> None:
     assert (original.summary.name, original.summary.problem, len(original.rows)) == (name, "", 12)
     assert (copy.summary.name, copy.rows) == (f"{name} (conflicted copy)", [])
     assert name in copy.summary.problem
-    assert _without_copies([read_run(one) for one in sorted(runs.glob(f"{name}*"))]) == [read_run(runs / name)]
+    (once,) = _without_copies([read_run(one) for one in sorted(runs.glob(f"{name}*"))])
+    assert once.folder.path == runs / name
 
 
-def test_a_file_that_another_program_writes_says_so(tmp_path: Path) -> None:
+@pytest.mark.parametrize("suffix", ["nwb", "nix"])
+def test_a_file_that_another_program_writes_says_so(suffix: str, tmp_path: Path) -> None:
     """HDF5 locks files: the amplifier's program has not closed this one."""
-    path = of_amplifier(**PULSES)(tmp_path)
+    path = {"nwb": of_amplifier(**PULSES), "nix": nix()}[suffix](tmp_path)
     hold = f"import h5py, sys; file = h5py.File({path!r}, 'a'); print('open', flush=True); sys.stdin.read()"
     with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
         assert other.stdout is not None
@@ -831,3 +848,11 @@ def test_a_file_that_another_program_writes_says_so(tmp_path: Path) -> None:
             read_recordings([f"bar:3={path}"], [], [run_with_pulses(tmp_path)], Reading((0.0, WINDOW_S)))
         other.communicate()
     assert "another program" in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", ["nwb", "nix"])
+def test_a_truncated_file_of_any_kind_says_so(suffix: str, tmp_path: Path) -> None:
+    path = Path({"nwb": of_amplifier(**PULSES), "nix": nix()}[suffix](tmp_path))
+    path.write_bytes(path.read_bytes()[:-500])
+    with raises(RecordingError, "truncated_hdf5", path=str(path)):
+        read_recordings([f"bar:3={path}"], [], [run_with_pulses(tmp_path)], Reading((0.0, WINDOW_S)))
