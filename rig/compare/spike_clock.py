@@ -69,12 +69,7 @@ def recording_sentences(found: Recording) -> list[str]:
     if spikes is None:
         return []
     every = f"All {number_of(spikes.presses, 'presses')} were observed."
-    return [f"{capital(spikes.lost)}. They are left out." if spikes.lost else every, spikes.clock.text, *spikes.notes]
-
-
-def capital(text: str) -> str:
-    """Return a text with its first letter in capitals."""
-    return text[:1].upper() + text[1:]
+    return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
 
 
 def recording_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:

@@ -62,7 +62,7 @@ def _silent(answer: AfferentVerdict) -> str:
 def sentences(answer: AfferentVerdict) -> list[str]:
     """Return further sentences, most important first."""
     if answer.outcome == "silent":
-        return [positions(answer), *not_observed(answer)]
+        return [positions(answer), *answer.not_observed]
     further = [
         _next(answer),
         _controls(answer),
@@ -70,7 +70,7 @@ def sentences(answer: AfferentVerdict) -> list[str]:
         *_powers(answer),
         _together(answer),
         positions(answer),
-        *not_observed(answer),
+        *answer.not_observed,
     ]
     return [one for one in further if one]
 
@@ -187,11 +187,6 @@ def positions(answer: AfferentVerdict) -> str:
     )
 
 
-def not_observed(answer: AfferentVerdict) -> list[str]:
-    """Return a sentence for each recording some of whose presses were not observed."""
-    return [f"{one}. They are left out." for one in answer.not_observed]
-
-
 def methods(answer: AfferentVerdict) -> str:
     """Return a paragraph on data, methods and result; of a silent afferent, the result alone."""
     if answer.outcome == "silent":
@@ -216,7 +211,7 @@ def _data(answer: AfferentVerdict) -> str:
         f"Responses to {', '.join(answer.stimuli)} were compared with {len(MEASURES)} measures of stress and "
         f"strain, and with controls ({', '.join(names)}), at {places} receptors in a finite-element model of "
         f"the fingertip. All pairs were compared over the same {len(answer.places.rate)} of {answer.recorded} "
-        "recorded positions." + "".join(f" {one}" for one in not_observed(answer))
+        "recorded positions." + "".join(f" {one}" for one in answer.not_observed)
     )
 
 

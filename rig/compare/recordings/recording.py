@@ -52,7 +52,7 @@ class FromSpikes:
     @property
     def changes(self) -> tuple[str, ...]:
         """The number of presses that were left out, for every plot; nothing for none."""
-        return (f"{self.not_observed} of {self.presses} presses not observed",) if self.lost_mm else ()
+        return (f"without {self.not_observed} of {self.presses} presses, not observed",) if self.lost_mm else ()
 
     @property
     def lost(self) -> str:
@@ -61,6 +61,12 @@ class FromSpikes:
             return ""
         are = "is" if self.not_observed == 1 else "are"
         return f"{self.not_observed} of {number_of(self.presses, 'presses')} {are} not observed: {self.span}"
+
+    @property
+    def left_out(self) -> str:
+        """`lost` as sentences; an empty text for none."""
+        them = "It is" if self.not_observed == 1 else "They are"
+        return f"{self.lost}. {them} left out." if self.lost_mm else ""
 
 
 @dataclass(frozen=True)
