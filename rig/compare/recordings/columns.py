@@ -473,9 +473,8 @@ def no_rows(path: Path, expected: str) -> RecordingError:
     return RecordingError(sentence, code="no_rows", path=str(path), expected=expected)
 
 
-def has_column(path: Path, name: str, given: Mapping[str, RecordingColumn]) -> bool:
-    """Return whether a table has a column that is given, or is called by the program's name or means it."""
-    header = header_of(path)
+def has_column(header: Sequence[str], name: str, given: Mapping[str, RecordingColumn]) -> bool:
+    """Return whether a header has a column that is given, or is called by the program's name or means it."""
     if name in given:
         return given[name].name in header
     of = dimension_of(name)

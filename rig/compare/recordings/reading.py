@@ -46,15 +46,15 @@ COUNTS: Roles = (("position", "count", "window"), ("repeat",))
 """Roles of required and of optional columns."""
 
 
-def holds_counts(path: Path, columns: ColumnMap) -> bool:
-    """Return whether a table has counts instead of rates."""
-    return "rate" not in columns.named and ("count" in columns.named or has_column(path, "count", {}))
+def holds_counts(header: Sequence[str], columns: ColumnMap) -> bool:
+    """Return whether a table has counts instead of rates, by its header."""
+    return "rate" not in columns.named and ("count" in columns.named or has_column(header, "count", {}))
 
 
 def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     """Read a table of rates or of counts. Raises RecordingError with row (the header is 1) and column."""
     columns = columns or ColumnMap()
-    counted = holds_counts(path, columns)
+    counted = holds_counts(header_of(path), columns)
     required, optional = COUNTS if counted else RATES
     in_table = [role for role in required if role != "window" or columns.window_s is None]
     names = columns.split(in_table, optional)
@@ -256,11 +256,14 @@ def _roles(path: Path, columns: ColumnMap) -> Roles:
         return SPIKES_IN_NWB
     if neo_format(path) is not None:
         return SPIKES_IN_NEO
-    if "time" in columns.named or has_column(path, role_name("time"), {}):
-        of_presses = any(has_column(path, role_name(role), columns.by_name) for role in ("position", "rate", "count"))
-        if columns["time"].name in header_of(path) or not of_presses:
+    header = header_of(path)
+    if "time" in columns.named or has_column(header, role_name("time"), {}):
+        of_presses = any(
+            has_column(header, role_name(role), columns.by_name) for role in ("position", "rate", "count")
+        )
+        if columns["time"].name in header or not of_presses:
             return SPIKES
-    return COUNTS if holds_counts(path, columns) else RATES
+    return COUNTS if holds_counts(header, columns) else RATES
 
 
 def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recording:

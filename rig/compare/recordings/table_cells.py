@@ -10,6 +10,7 @@ import re
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -81,7 +82,7 @@ def _lines(path: Path) -> Lines:
         reason = error.strerror or str(error)
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     if content.startswith(ZIP):
-        return _of_workbook(path, content, sheet)
+        return iter(_of_workbook(path, content, sheet))
     if content.startswith(MATLAB) and file.suffix.lower() == ".mat":
         return _of_matlab(path, content)
     return _of_csv(path, content)
@@ -150,13 +151,14 @@ class _Workbook(NamedTuple):
     dates: frozenset[int]
 
 
-def _of_workbook(path: Path, content: bytes, sheet: str) -> Lines:
+@lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
+def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list[str]]]:
     try:
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if "xl/workbook.xml" not in archive.namelist():
                 raise _no_table(path, kind_of(content))
             book = _Workbook(path, archive, _shared_texts(archive), _date_styles(archive))
-            return iter(_one_sheet(book, _sheets(archive), sheet))
+            return _one_sheet(book, _sheets(archive), sheet)
     except RecordingError:
         raise
     except _DAMAGE as error:
