@@ -148,7 +148,8 @@ def _plain(words: str) -> str:
 
 
 SYNONYMS: Mapping[str, tuple[str, ...]] = {
-    "position_mm": ("position", "pos", "x", "x position", "indentor position", "probe position", "stimulus position"),
+    "position_mm": ("position", "pos", "x", "x position", "position x", "indentor position", "probe position",
+                    "stimulus position"),
     "rate": ("rate", "firing rate", "discharge rate", "mean rate", "mean firing rate", "spike rate", "impulse rate",
              "fr"),
     "sd": ("sd", "std", "stdev", "standard deviation", "rate sd", "sd rate"),

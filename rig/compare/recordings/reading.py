@@ -76,6 +76,7 @@ def header_changes(rows: Sequence[Row], *roles: Sequence[str]) -> tuple[str, ...
 
 def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording:
     """Return a recording whose positions and counted rates are of a finger and an afferent. Raises RecordingError."""
+    _of_an_afferent(path, found)
     span_mm = float(np.ptp(found.position_mm))
     if span_mm < LEAST_PROFILE_MM:
         column = rows[0].columns[role_name("position")]
@@ -89,11 +90,15 @@ def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording
             least_mm=LEAST_PROFILE_MM,
             remedy=stated_unit(role_name("position"), column.name, "m"),
         )
+    return found
+
+
+def _of_an_afferent(path: Path, found: Recording) -> None:
     most = max(float(rates.max()) for rates in found.repeats)
     if found.window_s is not None and most > MOST_RATE:
         raise RecordingError(
             "{path}: {count:g} spikes in {window_s:g} s are {rate:g} in 1 s, at most {most:g} are possible; check "
-            "the unit of the window",
+            "the unit of time",
             code="beyond_a_finger",
             path=str(path),
             count=most * found.window_s,
@@ -101,7 +106,6 @@ def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording
             rate=most,
             most=MOST_RATE,
         )
-    return found
 
 
 def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
@@ -236,8 +240,9 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
         return Path(text), ""
     marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
-    named = (one for one in parted if _may_have_units(Path(one[0])))
-    file, unit = next(named, (text, ""))
+    named = (one for one in reversed(parted) if file_and_sheet(Path(one[0]))[1] and _may_have_units(Path(one[0])))
+    others = (one for one in parted if _may_have_units(Path(one[0])))
+    file, unit = next(named, next(others, (text, "")))
     return Path(file), unit
 
 
@@ -247,7 +252,7 @@ def unit_of(text: str) -> str:
 
 
 def _may_have_units(path: Path) -> bool:
-    return is_nwb(path) or neo_format(path) is not None or path.is_file()
+    return is_nwb(path) or neo_format(path) is not None or file_and_sheet(path)[0].is_file()
 
 
 def _roles(path: Path, columns: ColumnMap) -> Roles:
@@ -284,6 +289,7 @@ def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recor
         assert found.spikes is not None
         changes = (*reading.columns.changes(*used), *found.spikes.changes)
         found = replace(with_enough_positions(path, found), changes=changes)
+        _of_an_afferent(path, found)
     return replace(found, sha256=sha256(file_and_sheet(path)[0]))
 
 

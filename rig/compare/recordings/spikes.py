@@ -155,7 +155,7 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             "{path}: " + ("there is no unit {unit}" if unit else "{units} units")
             + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
             code="no_unit" if unit else "several_units",
-            path=str(path), file=path.name, unit=unit, units=len(units),
+            path=str(path), file=path.name + "#SHEET" * (path.suffix.lower() == ".xlsx"), unit=unit, units=len(units),
             ids=", ".join([name or "(empty)" for name in units][:_MOST_LISTED]) or "none",
         )  # fmt: skip
     spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)

@@ -289,6 +289,8 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
     if kind == "inlineStr":
         inside = cell.find(f"{_MAIN}is")
         return "" if inside is None else _text(inside).strip()
+    if not value and cell.find(f"{_MAIN}f") is not None:
+        return "(a formula without a stored value)"
     if kind == "n" and value and int(cell.get("s", 0)) in book.dates:
         return f"{value} (a date or time in Excel)"
     return value.strip()

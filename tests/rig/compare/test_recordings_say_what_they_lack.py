@@ -384,6 +384,11 @@ UNITS = {
                         code="beyond_a_finger", says=("0.004", ":m")),
     "ms called s": Case("no hold lasts 16 min", table("position_mm|count|window_s", "-0.5|3|1000", "0|12|1000",
                                                       "0.25|6|1000"), code="beyond_a_finger", says=("1000", ":ms")),
+    "spikes too dense": Case(
+        "no afferent fires 2000 spikes in 20 ms", text("time (s)\n" + "".join(
+            f"{start + 1e-5 * k}\n" for start in STARTS for k in range(2000))), pulses=False,
+        code="beyond_a_finger", says=("2000 spikes", "unit of time"),
+    ),
     "window=500": Case("no hold lasts 8 min", table("position_mm|count", "-0.5|3", "0|12", "0.25|6"),
                        ("window=500",), code="beyond_a_finger", says=("500", ":ms")),
     "counts called rates per min": Case("no afferent fires 3600 times a second",
@@ -661,6 +666,14 @@ KINDS = {
                                 says=("row 3", "rate", "delete rows without data")),
     "xlsx, dates": Case("Excel made a date of 1.5", xlsx({"A": RATES_ROWS}, dates=True), code="no_number",
                         says=("a date",)),
+    "xlsx, spikes of several units": Case(
+        "a unit of a sheet", xlsx({"A": [["unit", "t (ms)"], *([u, 1e3 * t] for t in TIMES for u in "ab")]}, "#A#b"),
+        rates=ALL, pulses=False,
+    ),
+    "xlsx, spikes of several units, none chosen": Case(
+        "the error says how", xlsx({"A": [["unit", "t (ms)"], *([u, 1e3 * t] for t in TIMES for u in "ab")]}),
+        code="several_units", says=("synthetic.xlsx#SHEET#UNIT", "a, b"), pulses=False,
+    ),
     "xls": Case("it says what it is and how to save it",
                 content(bytes.fromhex("d0cf11e0a1b11ae1") + 600 * b"\0", "a.xls"), code="no_csv",
                 says=(".xls", "save")),
