@@ -44,18 +44,18 @@ def clock_shift(recordings: Recordings, judge: Judge, tried_s: Sequence[float] =
     """Return the shifts that change the answer, or None if no recording has spike times."""
     if not any(one.spikes for one in recordings.values()):
         return None
-    answer = _judged(judge, recordings)
+    answer = _judged(judge, recordings, 0.0)
     later, earlier = (
-        next((s for s in tried_s if _judged(judge, _shifted(recordings, sign * s)) != answer), None)
-        for sign in (1, -1)
+        next((s for s in tried_s if _judged(judge, recordings, sign * s) != answer), None) for sign in (1, -1)
     )
     return ClockShift(later, earlier, tuple(tried_s))
 
 
-def _judged(judge: Judge, recordings: Recordings) -> object:
+def _judged(judge: Judge, recordings: Recordings, shift_s: float) -> object:
+    """Return the answer to recordings whose clock is shifted, or the code of the error if too few presses are left."""
     try:
-        return judge(recordings)
-    except RigError as error:  # no press is left
+        return judge(_shifted(recordings, shift_s) if shift_s else recordings)
+    except RigError as error:
         return error.code
 
 

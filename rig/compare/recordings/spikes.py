@@ -12,7 +12,14 @@ from rig.compare.recordings.column_units import MOST_MM
 from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, Row, header_of, read_table, role_name
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
-from rig.compare.recordings.recording import FromSpikes, Recording, condition_of, recording, shape_key
+from rig.compare.recordings.recording import (
+    FromSpikes,
+    Recording,
+    condition_of,
+    recording,
+    shape_key,
+    with_enough_positions,
+)
 from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent
 from rig.compare.recordings.sync_pulses import ClockFit, called_like_pulses, fitted_clock
 from rig.compare.stimuli import StimulusRow
@@ -247,7 +254,8 @@ def rates_in_run(
         )
 
     def shifted(shift_s: float) -> Recording:
-        return rates_in_run(run, shape, times.shifted(shift_s), name, window_s, centre_mm)
+        moved = rates_in_run(run, shape, times.shifted(shift_s), name, window_s, centre_mm)
+        return with_enough_positions(Path(name), moved)
 
     about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, times.notes, shifted)
     return replace(recording(name, rows, end - begin), spikes=about)

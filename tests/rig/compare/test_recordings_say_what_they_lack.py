@@ -744,6 +744,9 @@ def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path)
     shift = clock_shift(found, lambda shifted: bool(shifted["bar:3"].rate.any()))
     assert shift == (0.5, 0.5, (0.02, 0.1, 0.5, 2.0))
     assert "0.5 s later" in shift.sentence
+    narrow = of_amplifier(**PULSES, **observed((0, 0.1), *((t - 0.01, t + 0.6) for t in STARTS)))(tmp_path)
+    found = read_recordings([f"bar:3={narrow}"], [], [run], Reading((0.0, WINDOW_S)))
+    assert clock_shift(found, lambda shifted: len(shifted["bar:3"].rate)) == (0.02, 0.1, (0.02, 0.1, 0.5, 2.0))
     rates = text("position_mm,rate\n0,1\n1,2\n2,3\n")(tmp_path)
     assert clock_shift(read_recordings([f"bar:3={rates}"], [], [run], Reading()), bool) is None
 
