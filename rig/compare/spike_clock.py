@@ -52,7 +52,7 @@ def clock_shift(recordings: Recordings, judge: Judge, tried_s: Sequence[float] =
 
 
 def _judged(judge: Judge, recordings: Recordings, shift_s: float) -> object:
-    """Return the answer to recordings whose clock is shifted, or the code of the error if too few presses are left."""
+    """Return the answer to recordings whose clock is shifted, or the code of an error if too few presses are left."""
     try:
         return judge(_shifted(recordings, shift_s) if shift_s else recordings)
     except RigError as error:
