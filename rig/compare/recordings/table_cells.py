@@ -7,6 +7,7 @@ anything is unpacked.
 import csv
 import io
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -17,10 +18,10 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-import scipy.io
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, kind_of
+from rig.compare.recordings.matlab_file import matlab_variables
 from rig_shared.user_files import MOST_LINES, read_bytes, text_of
 
 Lines = Iterator[tuple[int, list[str]]]
@@ -54,7 +55,7 @@ def table_lines(path: Path) -> Lines:
         first, header = next(lines, (first + 1, []))
         if not header and first > MOST_LINES:
             break
-    header = _without_empty_ends(header, 0)
+    header = [" ".join(cell.split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
         yield number, _without_empty_ends(cells, len(header))
@@ -299,43 +300,23 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
 def _of_matlab(path: Path, content: bytes) -> Lines:
     """Yield the vectors of a MATLAB file as columns; scalars are the same in all rows."""
     try:
-        about = scipy.io.whosmat(io.BytesIO(content))
-        numeric = {name: shape for name, shape, kind in about if kind in _NUMERIC and _is_vector(shape)}
-        lengths = {int(np.prod(shape)) for shape in numeric.values()} - {1} or {1}
-        if not numeric or len(lengths) > 1 or max(lengths) * len(numeric) > _MOST_CELLS:
-            held = ", ".join(f"{name} ({_size(shape, kind)})" for name, shape, kind in about[:_MOST_LISTED])
-            raise RecordingError(
-                "{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
-                "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
-                code="no_mat_table",
-                path=str(path),
-                held=held or "no variables",
-            )
-        read = scipy.io.loadmat(io.BytesIO(content), variable_names=list(numeric))
-    except RecordingError:
-        raise
-    except Exception as error:  # the reader raises whatever a wrong byte leads to
-        reason = (str(error).strip() or type(error).__name__).splitlines()[0]
-        raise _no_table(path, f"a damaged MATLAB file ({reason})") from None
-    return _as_lines({name: np.broadcast_to(np.ravel(read[name]), max(lengths)) for name in numeric})
-
-
-_NUMERIC = (
-    "double", "single", "int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64", "logical",
-)  # fmt: skip
-
-
-def _is_vector(shape: tuple[int, ...]) -> bool:
-    return len(shape) == 2 and 1 in shape and 0 not in shape
-
-
-def _size(shape: tuple[int, ...], kind: str) -> str:
-    if kind not in _NUMERIC:
-        return kind
-    return str(int(np.prod(shape))) if _is_vector(shape) else " × ".join(map(str, shape))
+        variables = matlab_variables(content, _MOST_UNPACKED)
+    except (ValueError, struct.error) as error:
+        raise _no_table(path, f"a damaged MATLAB file ({error})") from None
+    vectors = {one.name: one.vector for one in variables if one.vector is not None}
+    lengths = {len(values) for values in vectors.values()} - {1} or {1}
+    if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
+        raise RecordingError(
+            "{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
+            "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
+            code="no_mat_table",
+            path=str(path),
+            held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
+        )
+    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()})
 
 
 def _as_lines(columns: Mapping[str, Any]) -> Lines:
     yield 1, list(columns)
     for number, values in enumerate(zip(*(one.tolist() for one in columns.values()), strict=True), 2):
-        yield number, [repr(value) for value in values]
+        yield number, [f"{value:.17g}" for value in values]

@@ -655,6 +655,8 @@ KINDS = {
     "xlsx, units and an empty row": Case("as in a CSV", xlsx({"Sheet1": [
         [], ["Position (um)", "Rate (imp/s)", None], *([1000 * x, y] for x, y in RATES_ROWS[1:]), [None, None]
     ]}), rates=ALL),
+    "xlsx, a line feed in a name": Case("Excel breaks long names", xlsx({"A": [
+        ["Position\n(um)", "Rate"], *([1000 * x, y] for x, y in RATES_ROWS[1:])]}), rates=ALL),
     "xlsx, empty sheets": Case("only one has rows", xlsx({"A": [], "B": RATES_ROWS, "C": []}), rates=ALL),
     "xlsx, several sheets": Case("which of them?", xlsx({"A": RATES_ROWS, "B": RATES_ROWS}), code="several_sheets",
                                  says=("#A", "B")),
