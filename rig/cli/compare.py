@@ -2,7 +2,7 @@
 
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ import typer
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
-from rig.cli.output import THE_FINGER, busy, one_line_errors, out, print_json, renamed
+from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json, renamed
 from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
@@ -27,6 +27,13 @@ from rig.compare.receptor_place import RequestedRanges, common_range, places
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, sha256
 from rig.compare.recordings.recording import Recording
+from rig.compare.spike_clock import (
+    ClockShift,
+    clock_shift,
+    outcome_of,
+    recording_sentences,
+    recordings_as_json,
+)
 from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import TOO_FEW, positions, sentence
@@ -37,6 +44,7 @@ from rig.plan.config import load_config
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
 from rig.report.page_parts import Section
 from rig.report.recording_sections import deflection_section, read_deflections, simulated
+from rig.report.spikes_section import spikes_sections
 from sim.contact.shapes import with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
@@ -193,7 +201,7 @@ def command(
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True, size=len(runs)):
-            found = [recorded_run(path) for path in runs]
+            found = _without_copies([recorded_run(path) for path in runs])
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
@@ -245,6 +253,12 @@ def command(
         form = Form(saturating, silent_at_rest)
         with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
             verdicts = answers(comparison, form)
+        timed = any(one.spikes for one in recordings.values())
+        with busy(THE_CLOCK, as_json=as_json) if timed else nullcontext():
+            shift = clock_shift(
+                recordings,
+                lambda shifted: outcome_of(answers(_on(comparison, shifted, normalize, plausible), form)),
+            )
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
             at = places(found, recordings, where, form, normalise=normalize) if where else []
         options = {
@@ -278,7 +292,12 @@ def command(
                 found,
                 answered[0].finger,
                 _remade_by(runs, options, flags | {"--exact": exact}),
-                [*map(place_section, at), *fingers_sections(comparison), *beside],
+                [
+                    *spikes_sections({"": recordings}, shift),
+                    *map(place_section, at),
+                    *fingers_sections(comparison),
+                    *beside,
+                ],
                 maps=maps,
                 pdf=pdf,
                 answers=verdicts,
@@ -288,9 +307,10 @@ def command(
             rows = comparison_as_json(comparison, str(report))
             rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
             rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
+            rows |= recordings_as_json({"": recordings}, shift)
             print_json(rows | fingers_as_json(comparison))
         else:
-            _print(comparison, verdicts, at, report)
+            _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
             if comparison.interpolated:
                 out.print(
                     f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a "
@@ -315,6 +335,7 @@ def _refuse_with_example(context: typer.Context, example: str) -> None:
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
+THE_CLOCK = "clock of the spike times: shifting it …"
 THE_PLACES = "receptor locations: loading strains from the cache, or computing them …"
 
 
@@ -367,6 +388,38 @@ def _compared(
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
     return compare(on_all, recordings, normalise=normalise, plausible=plausible)
+
+
+def _without_copies(runs: Sequence[Run]) -> list[Run]:
+    """Return each run once, from the folder with the most of its journal; say which folders are copies."""
+    kept: dict[object, Run] = {}
+    for run in runs:
+        uid = run.start.get("uid") or run.folder.path
+        other = kept.setdefault(uid, run)
+        if other is not run:
+            more, less = (other, run) if _events(other) >= _events(run) else (run, other)
+            complain(f"{less.folder.path}: a copy of {more.folder.path} (uid {uid}); the run is compared once")
+            kept[uid] = more
+    return list(kept.values())
+
+
+def _events(run: Run) -> int:
+    return sum(map(len, run.events.values()))
+
+
+def _on(
+    comparison: Comparison, recordings: Mapping[str, Recording], normalise: bool, plausible: PlausibleFingers | None
+) -> Comparison:
+    """Return a comparison of the same responses with other recordings."""
+    return compare(comparison.stimuli, recordings, normalise=normalise, plausible=plausible)
+
+
+def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None) -> list[str]:
+    """Return lines on presses that were not observed, and on the clock of spike times."""
+    several = len(recordings) > 1
+    lines = [f"{f'{one.name}: ' if several else ''}{said}" for one in recordings.values()
+             for said in recording_sentences(one)]  # fmt: skip
+    return [*lines, *([] if shift is None else [shift.sentence])]
 
 
 def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
@@ -441,7 +494,11 @@ def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str,
 
 
 def _print(
-    comparison: Comparison, verdicts: Sequence[AfferentVerdict], at: Sequence[ReceptorLocation], report: Path
+    comparison: Comparison,
+    verdicts: Sequence[AfferentVerdict],
+    at: Sequence[ReceptorLocation],
+    report: Path,
+    clock: Sequence[str],
 ) -> None:
     names = comparison.candidates()
     out.print(", ".join(f"{with_size(one.indentor)} at {one.condition}" for one in comparison.stimuli))
@@ -452,6 +509,8 @@ def _print(
             out.print(f"positions   {positions(answer)}")
     if comparison.overlays and not verdicts:
         out.print(f"answer      {TOO_FEW}")
+    for number, line in enumerate(clock):
+        out.print(f"{'' if number else 'spikes':<12}{line}")
     for line in place_lines(at):
         out.print(f"place       {line}")
     for line in [] if verdicts else left_out_lines(comparison):

@@ -1,17 +1,21 @@
 """`rig compare` with a table or folder of several afferents."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.cli.output import busy, out, print_json
-from rig.compare.comparison import Comparison, compare
+from rig.compare.comparison import compare
 from rig.compare.group import group_verdict
 from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import CandidatePool, afferents, answers, candidate_pool
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
+from rig.compare.recordings.recording import Recording
+from rig.compare.recordings.table_cells import file_and_sheet
+from rig.compare.spike_clock import clock_shift, recording_sentences, recordings_as_json
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
@@ -24,7 +28,7 @@ _TOO_FEW = "the runs cover too few of its positions"
 
 def named_group(recorded: Sequence[str]) -> Path | None:
     """Return the table or folder of several afferents that --recorded names, or None."""
-    paths = [Path(text) for text in recorded if Path(text).exists()]
+    paths = [Path(text) for text in recorded if file_and_sheet(Path(text))[0].exists()]
     return paths[0] if len(recorded) == 1 and paths else None
 
 
@@ -52,33 +56,61 @@ def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
             )
 
 
+_SHIFTS_S = (0.1, 0.5)
+"""Shifts of the clock that are tried: each repeats the comparison of every afferent."""
+
+
+def _judged(
+    stimuli: Sequence[StimulusRow], found: Recordings
+) -> tuple[dict[str, tuple[CandidatePool, AfferentVerdict]], dict[str, str], str]:
+    """Return the verdicts on the afferents, those left out with the reason, and the note on small strain."""
+    judged: dict[str, tuple[CandidatePool, AfferentVerdict]] = {}
+    left_out: dict[str, str] = {}
+    small_strain = ""
+    for name, recordings in found.items():
+        comparison = compare(stimuli, recordings)
+        small_strain = small_strain or comparison.small_strain.note
+        (overlays,) = afferents(comparison)
+        pool, verdict = candidate_pool(overlays, Form()), answers(comparison)
+        if pool is None or not verdict:
+            left_out[name] = _TOO_FEW
+        elif verdict[0].outcome == "silent":
+            left_out[name] = _SILENT
+        else:
+            judged[name] = pool, verdict[0]
+    return judged, left_out, small_strain
+
+
+def _answer(stimuli: Sequence[StimulusRow], flat: Mapping[str, Recording]) -> object:
+    """Return what a shift of the clock may change: the outcome and set of the group, and the afferents left out."""
+    found: Recordings = {}
+    for name, one in flat.items():
+        afferent, _, key = name.partition("\n")
+        found.setdefault(afferent, {})[key] = one
+    judged, left_out, _ = _judged(stimuli, found)
+    group = group_verdict(judged)
+    return None if group is None else (group.outcome, sorted(row.name for row in group.set), sorted(left_out))
+
+
 def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
     with busy("reading the recordings …", quick=True):
         found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
-    judged: dict[str, tuple[CandidatePool, AfferentVerdict]] = {}
-    left_out: dict[str, str] = {}
-    compared: list[Comparison] = []
     with busy("comparing every measure with every afferent …", as_json=as_json, size=len(found)):
-        for name, recordings in found.items():
-            comparison = compare(of.stimuli, recordings)
-            compared.append(comparison)
-            (overlays,) = afferents(comparison)
-            pool, verdict = candidate_pool(overlays, Form()), answers(comparison)
-            if pool is None or not verdict:
-                left_out[name] = _TOO_FEW
-            elif verdict[0].outcome == "silent":
-                left_out[name] = _SILENT
-            else:
-                judged[name] = pool, verdict[0]
+        judged, left_out, small_strain = _judged(of.stimuli, found)
         group = group_verdict(judged)
     verdicts = {name: one for name, (_, one) in judged.items()}
-    page = GroupPage(group, verdicts, found, left_out, of.runs, of.command, compared[0].small_strain.note)
+    flat = {f"{name}\n{key}": one for name, some in found.items() for key, one in some.items()}
+    timed = any(one.spikes for one in flat.values())
+    with busy("clock of the spike times: shifting it …", as_json=as_json) if timed else nullcontext():
+        shift = clock_shift(flat, lambda shifted: _answer(of.stimuli, shifted), _SHIFTS_S)
+    page = GroupPage(group, verdicts, found, left_out, of.runs, of.command, small_strain, shift)
     with busy("writing the report …", as_json=as_json):
         write_group_page(report, page, pdf)
     if as_json:
         rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
-        print_json(rows | {"afferents_left_out": list(left_out), "report": str(report)})
+        rows |= {"afferents_left_out": list(left_out), "report": str(report)}
+        print_json(rows | recordings_as_json(found, shift))
         return
     out.print(page.title)
     out.print(f"group       {sentence_of_group(group)}")
@@ -88,4 +120,9 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
         out.print(f"{name:<12}{in_short(one)}")
     for name, why in left_out.items():
         out.print(f"{name:<12}left out: {why}")
+    for name, some in found.items():
+        for read in (read for read in some.values() if read.spikes is not None):
+            out.print(f"{name:<12}{read.name}: {' '.join(recording_sentences(read))}")
+    if shift is not None:
+        out.print(f"clock       {shift.sentence}")
     out.print(f"report      {report}")

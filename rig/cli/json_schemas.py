@@ -12,6 +12,7 @@ from pydantic import ConfigDict, Field, TypeAdapter
 from typing_extensions import TypedDict
 
 from rig.compare.group import GroupOutcome
+from rig.compare.recordings.spike_times import ClockSource
 from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import A_CONSTANT, Outcome
 from rig.data.tables import STATES
@@ -888,6 +889,39 @@ class PhaseJson(Output):
     rows: list[PhaseCandidateJson]
 
 
+class ClockJson(Output):
+    """Clock of the spike times; drift and the worst pulse are null without pulses."""
+
+    source: ClockSource
+    drift_ppm: Ratio | None
+    worst_ms: float | None
+    clock_text: str
+
+
+class ClockShiftJson(Output):
+    """Smallest tried shift of the clock of the spike times that changes the answer; null if none does."""
+
+    later_s: float | None
+    earlier_s: float | None
+    tried_s: list[float]
+    shift_text: str
+
+
+class RecordingJson(Output):
+    """A recording that was read. presses, observed_text, clock: null if it is a table of rates or counts."""
+
+    afferent: Name | None
+    """Null for the recordings of one afferent."""
+    shape: Shape
+    recording: File
+    positions: int
+    presses: int | None
+    not_observed_mm: list[float]
+    """Positions of the presses at which the unit was not observed; they are left out."""
+    observed_text: str | None
+    clock: ClockJson | None
+
+
 class CompareJson(Output):
     """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
 
@@ -903,6 +937,8 @@ class CompareJson(Output):
     left_out: list[LeftOutOfRecordingJson]
     shape_test: list[ShapeTestChanceJson]
     answers: list[AnswerJson]
+    recordings: NotRequired[list[RecordingJson]]
+    clock_shift: NotRequired[ClockShiftJson | None]
     places: list[PlaceJson]
     fingers: NotRequired[PlausibleFingersJson]
     phases: NotRequired[list[PhaseJson]]
@@ -969,6 +1005,8 @@ class GroupJson(Output):
     afferents: list[AfferentAnswerJson]
     afferents_left_out: list[Name]
     report: File
+    recordings: list[RecordingJson]
+    clock_shift: ClockShiftJson | None
 
 
 # --- simulation ---

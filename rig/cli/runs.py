@@ -143,7 +143,8 @@ def _as_csv(found: Sequence[IndexEntry]) -> str:
 
 
 def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
-    runs = [{name: value for name, value in asdict(one.summary).items() if name != "problem"} for one in found]
+    hidden = ("problem", "uid")
+    runs = [{name: value for name, value in asdict(one.summary).items() if name not in hidden} for one in found]
     result: dict[str, object] = {"runs": runs}
     result["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]
     return result if table is None else result | {"table": str(table), "holds": sum(len(one.rows) for one in found)}

@@ -126,6 +126,11 @@ def _answer(overlays: Sequence[Overlay], comparison: Comparison, form: Form) -> 
         silent_at_rest=form.silent_at_rest,
         fingers=len(pool.candidates.eps),
         spikes=data.spikes,
+        not_observed=tuple(
+            f"{overlay.recording.name}: {overlay.recording.spikes.left_out}"
+            for overlay in overlays
+            if overlay.recording.spikes is not None and overlay.recording.spikes.lost_mm
+        ),
     )
     if data.silent:
         return silent

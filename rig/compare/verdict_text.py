@@ -62,7 +62,7 @@ def _silent(answer: AfferentVerdict) -> str:
 def sentences(answer: AfferentVerdict) -> list[str]:
     """Return further sentences, most important first."""
     if answer.outcome == "silent":
-        return [positions(answer)]
+        return [positions(answer), *answer.not_observed]
     further = [
         _next(answer),
         _controls(answer),
@@ -70,6 +70,7 @@ def sentences(answer: AfferentVerdict) -> list[str]:
         *_powers(answer),
         _together(answer),
         positions(answer),
+        *answer.not_observed,
     ]
     return [one for one in further if one]
 
@@ -210,7 +211,7 @@ def _data(answer: AfferentVerdict) -> str:
         f"Responses to {', '.join(answer.stimuli)} were compared with {len(MEASURES)} measures of stress and "
         f"strain, and with controls ({', '.join(names)}), at {places} receptors in a finite-element model of "
         f"the fingertip. All pairs were compared over the same {len(answer.places.rate)} of {answer.recorded} "
-        "recorded positions."
+        "recorded positions." + "".join(f" {one}" for one in answer.not_observed)
     )
 
 

@@ -6,6 +6,7 @@ again and indexed. An index that is lost, corrupt, of another version, locked or
 
 import json
 import os
+import re
 import sqlite3
 import stat
 import zlib
@@ -56,7 +57,39 @@ def listed(runs: Path, read: Read = summarised) -> list[IndexEntry]:
     if (fresh or gone) and any(not entry.summary.problem for entry in found.values()):
         _store(runs / INDEX, fresh, gone, anew=known is None)
     living = [IndexEntry(entry.mark, alive(entry.summary, runs), entry.holds) for entry in found.values()]
+    living = [_as_copy(entry, original) for entry, original in _with_originals(living)]
     return sorted(living, key=lambda entry: (bool(entry.summary.problem), entry.summary.date_utc, entry.summary.name))
+
+
+def _with_originals(entries: Sequence[IndexEntry]) -> Iterator[tuple[IndexEntry, str]]:
+    """Yield each entry with the folder that holds its run: another one if the entry is a copy, such as a cloud
+    service makes when two computers change a folder.
+    """
+    same: dict[str, list[Summary]] = {}
+    for entry in entries:
+        if entry.summary.uid and not entry.summary.problem:
+            same.setdefault(entry.summary.uid, []).append(entry.summary)
+    original = {uid: min(some, key=_least_a_copy).name for uid, some in same.items()}
+    for entry in entries:
+        of_run = not entry.summary.problem and entry.summary.uid in original
+        yield entry, original[entry.summary.uid] if of_run else entry.summary.name
+
+
+def _least_a_copy(summary: Summary) -> tuple[int, bool, str]:
+    """Order folders of one run: most presses first, then a name that the program gave."""
+    return -summary.done, _OWN_NAME.fullmatch(summary.name) is None, summary.name
+
+
+_OWN_NAME = re.compile(r"\d{8}T\d{6}-.*-[0-9a-f]{6}")
+
+
+def _as_copy(entry: IndexEntry, original: str) -> IndexEntry:
+    """Return an entry, which counts no run if the folder of its run is another one."""
+    name = entry.summary.name
+    if name == original:
+        return entry
+    problem = f"a copy of {original}: the same run (uid {entry.summary.uid}), which is counted once"
+    return IndexEntry(entry.mark, Summary(name, problem=problem), "[]")
 
 
 def _folders(runs: Path) -> Iterator[tuple[str, str]]:

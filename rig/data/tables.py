@@ -232,6 +232,7 @@ class Summary:
     planned: int = 0
     done: int = 0
     duration_s: float = 0.0
+    uid: str = ""  # of the run, which a copy of its folder shares
 
     @property
     def of_the_run(self) -> Row:
@@ -277,6 +278,7 @@ def summary_of(run: Run) -> Summary:
         planned=int(start["planned_indentations"]),
         done=len(run.done),
         duration_s=run.duration_s,
+        uid=str(start.get("uid", "")),
     )
 
 

@@ -15,11 +15,13 @@ from rig.compare.group import GroupRow, GroupVerdict
 from rig.compare.group_text import METHOD, in_short, is_synthetic, sentence_of_group, sentences_of_group
 from rig.compare.recordings.reading import sha256
 from rig.compare.recordings.recording import Recording
+from rig.compare.spike_clock import ClockShift
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import percent
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.page_parts import PageFigure, Section, as_png, render
+from rig.report.spikes_section import spikes_sections
 from rig.report.style import Plot, as_limits, as_number
 
 _WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.5
@@ -42,6 +44,7 @@ class GroupPage:
     runs: Sequence[Run]
     command: str
     small_strain: str
+    shift: ClockShift | None = None
 
     @property
     def title(self) -> str:
@@ -86,7 +89,7 @@ def group_sections(page: GroupPage) -> list[Section]:
                 tuple(map(_row, verdict.rows)),
             )
         )
-    return [*found, _recordings(page), _provenance(page)]
+    return [*found, *spikes_sections(page.recordings, page.shift), _recordings(page), _provenance(page)]
 
 
 def _row(row: GroupRow) -> tuple[str, ...]:

@@ -20,6 +20,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
 from rig.compare.recordings.recording import Recording, recording
+from rig.compare.recordings.spike_times import SpikeTimes
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.compare.stimuli import StimulusRow, stimuli
 from rig.compare.verdict import AfferentVerdict
@@ -111,14 +112,14 @@ def spikes(run: Run, finger: Fingertip, afferents: Sequence[Afferent]) -> SpikeR
     return run_spikes(run, rounded, finger, AfferentPopulation(afferents), step_s=STEP_S)
 
 
-def times(path: Path, run: Run, unit: int) -> Array:
-    """Return the spike times of a unit as `rig compare` reads them; none of one that never fired."""
+def times(path: Path, run: Run, unit: int) -> SpikeTimes:
+    """Return the spikes of a unit as `rig compare` reads them; none of one that never fired."""
     try:
         return read_spike_times(path, run, str(unit))
     except RecordingError as error:
         if error.code != "no_spikes":
             raise
-        return np.empty(0)
+        return SpikeTimes(np.empty(0))
 
 
 def first_repeats(whole: Recording, repeats: int) -> Recording:

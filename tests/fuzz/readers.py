@@ -456,7 +456,7 @@ READERS: dict[str, Reader] = {
     ),
     "table of rates or counts": Reader("a.csv", of.of_table, _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
-        "a.csv", of.of_table, _texts(COUNTS), _recording("", "count=count,position=position_mm:um,window=0.5")
+        "a.csv", of.of_table, _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
     ),
     "spike times": Reader("a.csv", of.of_table, _spike_rows, _recording(),
         in_suite=700,

@@ -10,6 +10,7 @@ import stat
 import struct
 import sys
 import time
+import zipfile
 import zlib
 from collections.abc import Callable
 from functools import partial
@@ -27,8 +28,9 @@ from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.neo_file import read_neo
+from rig.compare.recordings.nwb_file import read_nwb
 from rig.compare.recordings.reading import Reading, read_srp, sha256
-from rig.compare.recordings.spikes import _read_csv, read_nwb
+from rig.compare.recordings.spikes import _read_csv
 from rig.control.stop import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following
@@ -85,6 +87,8 @@ READERS: dict[str, tuple[str, Read]] = {
     "journal in a list": (".jsonl", _in_run(lambda path: read_run(path, only=("mount",)))),
     "journal that grows": (".jsonl", _in_run(lambda path: Following(RunFolder(path)).new())),
     "rates": (".csv", read_srp),
+    "workbook": (".xlsx", read_srp),
+    "MATLAB": (".mat", read_srp),
     "spikes": (".csv", lambda path: _read_csv(path, ColumnMap())),
     "afferents": (".csv", lambda path: read_afferents(path, (), (), (), Reading())),
     "NWB": (".nwb", lambda path: read_nwb(path, "", ColumnMap())),
@@ -361,6 +365,42 @@ def _long_texts(file: h5py.File) -> None:
     file["units"].create_dataset("id", data=["a" * 10**7] * 3, dtype=h5py.string_dtype())
 
 
+def _workbook(part: str, *, head: bytes = b"", fill: bytes = b" ", many: int = 0) -> Make:
+    """A workbook one part of which unpacks to much."""
+
+    def make(path: Path) -> None:
+        main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+            file.writestr(
+                "xl/workbook.xml", f'<workbook {main}><sheets><sheet name="a" a="{{b}}id"/></sheets></workbook>'
+            )
+            file.writestr("xl/_rels/workbook.xml.rels", "<Relationships/>")
+            with file.open(part, "w", force_zip64=True) as inside:
+                inside.write(head)
+                for _ in range(many):
+                    inside.write(fill)
+
+    return make
+
+
+def _matlab(path: Path) -> None:
+    """10⁹ zeros in a compressed variable of a few megabytes."""
+    made = zlib.compressobj(1)
+    size = 8 * 10**9
+    head = struct.pack("<IIIIII", 14, (size + 48) % 2**32, 6, 8, 6, 0)
+    head += (
+        struct.pack("<IIii", 5, 8, 10**9, 1) + struct.pack("<HHI", 1, 1, 0x61) + struct.pack("<II", 9, size % 2**32)
+    )
+    zeros = b"".join(made.compress(bytes(10**7)) for _ in range(100))
+    packed = made.compress(head) + zeros + made.flush()
+    start = b"MATLAB 5.0 MAT-file".ljust(124) + struct.pack("<H", 0x0100) + b"IM"
+    path.write_bytes(start + struct.pack("<II", 15, len(packed)) + packed)
+
+
+ENTITIES = (
+    b'<!DOCTYPE a [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>'
+    b"<sst><si><t>&b;</t></si></sst>"
+)
 POINTS = 40_000
 NESTED, DIGITS = 100_000, 100_000
 ROWS = 10_000_000
@@ -429,6 +469,11 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
     "a huge attribute": (_nwb(_huge_attribute), ("NWB",), (OK,)),
     "deep groups": (_nwb(_deep), ("NWB",), (OK,)),
     "many groups": (_nwb(_groups), ("NWB",), (OK,)),
+    "texts that unpack": (_workbook("xl/sharedStrings.xml", fill=bytes(10**7), many=100), ("workbook",), ("no_csv",)),
+    "entities": (_workbook("xl/sharedStrings.xml", head=ENTITIES), ("workbook",), ("no_csv",)),
+    "many texts": (_workbook("xl/sharedStrings.xml", fill=b"<si><t>a</t></si>" * 10**5, many=30), ("workbook",),
+                   ("no_csv",)),
+    "zeros that unpack": (_matlab, ("MATLAB",), ("no_csv", "no_mat_table")),
     "an unknown filter": (_nwb(_filter), ("NWB",), (OK, "no_hdf5")),
 }  # fmt: skip
 

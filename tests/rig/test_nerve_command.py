@@ -541,7 +541,7 @@ def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
         assert file.units["afferent"][:].tolist() == ["SA1-0", "SA1-1", "SA1-2"]
         assert "0.2 m" in file.electrode_groups["nerve"].location
         assert ("sync_pulses" in file.intervals) == pulses
-    _same(record, lambda k: read_spike_times(path, run, str(k)))
+    _same(record, lambda k: read_spike_times(path, run, str(k)).spike_s)
 
 
 @pytest.mark.parametrize("silent", [1, 3])
@@ -568,7 +568,7 @@ def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
     path = write_nix(run, record)
     assert path is not None
     assert path.name == "synthetic_spikes.nix"
-    _same(record, lambda k: read_spike_times(path, run, f"SA1-{k}"))
+    _same(record, lambda k: read_spike_times(path, run, f"SA1-{k}").spike_s)
 
 
 # --- the command ---
@@ -610,7 +610,8 @@ def test_spikes_become_rates(run: Run, config: Config, finger: Fingertip) -> Non
     spikes = read_spike_times(path, run, "0")
     found = rates_in_run(run, "bar:3.0", spikes, path.name, (0.0, 0.2))
     counts = sorted(
-        int(((spikes >= one["t_s"]) & (spikes < one["t_s"] + 0.2)).sum()) for one in run.stream("hold_start")
+        int(((spikes.spike_s >= one["t_s"]) & (spikes.spike_s < one["t_s"] + 0.2)).sum())
+        for one in run.stream("hold_start")
     )
     assert sorted(round(0.2 * float(rate)) for rate in found.rate) == counts
     assert found.name == "synthetic_spikes.nwb"

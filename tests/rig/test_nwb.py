@@ -136,8 +136,8 @@ def with_pulses(rise_s: list[float]) -> Run:
 
 def test_spike_times_of_one_unit(tmp_path: Path) -> None:
     path = units_file(tmp_path / "u.nwb", {3: [0.5, 1.5], 7: [0.25, 2.0, 4.0]}, [])
-    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "7"), [0.25, 2.0, 4.0])
-    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "3"), [0.5, 1.5])
+    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "7").spike_s, [0.25, 2.0, 4.0])
+    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "3").spike_s, [0.5, 1.5])
     with raises(RecordingError, "several_units", path=str(path), units=2, file="u.nwb", ids="3, 7"):
         read_spike_times(path, with_pulses([]))
     with raises(RecordingError, "no_unit", path=str(path), unit="5", ids="3, 7"):
@@ -146,7 +146,7 @@ def test_spike_times_of_one_unit(tmp_path: Path) -> None:
 
 def test_sync_pulses_of_the_file_align_the_clocks(tmp_path: Path) -> None:
     path = units_file(tmp_path / "u.nwb", {0: [10.5, 12.0]}, [10.0, 11.0, 13.0])
-    found = read_spike_times(path, with_pulses([2.0, 3.0, 5.0]))  # 8 s earlier on the run's clock
+    found = read_spike_times(path, with_pulses([2.0, 3.0, 5.0])).spike_s  # 8 s earlier on the run's clock
     np.testing.assert_allclose(found, [2.5, 4.0], atol=1e-9)
 
 

@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import check_header, column_map, no_rows, table_lines
-from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
+from rig.compare.recordings.number_cells import number_format
+from rig.compare.recordings.reading import Reading, read_recordings, unit_of
 from rig.compare.recordings.recording import Recording, shape_key
+from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.errors import code_of
+from rig_shared.plural import number_of
 
 REQUIRED = ("afferent", "shape", "file")
 OPTIONAL = ("depth_mm", "force_gwt", "columns")
@@ -54,11 +57,11 @@ def read_afferents(
     table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
     named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
     found: Recordings = {}
-    seen: dict[tuple[str, str], _Named] = {}
+    seen: dict[tuple[str, str, str], _Named] = {}
     for one in named:
         try:
             ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
-            _refuse(one, key, found, seen, stimuli)
+            _refuse(one, key, recording, found, seen, stimuli)
         except (RecordingError, ValueError) as error:
             wrong.append(_wrong(one.where, one.row, str(error), code_of(error)))
         else:
@@ -67,7 +70,8 @@ def read_afferents(
         wrong.sort(key=lambda row: int(str(row["row"])))
         more = f"\n… and {len(wrong) - _MOST_LISTED} more" if len(wrong) > _MOST_LISTED else ""
         raise RecordingError(
-            "{path}: {bad} recordings cannot be used\n{problems}",
+            "{path}: {recordings} cannot be used\n{problems}",
+            recordings=number_of(len(wrong), "recordings"),
             code="bad_rows",
             path=str(path),
             bad=len(wrong),
@@ -83,7 +87,8 @@ Wrong = list[dict[str, object]]
 
 
 def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
-    return {"row": row, "code": code, "problem": f"{where}: {' '.join(problem.split())}"}
+    about = " ".join(problem.split()).removeprefix(f"{where}, ")
+    return {"row": row, "code": code, "problem": f"{where}: {about}"}
 
 
 def _own(reading: Reading, one: _Named) -> Reading:
@@ -94,11 +99,12 @@ def _own(reading: Reading, one: _Named) -> Reading:
 def _refuse(
     one: _Named,
     key: str,
+    recording: Recording,
     found: Recordings,
-    seen: dict[tuple[str, str], _Named],
+    seen: dict[tuple[str, str, str], _Named],
     stimuli: Sequence[StimulusRow],
 ) -> None:
-    """Refuse a shape that the runs do not have, and a recording that is named twice."""
+    """Refuse a shape that the runs do not have, and a recording that is named twice, also as a copy."""
     shape = key.partition("@")[0]
     conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
     if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
@@ -120,11 +126,13 @@ def _refuse(
             afferent=one.afferent,
             shape=key,
         )
-    same = seen.setdefault((str(Path(one.file).resolve()), key), one)
+    same = seen.setdefault((recording.sha256, unit_of(one.file), key), one)
     if same is not one:
+        copy = "" if Path(one.file).resolve() == Path(same.file).resolve() else ", in a file with the same content"
         raise RecordingError(
-            "{file} is the recording of {shape} of afferent {other} already ({where})",
+            "{file} is the recording of {shape} of afferent {other} already ({where}){copy}",
             code="file_twice",
+            copy=copy,
             file=one.file,
             shape=key,
             other=same.afferent,
@@ -140,37 +148,41 @@ def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines = table_lines(path)
     first, header = next(lines)
-    check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
+    columns = check_header(path, first, header, REQUIRED, OPTIONAL, hint=_ONE_AFFERENT)
+    rows = [(number, cells) for number, cells in lines if any(cells)]
+    at = {name: header.index(column.name) for name, column in columns.items()}
+    pressed = [name for name in _CONDITIONS if name in at]
+    numbers = number_format(
+        {name: cells[at[name]] for name in pressed} for _, cells in rows if len(cells) == len(header)
+    )
     named, wrong = [], []
-    for number, cells in lines:
+    for number, cells in rows:
         where = f"{path}, row {number}"
-        if not any(cells):
-            continue
         try:
-            named.append(_row(path, number, where, header, cells))
+            if len(cells) != len(header):
+                raise RecordingError(
+                    "{cells} cells, but the header has {columns}",
+                    code="cells_of_row",
+                    cells=len(cells),
+                    columns=len(header),
+                )
+            named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
             wrong.append(_wrong(where, number, str(error), error.code))
     return named, wrong
 
 
-def _row(path: Path, number: int, where: str, header: list[str], cells: list[str]) -> _Named:
-    if len(cells) != len(header):
-        raise RecordingError(
-            "{cells} cells, but the header has {columns}",
-            code="cells_of_row",
-            cells=len(cells),
-            columns=len(header),
-        )
-    cell = dict(zip(header, cells, strict=True))
+def _row(where: str, row: Row) -> _Named:
+    cell = row.cells
     for name in REQUIRED:
         if not cell[name]:
             raise RecordingError("column {column} must not be empty", code="empty_cell", column=name)
-    pressed = [f"{cell[name]}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
+    pressed = [f"{row.number(name, 0.0):.6g}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
     if len(pressed) > 1 or (pressed and "@" in cell["shape"]):
         raise RecordingError("state one depth or force", code="several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
-    return _Named(where, number, cell["afferent"], shape, str(path.parent / file), cell.get("columns", ""))
+    return _Named(where, row.row, cell["afferent"], shape, str(row.path.parent / file), cell.get("columns", ""))
 
 
 def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:

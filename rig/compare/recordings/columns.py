@@ -1,24 +1,29 @@
 """Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
-import csv
 import math
-import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.compare.exceptions import RecordingError
-from rig_shared.user_files import lines_of
-from sim.tables import is_number
-
-MOST_TABLE_BYTES = 100_000_000
-
-_LENGTHS = {"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
-_TIMES = {"us": 1e-6, "µs": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0}
-_RATES = {"1/s": 1.0, "/s": 1.0, "Hz": 1.0, "spikes/s": 1.0, "imp/s": 1.0, "1/ms": 1000.0, "/ms": 1000.0,
-          "1/min": 1 / 60, "/min": 1 / 60}  # fmt: skip
+from rig.compare.recordings.column_units import (
+    COUNT,
+    FORCE,
+    LENGTH,
+    MOST_HOLD_S,
+    NONE,
+    RATE,
+    TIME,
+    WINDOW,
+    Dimension,
+    dimension_of,
+    header_name,
+    is_own_unit,
+    means,
+)
+from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
+from rig.compare.recordings.table_cells import table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -27,6 +32,8 @@ class RecordingColumn(NamedTuple):
     name: str
     unit: str = ""
     factor: float = 1.0
+    stated: bool = False
+    """Whether the unit is stated after a colon."""
 
     @property
     def changed(self) -> bool:
@@ -34,23 +41,29 @@ class RecordingColumn(NamedTuple):
         return self.factor != 1.0
 
 
-class _Role(NamedTuple):
-    default: str
-    units: Mapping[str, float]
-
-
 _ROLES = {
-    "position": _Role("position_mm", _LENGTHS),
-    "rate": _Role("rate", _RATES),
-    "sd": _Role("sd", _RATES),
-    "repeat": _Role("repeat", {}),
-    "count": _Role("count", {}),
-    "window": _Role("window_s", _TIMES),
-    "time": _Role("time_s", _TIMES),
-    "kind": _Role("kind", {}),
-    "sync": _Role("sync_pulses", {}),
-    "segment": _Role("segment", {}),
+    "position": "position_mm",
+    "rate": "rate",
+    "sd": "sd",
+    "repeat": "repeat",
+    "count": "count",
+    "window": "window_s",
+    "time": "time_s",
+    "kind": "kind",
+    "unit": "unit",
+    "sync": "sync_pulses",
+    "observed": "obs_intervals",
+    "segment": "segment",
 }
+"""Roles of --columns, and the program's own names of their columns."""
+
+
+def role_name(role: str) -> str:
+    """Return the program's own name for the column of a role, e.g. "position_mm"."""
+    return _ROLES[role]
+
+
+_THROUGHOUT = "throughout"
 
 
 @dataclass(frozen=True)
@@ -65,16 +78,28 @@ class ColumnMap:
 
     def __getitem__(self, role: str) -> RecordingColumn:
         """Return the column of a role."""
-        return self.named.get(role, RecordingColumn(_ROLES[role].default))
+        return self.named.get(role, RecordingColumn(_ROLES[role]))
+
+    @property
+    def observed_throughout(self) -> bool:
+        """Whether the user states that the unit was observed throughout the run."""
+        return "observed" in self.named and self.named["observed"].name == _THROUGHOUT
 
     def names(self, *roles: str) -> list[str]:
         """Return the names of the columns of several roles."""
         return [self[role].name for role in roles]
 
     def split(self, required: Sequence[str], optional: Sequence[str]) -> tuple[list[str], list[str]]:
-        """Return the names of the required and the optional columns; a column named by `--columns` is required."""
+        """Return the program's names of required and optional columns; a column named by `--columns` is required."""
         asked = [role for role in optional if role in self.named]
-        return self.names(*required, *asked), self.names(*(role for role in optional if role not in asked))
+        return [_ROLES[role] for role in (*required, *asked)], [
+            _ROLES[role] for role in optional if role not in asked
+        ]
+
+    @property
+    def by_name(self) -> dict[str, RecordingColumn]:
+        """The columns that `--columns` names, by the program's own names."""
+        return {_ROLES[role]: column for role, column in self.named.items()}
 
     def changes(self, *roles: str) -> tuple[str, ...]:
         """Return notes on the converted roles, for captions."""
@@ -105,7 +130,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
                     given=part,
                     role=role,
                 )
-            given[role] = _column(part, name, _ROLES[role].units)
+            given[role] = _column(part, name, dimension_of(_ROLES[role]))
     _refuse_what_cannot_be(given)
     if "sd" in given and "rate" in given and not given["sd"].unit:
         given["sd"] = given["rate"]._replace(name=given["sd"].name)
@@ -118,6 +143,13 @@ def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
         seconds = float(given["window"].name) * given["window"].factor
     except (KeyError, ValueError):
         return None
+    if MOST_HOLD_S < seconds < math.inf:
+        raise RecordingError(
+            "--columns window={window}: at most {most:g} s; if it is in ms, use window={window}:ms",
+            code="beyond_a_finger",
+            window=given["window"].name,
+            most=MOST_HOLD_S,
+        )
     if not 0 < seconds < math.inf:
         raise RecordingError(
             "--columns window={window}: must be a number of seconds above 0",
@@ -141,34 +173,33 @@ def _refuse_what_cannot_be(given: Mapping[str, RecordingColumn]) -> None:
         )
 
 
-def _column(part: str, name: str, units: Mapping[str, float]) -> RecordingColumn:
+def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
     before, colon, unit = name.rpartition(":")
     if colon:
-        if not before or _known(unit, units) is None:
-            expected = "one of {units}" if units else "omitted for this role"
+        factor = of.known(unit) if of.listed and of is not COUNT else None
+        if not before or factor is None:
+            expected = "one of {units}" if of.listed and of is not COUNT else "omitted for this role"
             raise RecordingError(
                 "--columns {given!r}: the unit {unit!r} must be " + expected,
                 code="unknown_unit",
                 given=part,
                 unit=unit,
-                units=", ".join(units),
+                units=", ".join(of.listed) if of is not COUNT else "",
             )
-        return RecordingColumn(before.strip(), unit.strip(), _known(unit, units) or 1.0)
-    said = re.search(r"[(\[]([^)\]]+)[)\]]$|_([^_\s]+)$", name)
-    unit = next(filter(None, said.groups())) if said else ""
-    factor = _known(unit, units)
-    return RecordingColumn(name) if factor is None else RecordingColumn(name, unit, factor)
-
-
-def _known(unit: str, units: Mapping[str, float]) -> float | None:
-    """Return the factor of a unit, ignoring case and the variant of the micro sign; None for an unknown unit."""
-    return {name.casefold(): factor for name, factor in units.items()}.get(unit.strip().casefold())
-
-
-_SEPARATORS = (",", ";", "\t")
-_SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
-_NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d*([eE][+-]?\d+)?")
+        return RecordingColumn(before.strip(), unit.strip(), factor, True)
+    said = header_name(name, of)
+    if said.factor is None and of is not NONE:
+        raise RecordingError(
+            "--columns {given!r}: the unit {unit!r} is unknown; it must be one of {units}, or state it after a "
+            "colon, e.g. {role_and_name}:{first}",
+            code="unknown_unit",
+            given=part,
+            unit=said.unit,
+            units=", ".join(of.listed),
+            role_and_name=part.strip(),
+            first=of.listed[0],
+        )
+    return RecordingColumn(name, said.unit, said.factor or 1.0)
 
 
 _MOST_LISTED = 20
@@ -177,23 +208,48 @@ _NO_DATA = ("", "nan", "na", "n/a", "-")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """Cells of a row by column, and its location; with decimal commas if any number of the table has one."""
+    """Cells of a row by the program's names of their columns, and its location.
+
+    `columns` are the columns in the file, with their units; `format` is that of the numbers of the table.
+    """
 
     path: Path
     row: int  # the header is 1
     cells: Mapping[str, str]
-    commas: bool = False
+    columns: Mapping[str, RecordingColumn]
+    format: NumberFormat
 
     def number(self, column: str, least: float = -math.inf) -> float:
-        """Return the cell as a finite number of at least `least`. Raises RecordingError."""
-        text = self.cells[column].replace("−", "-")
-        value = float(text.replace(",", ".")) if self._is_number(text) else math.nan
-        if not (is_number(value) and value >= least):
-            bounded, mixed = least > -math.inf, self.commas and "." in text
+        """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError."""
+        text, in_file = self.cells[column], self.columns[column]
+        if self.format.could_be_thousands(column, text):
+            raise self.wrong(
+                column,
+                "ambiguous_number",
+                "written without a thousands separator, as {plain}, or, if the separator is the decimal sign, with a "
+                "point and other than three decimals",
+                plain=without_separators(text),
+            )
+        value = self.format.number(text)
+        if not value >= least:
+            bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
             expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
             fields = {"least": least} if bounded else {}
             raise self.wrong(column, "no_number", expected, decimal_comma=mixed, **fields)
+        return self._of_a_finger(column, in_file.factor * value)
+
+    def _of_a_finger(self, column: str, value: float) -> float:
+        of, in_file = dimension_of(column), self.columns[column]
+        if abs(value) > of.most and not is_own_unit(in_file.unit):
+            raise self.wrong(
+                column,
+                "beyond_a_finger",
+                "at most {most:g} {unit}; if its unit is another, state it: {remedy}",
+                most=of.most,
+                unit=unit_of_name(column),
+                remedy=stated_unit(column, in_file.name, of.likely),
+            )
         return value
 
     def wrong(self, column: str, code: str, expected: str, **fields: Any) -> RecordingError:
@@ -203,15 +259,23 @@ class Row:
             code=code,
             path=str(self.path),
             row=self.row,
-            column=column,
+            column=self.columns[column].name,
             cell=self.cells[column],
             **fields,
         )
 
-    def _is_number(self, text: str) -> bool:
-        if self.commas and "." in text:  # 1.234,5 or a mixture: which of the two is the decimal sign?
-            return False
-        return _NUMBER.fullmatch(text.replace(",", ".")) is not None
+
+def unit_of_name(name: str) -> str:
+    """Return the unit in one of the program's names of columns, e.g. "mm" of "position_mm"."""
+    return "1/s" if dimension_of(name) is RATE else name.rpartition("_")[2]
+
+
+def stated_unit(name: str, column: str, unit: str) -> str:
+    """Return how to state the unit of a column: by --columns, or in its name."""
+    role = next((role for role, own in _ROLES.items() if own == name), None)
+    if role is None:
+        return f"call the column {name.rpartition('_')[0]}_{unit}"
+    return f"--columns {role}={column}:{unit}"
 
 
 COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN, or time=COLUMN:ms for spike times"
@@ -219,18 +283,40 @@ COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN
 
 
 def read_table(
-    path: Path, required: Sequence[str], optional: Sequence[str] = (), *, others: bool = False, hint: str = ""
+    path: Path,
+    required: Sequence[str],
+    optional: Sequence[str] = (),
+    *,
+    given: Mapping[str, RecordingColumn] | None = None,
+    others: bool = False,
+    hint: str = "",
 ) -> list[Row]:
     """Return the rows below the header, which must have the required columns.
 
-    Empty rows are skipped, as are empty lines and lines that begin with # above the header. Separators are commas,
-    semicolons or tabs. `others` allows further columns; `hint` is appended to the error for a wrong header. Raises
-    RecordingError.
+    Parameters
+    ----------
+    path : Path
+        Table, separated by commas, semicolons or tabs. Empty rows are skipped, as are empty lines and lines that
+        begin with # above the header.
+    required, optional : sequence of str
+        The program's names of the columns, e.g. "position_mm". The header may have them in other units and words,
+        such as "Position (um)".
+    given : mapping of str to RecordingColumn, optional
+        Columns that the user names, by the program's names; further columns are then ignored.
+    others : bool
+        Whether further columns are ignored in any case.
+    hint : str
+        Advice that is appended to the error for a wrong header.
+
+    Raises
+    ------
+    RecordingError
+        If a column is missing, unknown, repeated, or in an unknown unit, or if a row has another length.
     """
     lines = table_lines(path)
     first, header = next(lines)
-    wanted = {name: header.index(name) for name in (*required, *optional) if name in header}
-    check_header(path, first, header, required, optional, others=others, hint=hint)
+    columns = check_header(path, first, header, required, optional, given=given, others=others, hint=hint)
+    at = {name: header.index(column.name) for name, column in columns.items()}
     rows = []
     for number, cells in lines:
         if not any(cells):
@@ -244,9 +330,9 @@ def read_table(
                 cells=len(cells),
                 columns=len(header),
             )
-        rows.append((number, {name: cells[at] for name, at in wanted.items()}))
-    commas = any("," in cell and _DECIMAL_COMMA.fullmatch(cell) for _, cells in rows for cell in cells.values())
-    return [Row(path, number, cells, commas) for number, cells in rows]
+        rows.append((number, {name: cells[k] for name, k in at.items()}))
+    numbers = number_format(cells for _, cells in rows)
+    return [Row(path, number, cells, columns, numbers) for number, cells in rows]
 
 
 def check_header(
@@ -256,22 +342,118 @@ def check_header(
     required: Sequence[str],
     optional: Sequence[str] = (),
     *,
+    given: Mapping[str, RecordingColumn] | None = None,
     others: bool = False,
     hint: str = "",
-) -> None:
-    """Refuse a header without a required column, or with one that is unknown (unless `others`) or repeated."""
-    wanted = (*required, *optional)
+) -> dict[str, RecordingColumn]:
+    """Return the columns of a header by the program's names.
+
+    Refuse a header without a required column, or with one that is unknown (unless some are `given`, or `others` are
+    allowed) or repeated.
+    """
+    given = given or {}
+    others = others or bool(given)
+    found = {name: column for name in (*required, *optional) if (column := given.get(name)) is not None}
+    taken = {column.name for column in found.values()}
+    for name in (one for one in (*required, *optional) if one not in given):
+        column = _recognized(path, row, [cell for cell in header if cell not in taken], name)
+        if column is not None:
+            found[name] = column
+            taken.add(column.name)
     read = ", ".join(header[:_MOST_LISTED]) or "none"
+    shown = [given[name].name if name in given else name for name in required], optional
     for name in required:
-        if name not in header:
-            problem = "{path}, row {row}: the column {column} is missing; expected {columns}, read {read}" + hint
-            raise _wrong_header(problem, "no_column", path, row, name, column_list(required, optional), read)
-    for name in header:
-        if (name not in wanted and not others) or (name in wanted and header.count(name) > 1):
-            problem = (
-                "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + hint
+        column = found.get(name)
+        if column is None or column.name not in header:
+            problem = "{path}, row {row}: the column {column} is missing; expected {columns}, read {read}"
+            problem, code = (_NO_HEADER, "no_header") if _is_numbers(header) else (problem, "no_column")
+            missing = given[name].name if name in given else name
+            if len(header) == 1 and len(required) > 1:
+                hint = "; lines above the names of the columns must begin with #" + hint
+            raise _wrong_header(problem + hint, code, path, row, missing, column_list(*shown), read)
+    for cell in header:
+        if (cell not in taken and not others) or (cell in taken and header.count(cell) > 1):
+            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + (
+                _suggested(found, required, optional) or hint
             )
-            raise _wrong_header(problem, "extra_column", path, row, name, column_list(required, optional), read)
+            raise _wrong_header(problem, "extra_column", path, row, cell, column_list(required, optional), read)
+    return found
+
+
+_NO_HEADER = (
+    "{path}, row {row}: has numbers ({read}) instead of the names of columns; add a line above it with the names, "
+    "e.g. {columns}"
+)
+
+
+def _is_numbers(header: Sequence[str]) -> bool:
+    numbers = [number_format([{"": cell}]).number(cell) for cell in header]
+    return bool(header) and not any(map(math.isnan, numbers))
+
+
+def _recognized(path: Path, row: int, header: Sequence[str], name: str) -> RecordingColumn | None:
+    """Return the column of a header that has one of the program's names, in any unit, or None."""
+    if name in header:
+        return RecordingColumn(name)
+    of = dimension_of(name)
+    every = [(cell, header_name(cell, of)) for cell in header]
+    meant = [(cell, said) for cell, said in every if means(said.words, name)]
+    if not meant:
+        return None
+    if len({cell for cell, _ in meant}) > 1:
+        raise RecordingError(
+            "{path}, row {row}: the columns {columns} may both be {column}; name one: {remedy}",
+            code="two_columns",
+            path=str(path),
+            row=row,
+            columns=" and ".join(repr(cell) for cell, _ in meant),
+            column=name,
+            remedy=stated_column(name, meant[0][0]),
+        )
+    cell, said = meant[0]
+    if said.factor is None:
+        raise RecordingError(
+            "{path}, row {row}, column {column!r}: the unit {unit!r} is unknown; it must be one of {units}"
+            + ("" if stated_unit(name, cell, "x").startswith("call") else ", or be stated, e.g. {remedy}"),
+            code="unknown_unit",
+            path=str(path),
+            row=row,
+            column=cell,
+            unit=said.unit,
+            units=", ".join(of.listed),
+            remedy=stated_unit(name, cell, of.listed[0]),
+        )
+    if not said.unit and name != said.words and of in _NEED_A_UNIT:
+        raise RecordingError(
+            "{path}, row {row}, column {column!r}: states no unit; if it is {unit}, {remedy}",
+            code="no_unit",
+            path=str(path),
+            row=row,
+            column=cell,
+            unit=unit_of_name(name),
+            remedy=f"use {stated}"
+            if (stated := stated_unit(name, cell, unit_of_name(name))).startswith("-")
+            else stated,
+        )
+    return RecordingColumn(cell, said.unit, said.factor)
+
+
+_NEED_A_UNIT = (LENGTH, TIME, WINDOW, FORCE)
+
+
+def stated_column(name: str, column: str) -> str:
+    """Return how to name a column: by --columns, or by the program's name."""
+    role = next((role for role, own in _ROLES.items() if own == name), None)
+    return f"call it {name}" if role is None else f'--columns "{role}={column}"'
+
+
+def _suggested(found: Mapping[str, RecordingColumn], required: Sequence[str], optional: Sequence[str]) -> str:
+    """Return how to read a table whose further columns are unknown, if the others were recognized."""
+    roles = {own: role for role, own in _ROLES.items()}
+    if not all(name in found and name in roles for name in required):
+        return ""
+    named = ",".join(f"{roles[name]}={found[name].name}" for name in (*required, *optional) if name in found)
+    return f'; to ignore the others, use --columns "{named}"'.replace("{", "{{").replace("}", "}}")
 
 
 def _wrong_header(
@@ -291,42 +473,14 @@ def no_rows(path: Path, expected: str) -> RecordingError:
     return RecordingError(sentence, code="no_rows", path=str(path), expected=expected)
 
 
+def has_column(header: Sequence[str], name: str, given: Mapping[str, RecordingColumn]) -> bool:
+    """Return whether a header has a column that is given, or is called by the program's name or means it."""
+    if name in given:
+        return given[name].name in header
+    of = dimension_of(name)
+    return name in header or any(means(header_name(cell, of).words, name) for cell in header)
+
+
 def header_of(path: Path) -> list[str]:
     """Return the names of the columns; an empty list for an empty file. Raises RecordingError."""
     return next(table_lines(path))[1]
-
-
-def table_lines(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Yield the line number and the stripped cells of the header (no cells for an empty file), then of each row.
-
-    The separator is the one that splits the header into the most columns. Comments and empty lines above the header
-    are skipped, as are empty columns at the right. Raises RecordingError.
-    """
-    try:
-        lines = lines_of(path, most=MOST_TABLE_BYTES)
-        above = 1
-        header = next(lines, "")
-        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line(header)):
-            above, header = above + 1, next(lines, "")
-        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
-        columns = 0
-        for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), above):
-            cells = [cell.strip() for cell in line]
-            while len(cells) > columns and not cells[-1]:
-                cells.pop()
-            columns = columns or len(cells)
-            yield number, cells
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise RecordingError(
-            "{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8",
-            code="no_csv",
-            path=str(path),
-            reason=str(error),
-        ) from None
-
-
-def _is_separator_line(line: str) -> bool:
-    return _SEPARATOR_LINE.fullmatch(line.strip()) is not None

@@ -13,20 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.file_kinds import is_hdf5, kind_of
+from rig_shared.user_files import open_file
 
 MOST_VALUES = 10_000_000
 MOST_CHUNK_BYTES = 256_000_000
 _MOST_LINKS = 16
 
 
-def numbers_in(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
-    """Return a list of numbers, or of numbers as text; None if there is none. Raises RecordingError."""
-    found = _at(file, path, place)
-    if not isinstance(found, h5py.Dataset):
+def numbers_in(file: h5py.File, path: Path, place: str, *, columns: int = 1) -> h5py.Dataset | None:
+    """Return a list of numbers or of rows of them, also as text; None if there is none. Raises RecordingError.
+
+    A list may be stored as a column (n, 1), as MATLAB does.
+    """
+    found = _dataset(file, path, place)
+    if found is None:
         return None
-    if found.is_virtual or found.external:
-        raise _refused(path, place, "elsewhere", "its values are in another file; copy them into this one")
-    if found.dtype.kind not in "iufS":
+    if found.dtype.kind not in "iufbS":
         raise RecordingError(
             "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
             code="no_numbers",
@@ -34,7 +37,7 @@ def numbers_in(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
             dataset=place,
             dtype=str(found.dtype),
         )
-    if len(found.shape) != 1:
+    if found.shape[1:] not in ((), (1,)) if columns == 1 else found.shape[1:] != (columns,):
         shape = " × ".join(map(str, found.shape))
         raise _refused(path, place, "no_list", "must be a list of numbers, but has the shape {shape}", shape=shape)
     if math.prod(found.chunks or (0,)) * found.dtype.itemsize > MOST_CHUNK_BYTES:
@@ -51,16 +54,138 @@ def values_of(
     if last - first > most or (last - first) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
         raise _refused(path, str(dataset.name), "too_many_values", "{values} values; at most {most} are allowed",
                        values=last - first, most=most)  # fmt: skip
-    return np.asarray(dataset[first:last])
+    found = part_of(dataset, path, slice(first, last))
+    return found[:, 0] if found.shape[1:] == (1,) else found
 
 
-def _at(file: h5py.File, path: Path, place: str) -> Any:
-    """Return what is at a place, or None, without opening other files: HDF5 would follow links by itself."""
+_LOCKED = ("unable to lock", "resource temporarily unavailable", "already open")
+_START_BYTES = 4096
+
+
+def trouble(path: Path, error: Exception, kind: str) -> RecordingError:
+    """Return the error for a file that HDF5 cannot open or read: it is none, truncated, in use, or damaged.
+
+    `kind` is what the file should be, e.g. "an NWB file".
+    """
+    reason = (str(error).strip() or type(error).__name__).splitlines()[0]
+    with open_file(path) as file:
+        start = file.read(_START_BYTES)
+    if not is_hdf5(start):
+        found = kind_of(start) or "of an unknown kind"
+        return RecordingError(
+            "{path}: not {kind} (HDF5); it is {found}",
+            code="no_hdf5",
+            path=str(path),
+            kind=kind,
+            found=found,
+        )
+    if isinstance(error, BlockingIOError) or any(word in reason.casefold() for word in _LOCKED):
+        return RecordingError(
+            "{path}: another program has this file open and has locked it; close it there, or copy the file",
+            code="locked_hdf5",
+            path=str(path),
+        )
+    if "truncated" in reason:
+        return RecordingError(
+            "{path}: {kind} (HDF5) that is truncated: it ends before its content does; copy or download it again",
+            code="truncated_hdf5",
+            path=str(path),
+            kind=kind,
+        )
+    return RecordingError(
+        "{path}: {kind} (HDF5) that is damaged: {reason}",
+        code="damaged_hdf5", path=str(path), kind=kind, reason=reason,
+    )  # fmt: skip
+
+
+def part_of(dataset: h5py.Dataset, path: Path, rows: slice) -> NDArray[Any]:
+    """Return some rows of a dataset. Raises RecordingError for values that a missing filter compressed."""
+    try:
+        return np.asarray(dataset[rows])
+    except OSError:
+        stored = dataset.id.get_create_plist()
+        for number, _, _, name in (stored.get_filter(n) for n in range(stored.get_nfilters())):
+            if not h5py.h5z.filter_avail(number):
+                text = name.decode("utf-8", "replace").strip("\0 ") or "unnamed"
+                raise _refused(
+                    path, str(dataset.name), "unknown_filter",
+                    "its values are compressed with filter {number} ({name}), which is not installed; repack the "
+                    "file with h5repack -f GZIP=4 OLD NEW", number=number, name=text,
+                ) from None  # fmt: skip
+        raise
+
+
+def texts_in(file: h5py.File, path: Path, place: str) -> list[str] | None:
+    """Return a list of texts, or None if there is none. Raises RecordingError."""
+    found = _dataset(file, path, place)
+    if found is None or h5py.check_string_dtype(found.dtype) is None or len(found.shape) != 1:
+        return None
+    if len(found) > _MOST_TEXTS:
+        raise _refused(path, place, "too_many_values", "{values} values; at most {most} are allowed",
+                       values=len(found), most=_MOST_TEXTS)  # fmt: skip
+    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in found[:]]
+
+
+def text_at(file: h5py.File, path: Path, place: str) -> str:
+    """Return a single text, "" if there is none."""
+    found = _dataset(file, path, place)
+    if found is None or found.shape != () or h5py.check_string_dtype(found.dtype) is None:
+        return ""
+    text = found[()]
+    return text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text)
+
+
+def members(file: h5py.File, path: Path, place: str) -> list[str]:
+    """Return the names in a group, without following links to other files; none if there is no group."""
+    found = _at(file, path, place, outside=False)
+    return list(found)[:_MOST_MEMBERS] if isinstance(found, h5py.Group) else []
+
+
+def dataset_at(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
+    """Return a dataset of any kind, or None if there is none in this file."""
+    found = _at(file, path, place, outside=False)
+    return found if isinstance(found, h5py.Dataset) and not (found.is_virtual or found.external) else None
+
+
+def rows_of(file: h5py.File, path: Path, place: str) -> int | None:
+    """Return the number of rows of a dataset, or None if there is none in this file."""
+    found = dataset_at(file, path, place)
+    return int(found.shape[0]) if found is not None and found.shape else None
+
+
+def attribute_of(file: h5py.File, path: Path, place: str, name: str) -> float | None:
+    """Return a number among the attributes of a dataset, or None."""
+    found = _at(file, path, place, outside=False)
+    try:
+        return None if found is None else float(found.attrs[name])
+    except (KeyError, TypeError, ValueError):
+        return None
+
+
+_MOST_TEXTS, _MOST_MEMBERS = 100_000, 1_000
+
+
+def _dataset(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
+    found = _at(file, path, place)
+    if not isinstance(found, h5py.Dataset):
+        return None
+    if found.is_virtual or found.external:
+        raise _refused(path, place, "elsewhere", "its values are in another file; copy them into this one")
+    return found
+
+
+def _at(file: h5py.File, path: Path, place: str, *, outside: bool = True) -> Any:
+    """Return what is at a place, or None, without opening other files: HDF5 would follow links by itself.
+
+    A link to another file is refused, or is nothing if not `outside`.
+    """
     group, names, links = file["/"], [name for name in place.split("/") if name], 0
     while names:
         name = names.pop(0)
         link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
         if isinstance(link, h5py.ExternalLink):
+            if not outside:
+                return None
             raise _refused(path, place, "elsewhere", "is a link to another file; copy it into this one")
         if isinstance(link, h5py.SoftLink):
             links += 1

@@ -7,9 +7,10 @@ carry several labels, such as the lines of a TTL port, also appears once per lab
 
 import warnings
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import redirect_stderr
 from dataclasses import dataclass, field
+from functools import partial
 from io import StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,7 +20,10 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
+from rig.compare.recordings.spike_times import UnitSpikes
+from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
 
@@ -48,7 +52,6 @@ BY_SUFFIX = {
 """Formats that are one file. Formats that neo unpickles are left out, since such a file can run any code."""
 
 _OEBIN = "structure.oebin"
-_NO_PULSES = "none"
 _MOST_LISTED = 20
 _MOST_LABELS = 64
 
@@ -66,6 +69,10 @@ class _Channels:
 
     trains: Mapping[str, Array] = field(default_factory=dict)
     events: Mapping[str, Array] = field(default_factory=dict)
+    spans: Mapping[str, Array] = field(default_factory=dict)
+    """First and last time (1, 2) at which the unit of a spike train was observed, for those that state it."""
+    lines: Mapping[str, Callable[[], Array]] = field(default_factory=dict)
+    """Rises of sampled lines, by the names of their channels."""
 
     @property
     def empty(self) -> bool:
@@ -77,15 +84,16 @@ class _Channels:
         """List of all names with their numbers of spikes or events."""
         trains = ", ".join(f"{name} ({number_of(len(times), 'spikes')})" for name, times in _first(self.trains))
         events = ", ".join(f"{name} ({number_of(len(times), 'events')})" for name, times in _first(self.events))
-        return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}"
+        lines = f"; sampled lines: {', '.join(list(self.lines)[:_MOST_LISTED])}" if self.lines else ""
+        return f"spike trains: {trains or 'none'}; event channels: {events or 'none'}{lines}"
 
 
 def _first(channels: Mapping[str, Array]) -> list[tuple[str, Array]]:
     return list(channels.items())[:_MOST_LISTED]
 
 
-def read_neo(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
-    """Return spike times and sync pulses (s, ascending) of a file.
+def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
+    """Return the spikes and sync pulses of a file, and when the unit was observed.
 
     Parameters
     ----------
@@ -94,7 +102,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
     unit : str
         Name of a spike train or event channel; "" for the only spike train.
     columns : ColumnMap
-        `sync` names the event channel of the pulses, or is "none"; `segment` is a number from 1.
+        `sync` names the event channel or sampled line of the pulses, or is "none"; `segment` is a number from 1.
 
     Raises
     ------
@@ -103,9 +111,14 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
     """
     segments = _segments(path)
     segment = _one_segment(path, segments, columns)
-    spikes = _spikes(path, segment, unit)
+    name, spikes = _spikes(path, segment, unit)
     pulses = _pulses(path, segment, columns)
-    return np.sort(finite_times(path, *spikes)), np.sort(finite_times(path, *pulses))
+    return UnitSpikes(
+        np.sort(finite_times(path, name, spikes)),
+        np.sort(finite_times(path, *pulses)),
+        segment.spans.get(name),
+        stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
+    )
 
 
 def _segments(path: Path) -> list[_Channels]:
@@ -126,6 +139,9 @@ def _segments(path: Path) -> list[_Channels]:
         try:
             read = [_channels(segment) for block in _blocks(neo_io, found, path) for segment in block.segments]
         except Exception as error:  # a reader raises whatever a wrong byte leads to
+            said = trouble(path, error, "a NIX file") if found.reader == "NixIO" else None
+            if said is not None and said.code in ("locked_hdf5", "truncated_hdf5"):
+                raise said from None
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise RecordingError(
                 "{path}: neo cannot read this file as {format}: {reason}",
@@ -159,7 +175,13 @@ def _blocks(neo_io: Any, found: NeoFormat, path: Path) -> list[Any]:
 
 
 def _channels(segment: Any) -> _Channels:
-    trains = _named([(train, _in_seconds(_loaded(train))) for train in segment.spiketrains])
+    loaded_trains = [_loaded(train) for train in segment.spiketrains]
+    trains = _named([(train, _in_seconds(train)) for train in loaded_trains])
+    spans = {
+        name: span
+        for name, (train, times) in _with_names([(train, _in_seconds(train)) for train in loaded_trains])
+        if (span := _span(train, times)) is not None
+    }
     events: dict[str, Array] = {}
     found = [(one, _loaded(one)) for one in (*segment.events, *segment.epochs)]
     labels = {id(one): loaded for one, loaded in found}
@@ -169,7 +191,32 @@ def _channels(segment: Any) -> _Channels:
         distinct = sorted(set(texts.tolist()))
         if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
             events |= {f"{name}/{text}": times[texts == text] for text in distinct}
-    return _Channels(trains, events)
+    return _Channels(trains, events, spans, _lines(segment))
+
+
+def _span(train: Any, times: Array) -> Array | None:
+    """Return the first and last time of a train, None if the last spike was taken for its end."""
+    first, last = (float(end.rescale("s").magnitude) for end in (train.t_start, train.t_stop))
+    return np.array([[first, last]]) if last > times.max(initial=first) else None
+
+
+def _lines(segment: Any) -> dict[str, Callable[[], Array]]:
+    """Return the sampled channels that are called as lines of pulses."""
+    signals = [one for one in segment.analogsignals if called_like_pulses(str(one.name or ""))]
+    return {
+        str(one.name) if one.shape[1] == 1 else f"{one.name}/{k + 1}": partial(_rises, one, k)
+        for one in signals
+        for k in range(one.shape[1])
+    }
+
+
+def _rises(signal: Any, channel: int) -> Array:
+    loaded = _loaded(signal)
+    values = np.asarray(loaded.magnitude)[:, channel]
+    if not len(values):
+        return np.empty(0)
+    start_s, rate_hz = float(loaded.t_start.rescale("s")), float(loaded.sampling_rate.rescale("Hz"))
+    return start_s + rises(values, (float(values.min()) + float(values.max())) / 2, high_before=True) / rate_hz
 
 
 def _loaded(one: Any) -> Any:
@@ -190,7 +237,8 @@ def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any
     ids = [str(one.annotations.get("id", "")) for one, _ in found]
     for number, (pair, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
         unique = [text for text, all_ in ((name, names), (key, ids)) if text and Counter(all_)[text] == 1]
-        yield (unique[0] if unique else str(number)), pair
+        taken = str(number) in names or str(number) in ids
+        yield (unique[0] if unique else f"channel {number}" if taken else str(number)), pair
 
 
 def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _Channels:
@@ -239,10 +287,17 @@ def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
 
 def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array]:
     name = columns["sync"].name
+    if columns["sync"].stated:
+        raise RecordingError(
+            "{path}: --columns sync={name}:{unit} must not state a unit of time; the file does",
+            code="no_unit_here", path=str(path), name=name, unit=columns["sync"].unit,
+        )  # fmt: skip
     if name in segment.events:
         return name, segment.events[name]
+    if name in segment.lines:
+        return name, segment.lines[name]()
     given = "sync" in columns.named
-    if name == _NO_PULSES or (not given and not any(map(len, segment.events.values()))):
+    if name == NO_PULSES or (not given and not segment.lines and not any(map(len, segment.events.values()))):
         return name, np.empty(0)
     raise RecordingError(
         "{path}: " + ("there is no event channel {name}" if given else "the channel of the sync pulses is unknown")

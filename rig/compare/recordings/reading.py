@@ -6,19 +6,26 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE
 from rig.compare.recordings.columns import (
     COLUMNS_HINT,
     ColumnMap,
-    RecordingColumn,
     Row,
+    has_column,
     header_of,
     no_rows,
     read_table,
+    role_name,
+    stated_unit,
 )
 from rig.compare.recordings.neo_file import neo_format
+from rig.compare.recordings.nwb_file import is_nwb
 from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
-from rig.compare.recordings.spikes import NWB, SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
+from rig.compare.recordings.table_cells import file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
@@ -39,80 +46,126 @@ COUNTS: Roles = (("position", "count", "window"), ("repeat",))
 """Roles of required and of optional columns."""
 
 
-def holds_counts(path: Path, columns: ColumnMap) -> bool:
-    """Return whether a table has counts instead of rates."""
-    return "rate" not in columns.named and ("count" in columns.named or columns["count"].name in header_of(path))
+def holds_counts(header: Sequence[str], columns: ColumnMap) -> bool:
+    """Return whether a table has counts instead of rates, by its header."""
+    return "rate" not in columns.named and ("count" in columns.named or has_column(header, "count", {}))
 
 
 def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     """Read a table of rates or of counts. Raises RecordingError with row (the header is 1) and column."""
     columns = columns or ColumnMap()
-    counted = holds_counts(path, columns)
+    counted = holds_counts(header_of(path), columns)
     required, optional = COUNTS if counted else RATES
     in_table = [role for role in required if role != "window" or columns.window_s is None]
     names = columns.split(in_table, optional)
-    rows = read_table(path, *names, others=bool(columns.named), hint=COLUMNS_HINT)
-    placed = list(_placed(rows, columns))
-    found = _counts(path, placed, columns) if counted else _rates(path, placed, columns)
-    return replace(with_enough_positions(path, found), changes=columns.changes(*required, *optional))
+    rows = read_table(path, *names, given=columns.by_name, hint=COLUMNS_HINT)
+    placed = list(_placed(rows))
+    found = _counts(path, placed, columns) if counted else _rates(path, placed)
+    changes = tuple(
+        dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
+    )
+    return replace(_of_a_finger(path, with_enough_positions(path, found), rows), changes=changes)
 
 
-def _placed(rows: list[Row], columns: ColumnMap) -> Iterator[tuple[Row, float]]:
+def header_changes(rows: Sequence[Row], *roles: Sequence[str]) -> tuple[str, ...]:
+    """Return notes on the roles that were converted from the units of a header, for captions."""
+    columns = rows[0].columns if rows else {}
+    each = [(role, columns.get(role_name(role))) for some in roles for role in some]
+    return tuple(f"{role} from {column.unit}" for role, column in each if column is not None and column.changed)
+
+
+def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording:
+    """Return a recording whose positions and counted rates are of a finger and an afferent. Raises RecordingError."""
+    _of_an_afferent(path, found)
+    span_mm = float(np.ptp(found.position_mm))
+    if span_mm < LEAST_PROFILE_MM:
+        column = rows[0].columns[role_name("position")]
+        raise RecordingError(
+            "{path}, column {column}: all positions lie within {span_mm:g} mm, at least {least_mm:g} mm are "
+            "required; if the unit is another, state it: {remedy}",
+            code="beyond_a_finger",
+            path=str(path),
+            column=column.name,
+            span_mm=span_mm,
+            least_mm=LEAST_PROFILE_MM,
+            remedy=stated_unit(role_name("position"), column.name, "m"),
+        )
+    return found
+
+
+def _of_an_afferent(path: Path, found: Recording) -> None:
+    most = max(float(rates.max()) for rates in found.repeats)
+    if found.window_s is not None and most > MOST_RATE:
+        raise RecordingError(
+            "{path}: {count:g} spikes in {window_s:g} s are {rate:g} in 1 s, at most {most:g} are possible; check "
+            "the unit of time",
+            code="beyond_a_finger",
+            path=str(path),
+            count=most * found.window_s,
+            window_s=found.window_s,
+            rate=most,
+            most=MOST_RATE,
+        )
+
+
+def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     """Yield rows with their positions (mm). Raises RecordingError if a position occurs twice in the same repeat."""
     seen: dict[tuple[float, str], Row] = {}
-    name, repeat = columns.names("position", "repeat")
+    name, repeat = role_name("position"), role_name("repeat")
     for row in rows:
         position = row.number(name)
         place = (position, row.cells.get(repeat, ""))
         if place in seen:
             raise RecordingError(
-                "{path}, row {row}, column {column}: position {position:g} is repeated (first in row "
+                "{path}, row {row}, column {column}: position {cell} is repeated (first in row "
                 "{first_row}); number repeated presses in a column {repeat}",
                 code="place_twice",
                 path=str(row.path),
                 row=row.row,
-                column=name,
+                column=row.columns[name].name,
                 position=position,
+                cell=row.cells[name],
                 first_row=seen[place].row,
-                repeat=repeat,
+                repeat=row.columns[repeat].name if repeat in row.columns else repeat,
             )
         seen[place] = row
-        yield row, columns["position"].factor * position
+        yield row, position
 
 
-def _rates(path: Path, rows: list[tuple[Row, float]], columns: ColumnMap) -> Recording:
-    rate, sd = columns["rate"], columns["sd"]
-    read = [(place, rate.factor * row.number(rate.name, 0.0), _sd(row, sd)) for row, place in rows]
-    return recording(path.name, read)
+def _rates(path: Path, rows: list[tuple[Row, float]]) -> Recording:
+    return recording(path.name, [(place, row.number("rate", 0.0), _sd(row)) for row, place in rows])
 
 
-def _sd(row: Row, sd: RecordingColumn) -> float:
-    return sd.factor * row.number(sd.name, 0.0) if row.cells.get(sd.name) else math.nan
+def _sd(row: Row) -> float:
+    """Return the sd of a row, NaN without one; an sd without a unit has that of the rates."""
+    if not row.cells.get("sd"):
+        return math.nan
+    sd = row.number("sd", 0.0)
+    return sd if row.columns["sd"].unit else sd * row.columns["rate"].factor
 
 
 def _counts(path: Path, rows: list[tuple[Row, float]], columns: ColumnMap) -> Recording:
-    window_s = columns.window_s or _one_window(path, rows, columns["window"])
-    count = columns["count"].name
-    read = [(place, _whole(row, count) / window_s, math.nan) for row, place in rows]
-    return recording(path.name, read, window_s)
+    window_s = columns.window_s or _one_window(path, rows)
+    return recording(path.name, [(place, _whole(row) / window_s, math.nan) for row, place in rows], window_s)
 
 
-def _whole(row: Row, count: str) -> float:
-    value = row.number(count, least=0.0)
+def _whole(row: Row) -> float:
+    value = row.number("count", least=0.0)
     if value != round(value):
-        raise row.wrong(count, "not_whole", "a whole number")
+        raise row.wrong("count", "not_whole", "a whole number")
     return value
 
 
-def _one_window(path: Path, rows: list[tuple[Row, float]], window: RecordingColumn) -> float:
+def _one_window(path: Path, rows: list[tuple[Row, float]]) -> float:
     """Return the window (s), which must be the same in all rows, since one noise model applies to all rates."""
-    found = [(row, window.factor * row.number(window.name)) for row, _ in rows]
+    name = role_name("window")
+    found = [(row, row.number(name)) for row, _ in rows]
     for row, seconds in found:
         if seconds <= 0:
-            raise row.wrong(window.name, "not_above_0", "a number above 0")
+            raise row.wrong(name, "not_above_0", "a number above 0")
         if seconds != found[0][1]:
-            first = found[0][0].cells[window.name]
-            raise row.wrong(window.name, "another_window", "the window of all rows, {first}", first=first)
+            first = found[0][0].cells[name]
+            raise row.wrong(name, "another_window", "the window of all rows, {first}", first=first)
     if not found:
         raise no_rows(path, "counts")
     return found[0][1]
@@ -182,35 +235,62 @@ def _is_shape(text: str) -> bool:
 
 def _file_and_unit(text: str) -> tuple[Path, str]:
     """Split a file from the unit named after it, as in "afferent.nwb#3"; the unit is empty if none is named."""
+    path, sheet = file_and_sheet(Path(text))
+    if sheet and path.is_file():
+        return Path(text), ""
     marks = [] if Path(text).exists() else [n for n, sign in enumerate(text) if sign == "#"][:_MOST_SIGNS]
     parted = [(text[:n], text[n + 1 :]) for n in marks]  # a unit may be called "ch1#2"
-    named = (one for one in parted if one[0].endswith(NWB) or neo_format(Path(one[0])) is not None)
-    file, unit = next(named, (text, ""))
+    named = (one for one in reversed(parted) if file_and_sheet(Path(one[0]))[1] and _may_have_units(Path(one[0])))
+    others = (one for one in parted if _may_have_units(Path(one[0])))
+    file, unit = next(named, next(others, (text, "")))
     return Path(file), unit
+
+
+def unit_of(text: str) -> str:
+    """Return the unit that is named after a file, "" for none."""
+    return _file_and_unit(text)[1]
+
+
+def _may_have_units(path: Path) -> bool:
+    return is_nwb(path) or neo_format(path) is not None or file_and_sheet(path)[0].is_file()
 
 
 def _roles(path: Path, columns: ColumnMap) -> Roles:
     """Return the required and the optional roles of a file's columns, by its kind."""
-    if path.suffix == NWB:
+    if is_nwb(path):
         return SPIKES_IN_NWB
     if neo_format(path) is not None:
         return SPIKES_IN_NEO
-    if columns["time"].name in header_of(path):
-        return SPIKES
-    return COUNTS if holds_counts(path, columns) else RATES
+    header = header_of(path)
+    if "time" in columns.named or has_column(header, role_name("time"), {}):
+        of_presses = any(
+            has_column(header, role_name(role), columns.by_name) for role in ("position", "rate", "count")
+        )
+        if columns["time"].name in header or not of_presses:
+            return SPIKES
+    return COUNTS if holds_counts(header, columns) else RATES
 
 
 def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recording:
     path, unit = _file_and_unit(file)
     roles = _roles(path, reading.columns)
+    if unit and roles in (RATES, COUNTS):
+        raise RecordingError(
+            "{file}: a table of rates or counts has no units to choose from; remove #{unit}",
+            code="no_unit_here", file=file, unit=unit, path=str(path),
+        )  # fmt: skip
     if roles in (RATES, COUNTS):
         found = read_srp(path, reading.columns)
     else:
         run = _run_with(shape, path, runs)
         times = read_spike_times(path, run, unit, reading.columns, may_be_silent=reading.may_be_silent)
         found = rates_in_run(run, shape, times, path.name, reading.window_s, reading.field_centre_mm)
-        found = replace(with_enough_positions(path, found), changes=reading.columns.changes(*roles[0]))
-    return replace(found, sha256=sha256(path))
+        used = (*roles[0], *(role for role in roles[1] if role in reading.columns.named))
+        assert found.spikes is not None
+        changes = (*reading.columns.changes(*used), *found.spikes.changes)
+        found = replace(with_enough_positions(path, found), changes=changes)
+        _of_an_afferent(path, found)
+    return replace(found, sha256=sha256(file_and_sheet(path)[0]))
 
 
 def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:

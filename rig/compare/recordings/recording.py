@@ -1,7 +1,7 @@
 """Recorded response profiles: rates against position, with their shape and condition."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,12 +10,63 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.spike_times import SpikeClock
+from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.tables import is_number
 
 Array = NDArray[np.float64]
 
 _FEWEST_POSITIONS = 3
+
+
+@dataclass(frozen=True)
+class FromSpikes:
+    """What a recording from spike times was made of.
+
+    `lost_mm` are the positions of the presses at which the unit was not observed, of `presses`; `span` says when it
+    was. `shifted` returns the recording as it were if the clock of the file told a later time (s).
+    """
+
+    presses: int
+    lost_mm: tuple[float, ...]
+    span: str
+    clock: SpikeClock
+    notes: tuple[str, ...]
+    shifted: "Callable[[float], Recording]"
+
+    def mirrored(self) -> "FromSpikes":
+        """Return the origin of the mirrored recording."""
+        shifted = self.shifted
+        return replace(
+            self,
+            lost_mm=tuple(-x for x in self.lost_mm),
+            shifted=lambda shift_s: shifted(shift_s).mirrored(),
+        )
+
+    @property
+    def not_observed(self) -> int:
+        """Number of presses at which the unit was not observed."""
+        return len(self.lost_mm)
+
+    @property
+    def changes(self) -> tuple[str, ...]:
+        """The number of presses that were left out, for every plot; nothing for none."""
+        return (f"without {self.not_observed} of {self.presses} presses, not observed",) if self.lost_mm else ()
+
+    @property
+    def lost(self) -> str:
+        """How many presses were not observed, and why; an empty text for none."""
+        if not self.lost_mm:
+            return ""
+        are = "is" if self.not_observed == 1 else "are"
+        return f"{self.not_observed} of {number_of(self.presses, 'presses')} {are} not observed: {self.span}"
+
+    @property
+    def left_out(self) -> str:
+        """`lost` as sentences; an empty text for none."""
+        them = "It is" if self.not_observed == 1 else "They are"
+        return f"{self.lost}. {them} left out." if self.lost_mm else ""
 
 
 @dataclass(frozen=True)
@@ -34,6 +85,8 @@ class Recording:
     changes: tuple[str, ...] = ()  # what was done to the file's numbers, for every plot
     sha256: str = ""  # of the file
     window_s: float | None = None
+    spikes: FromSpikes | None = None
+    """Origin of the rates, if they were counted from spike times."""
 
     @property
     def rate(self) -> Array:
@@ -48,6 +101,7 @@ class Recording:
             repeats=self.repeats[::-1],
             sd=self.sd[::-1],
             changes=(*self.changes, "mirrored"),
+            spikes=None if self.spikes is None else self.spikes.mirrored(),
         )
 
     def normalised(self, largest: float) -> "Recording":
@@ -77,8 +131,10 @@ def recording(name: str, rows: list[tuple[float, float, float]], window_s: float
 def with_enough_positions(path: Path, found: Recording) -> Recording:
     """Return the recording. Raises RecordingError for fewer than three positions, which are too few for a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
+        lost = "" if found.spikes is None else found.spikes.lost
         raise RecordingError(
-            "{path}: {positions} positions, at least {fewest} are required",
+            "{path}: {positions} positions, at least {fewest} are required" + ("; {lost}" if lost else ""),
+            lost=lost,
             code="few_positions",
             path=str(path),
             positions=len(found.repeats),

@@ -1,270 +1,217 @@
-"""Discharge rates from spike times: text files, NWB units, and synthetic ones, which are not data."""
+"""Discharge rates from spike times and a run, and synthetic recordings, which are not data."""
 
-import warnings
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, read_table
-from rig.compare.recordings.hdf5 import numbers_in, values_of
+from rig.compare.recordings.column_units import MOST_MM
+from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, Row, header_of, read_table, role_name
 from rig.compare.recordings.neo_file import neo_format, read_neo
-from rig.compare.recordings.recording import Recording, condition_of, finite_times, recording, shape_key
+from rig.compare.recordings.nwb_file import is_nwb, read_nwb
+from rig.compare.recordings.recording import (
+    FromSpikes,
+    Recording,
+    condition_of,
+    recording,
+    shape_key,
+    with_enough_positions,
+)
+from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent
+from rig.compare.recordings.sync_pulses import ClockFit, called_like_pulses, fitted_clock
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
-from rig_shared.user_files import open_file
+from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
-# Spike times of one unit from an NWB file.
-#
-# Layout: NWB 2 schema, `units` (spike_times, its index, id), read as the HDF5 that it is, so that h5py is enough.
-# Sync pulses, where the file has them: a table of intervals or a TimeSeries called `sync_pulses`.
-
 Array = NDArray[np.float64]
-
-_TIMES = "spike_times"
-_MOST_UNITS, _MOST_LISTED = 100_000, 50
-
-
-def read_nwb(path: Path, unit: str, columns: ColumnMap) -> tuple[Array, Array]:
-    """Return spike times and sync pulses (s, ascending) of a unit by its id, "" for the only one. Raises
-    RecordingError.
-
-    The roles time and sync of `columns` name another column of times with its unit, and the pulses.
-    """
-    try:
-        open_file(path).close()  # for its checks
-    except OSError as error:
-        reason = error.strerror or str(error)
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
-    factor = columns["time"].factor
-    with _damage_in_one_line(path), h5py.File(path) as file:
-        spikes, pulses = _spikes(file, path, unit, columns), _pulses(file, path, columns)
-    return factor * np.sort(spikes), factor * np.sort(pulses)
-
-
-@contextmanager
-def _damage_in_one_line(path: Path) -> Iterator[None]:
-    """Raise RecordingError for any error that a damaged HDF5 file causes."""
-    try:
-        yield
-    except RecordingError:
-        raise
-    except OSError:
-        raise RecordingError("{path}: not an NWB file (HDF5)", code="no_hdf5", path=str(path)) from None
-    except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
-        reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
-        raise RecordingError(
-            "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
-        ) from None
-
-
-def _spikes(file: h5py.File, path: Path, unit: str, columns: ColumnMap) -> Array:
-    name = columns["time"].name if "time" in columns.named else _TIMES
-    wanted = (name, f"{name}_index", "id")
-    found = [numbers_in(file, path, f"units/{column}") for column in wanted]
-    if any(one is None for one in found):
-        raise RecordingError(
-            "{path}: no spike times; the file must have a table units with a column {column} (and "
-            "{column}_index and id)",
-            code="no_spike_times",
-            path=str(path),
-            column=name,
-        )
-    times, ends, numbers = (one for one in found if one is not None)
-    ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
-    if len(ends) != len(ids):
-        raise RecordingError(
-            "{path}: units/{column}_index has {ends} values, but units/id has {units}",
-            code="not_one_end_a_unit",
-            path=str(path),
-            column=name,
-            ends=len(ends),
-            units=len(ids),
-        )
-    if unit not in ids and not (unit == "" and len(ids) == 1):
-        known = "there is no unit {unit}" if unit else "{units} units"
-        raise RecordingError(
-            "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
-            code="no_unit" if unit else "several_units",
-            path=str(path),
-            file=path.name,
-            unit=unit,
-            units=len(ids),
-            ids=", ".join(ids[:_MOST_LISTED]) + ", …" * (len(ids) > _MOST_LISTED),
-        )
-    row = ids.index(unit) if unit else 0
-    last = _numbers(values_of(ends, path), path, f"units/{name}_index")
-    if ends.dtype.kind not in "iu" or (np.diff([0, *last.tolist(), len(times)]) < 0).any():
-        raise RecordingError(
-            "{path}, units/{column}_index: must rise to {times}, one for each of {units} units",
-            code="wrong_index",
-            path=str(path),
-            column=name,
-            times=len(times),
-            units=len(ids),
-        )
-    begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
-    return _numbers(values_of(times, path, begin, end), path, f"unit {ids[row]}, column {name}")
-
-
-def _pulses(file: h5py.File, path: Path, columns: ColumnMap) -> Array:
-    name = columns["sync"].name
-    places = (f"intervals/{name}/start_time", f"acquisition/{name}/timestamps")
-    each = {place: numbers_in(file, path, place) for place in places}
-    found = next(((place, pulses) for place, pulses in each.items() if pulses is not None), None)
-    if found is None and "sync" in columns.named:
-        raise RecordingError(
-            "{path}: there are no sync pulses {name}; use {places}",
-            code="no_pulses",
-            path=str(path),
-            name=name,
-            places=either(places),
-        )
-    return np.empty(0) if found is None else _numbers(values_of(found[1], path), path, found[0])
-
-
-def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
-    try:
-        times = np.asarray(values if values.dtype.kind in "iufSO" else [None], dtype=np.float64)
-    except (ValueError, TypeError):
-        raise RecordingError(
-            "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
-            code="no_numbers",
-            path=str(path),
-            dataset=dataset,
-            dtype=str(values.dtype),
-        ) from None
-    return finite_times(path, dataset, times)
-
 
 _SAME_PLACE_DECIMALS = 3
 
 
-SPIKES = (("time",), ("kind",))
-SPIKES_IN_NWB = (("time",), ("sync",))
-SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "segment"))
+SPIKES = (("time",), ("kind", "unit", "observed"))
+SPIKES_IN_NWB = (("time",), ("sync", "observed"))
+SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "observed", "segment"))
 """Roles of required and of optional columns, by kind of file."""
 
 
 def read_spike_times(
     path: Path, run: Run, unit: str = "", columns: ColumnMap | None = None, *, may_be_silent: bool = False
-) -> Array:
-    """Return spike times (n,) in s since the start of the run, ascending, from NWB or a CSV. Raises RecordingError.
+) -> SpikeTimes:
+    """Return the spikes of a unit on the run's clock, from NWB, a file of a recording system, or a CSV.
 
-    The CSV has the columns `time_s[,kind]`. Rows of kind "sync" are the run's pulses by the amplifier's clock, from
-    which the offset and drift of that clock are fitted. Without them, the times must already count from the start of
-    the run. `unit` selects a unit in a file that may have several.
+    Sync pulses in the file are matched with the run's, which gives the offset and drift of the amplifier's clock.
+    Without them, the times must already count from the start of the run. `unit` selects a unit in a file that may
+    have several. Raises RecordingError.
     """
     columns = columns or ColumnMap()
-    if path.suffix == NWB:
-        spikes, pulses = read_nwb(path, unit, columns)
+    if is_nwb(path):
+        found = read_nwb(path, unit, columns, str(run.start.get("uid", "")))
     elif neo_format(path) is not None:
-        spikes, pulses = read_neo(path, unit, columns)
+        found = read_neo(path, unit, columns)
     else:
-        spikes, pulses = _read_csv(path, columns)
-    if not len(spikes) and not may_be_silent:
+        found = _read_csv(path, columns, unit)
+    if not len(found.spike_s) and not may_be_silent:
         raise RecordingError(
             "{path}: contains no spikes; at least one spike time is required",
             code="no_spikes",
             path=f"{path}#{unit}" if unit else str(path),
         )
-    if len(pulses):
-        return _on_the_runs_clock(path, spikes, pulses, run)
-    inside = int(np.count_nonzero((spikes >= 0) & (spikes <= run.end_s)))
-    if inside < _LEAST_INSIDE * len(spikes):
+    if columns.observed_throughout or ("observed" in columns.named and not is_nwb(path)):
+        found = _throughout(path, found, columns)
+    times = _on_the_runs_clock(path, found, run)
+    _refuse_another_clock(path, found, times, run)
+    return times
+
+
+def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes:
+    """Return the spikes of a unit that was observed throughout, as the user states."""
+    if not columns.observed_throughout or found.observed_s is not None:
         raise RecordingError(
-            "{path}: only {inside} of {spikes} spikes, {first_s:g} to {last_s:g} s, lie in the run of {end_s:g} s; "
-            "times must be in s, or have their unit in --columns time=COLUMN:ms, and count from the start of the run "
-            "(t_s), or the file must contain its sync pulses",
-            code="outside_run",
-            path=str(path),
-            inside=inside,
-            spikes=len(spikes),
-            first_s=float(spikes[0]),
-            last_s=float(spikes[-1]),
-            end_s=run.end_s,
-        )
-    return spikes
+            "{path}: --columns observed={observed} cannot be used: " + (
+                "the file states when the unit was observed" if columns.observed_throughout
+                else "it must be throughout (a CSV states intervals in rows of kind start and stop)"
+            ),
+            code="no_observed", path=str(path), observed=columns["observed"].name,
+        )  # fmt: skip
+    return replace(found, observed_s=THROUGHOUT)
 
 
-NWB = ".nwb"
-
-
-def _read_csv(path: Path, columns: ColumnMap) -> tuple[Array, Array]:
-    times: dict[str, list[float]] = {"spike": [], "sync": []}
-    time, kind = columns["time"], columns["kind"].name
-    for row in read_table(path, *columns.split(*SPIKES), others=bool(columns.named), hint=COLUMNS_HINT):
-        said = row.cells.get(kind) or "spike"
-        if said not in times:
-            raise row.wrong(kind, "unknown_kind", "spike or sync")
-        times[said].append(time.factor * row.number(time.name))
-    spikes, pulses = (np.sort(np.array(times[kind], dtype=float)) for kind in ("spike", "sync"))
-    return spikes, pulses
-
-
-def _on_the_runs_clock(path: Path, spike_s: Array, pulse_s: Array, run: Run) -> Array:
+def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
-    if len(rise_s) != len(pulse_s):
-        raise RecordingError(
-            "{path}: {pulses} sync pulses, but the run's journal has {journalled}"
-            + "; if times are its t_s, remove the pulses from the file" * (not len(rise_s)),
-            code="number_of_pulses",
-            path=str(path),
-            pulses=len(pulse_s),
-            journalled=len(rise_s),
-        )
-    if np.array_equal(pulse_s, rise_s):  # the same clock, to the last bit
-        return spike_s
-    if len(rise_s) == 1:
-        return spike_s + (rise_s[0] - pulse_s[0])
-    line = _line_through(pulse_s, rise_s)
-    worst_s = float(np.abs(line(pulse_s) - rise_s).max())
-    if worst_s > _PULSE_TOLERANCE_S:
-        raise RecordingError(
-            "{path}: the sync pulses differ from the journal's by up to {worst_ms:.1f} ms; at most "
-            "{most_ms:g} ms is allowed",
-            code="pulses_apart",
-            path=str(path),
-            worst_ms=1e3 * worst_s,
-            most_ms=1e3 * _PULSE_TOLERANCE_S,
-        )
-    return np.asarray(line(spike_s))
+    fit = fitted_clock(path, found.pulse_s, rise_s) if len(found.pulse_s) else _without_pulses(found, len(rise_s))
+    spike_s = fit.run_s(found.spike_s)
+    if found.observed_s is not None:
+        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes)
+    events = extent(spike_s, fit.run_s(found.pulse_s))
+    if fit.complete or not len(events):
+        return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes)
+    return SpikeTimes(spike_s, events, False, fit.clock, found.notes)
 
 
-def _line_through(pulse_s: Array, rise_s: Array) -> Callable[[Array], Array]:
-    """Fit the run's time as a line over the amplifier's time; as an offset if all pulses are at one time."""
-    constant = np.polynomial.Polynomial([float(rise_s.mean())])
-    if np.ptp(pulse_s) == 0:
-        return constant
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", np.exceptions.RankWarning)
-        try:
-            return np.polynomial.Polynomial.fit(pulse_s, rise_s, deg=1)
-        except np.exceptions.RankWarning:
-            return constant
+_STATED = SpikeClock("stated", "Times are those of the run's journal (t_s), as sync=none states.")
 
 
-_PULSE_TOLERANCE_S = 0.005
+def _without_pulses(found: UnitSpikes, made: int) -> ClockFit:
+    if found.of_run:
+        return ClockFit(1.0, 0.0, False, SpikeClock("run", "Times are the run's: the file was exported from it."))
+    if found.stated:
+        return ClockFit(1.0, 0.0, False, _STATED)
+    assumed = SpikeTimes(found.spike_s).clock
+    lacks = f" The run made {number_of(made, 'sync pulses')}, and the file has none." if made else ""
+    return ClockFit(1.0, 0.0, False, assumed._replace(text=assumed.text + lacks))
+
+
+def _refuse_another_clock(path: Path, found: UnitSpikes, times: SpikeTimes, run: Run) -> None:
+    """Refuse spikes that are in another unit of time than the pulses, or that count from another start."""
+    spike_s, pulsed = times.spike_s, len(found.pulse_s) > 0
+    if not len(spike_s):
+        return
+    inside = int(np.count_nonzero((spike_s >= 0) & (spike_s <= run.end_s)))
+    far = float(np.abs(found.spike_s).max()) > _FAR * float(np.abs(found.pulse_s).max()) if pulsed else True
+    if inside >= _LEAST_INSIDE * len(spike_s) or (inside and not far):
+        return
+    raise RecordingError(
+        "{path}: only {inside} of {spikes} spikes, {first_s:g} to {last_s:g} s, lie in the run of {end_s:g} s; "
+        + (
+            "the spikes must be in the same unit of time as the pulses, or have theirs in --columns time=COLUMN:ms"
+            if pulsed
+            else "times must be in s, or have their unit in --columns time=COLUMN:ms, and count from the start of "
+            "the run (t_s), or the file must contain its sync pulses"
+        ),
+        code="outside_run",
+        path=str(path),
+        inside=inside,
+        spikes=len(spike_s),
+        first_s=float(spike_s[0]),
+        last_s=float(spike_s[-1]),
+        end_s=run.end_s,
+    )
+
+
 _LEAST_INSIDE = 0.05  # share of spikes in the run; of times in ms, read as s, a thousandth is
+_FAR = 100  # times in ms beside pulses in s are a thousand times as large
+
+_KINDS = ("spike", "sync", "start", "stop")
+
+
+def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
+    """Read the rows `time_s[,kind][,unit]`; rows of kind start and stop limit the time in which it was recorded."""
+    rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=columns.by_name, hint=COLUMNS_HINT)
+    _refuse_pulses_beside(path, rows)
+    times: dict[str, list[float]] = {name: [] for name in _KINDS}
+    units: dict[str, int] = {}
+    for row in rows:
+        said = (row.cells.get("kind") or "spike").casefold()
+        if said not in times:
+            raise row.wrong("kind", "unknown_kind", either(_KINDS))
+        name = row.cells.get("unit", "") if said == "spike" else ""
+        if said == "spike":
+            units[name] = units.get(name, 0) + 1
+        seconds = row.number(role_name("time"))
+        if said != "spike" or unit in ("", name):
+            times[said].append(seconds)
+    if (unit and unit not in units) or (not unit and len(units) > 1):
+        raise RecordingError(
+            "{path}: " + ("there is no unit {unit}" if unit else "{units} units")
+            + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
+            code="no_unit" if unit else "several_units",
+            path=str(path), file=path.name + "#SHEET" * (path.suffix.lower() == ".xlsx"), unit=unit, units=len(units),
+            ids=", ".join([name or "(empty)" for name in units][:_MOST_LISTED]) or "none",
+        )  # fmt: skip
+    spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
+    observed = _between(path, starts, stops) if len(starts) or len(stops) else None
+    time = rows[0].columns[role_name("time")] if rows and "time" not in columns.named else None
+    notes = (f"Times were converted from {time.unit}.",) if time is not None and time.changed else ()
+    return UnitSpikes(spikes, pulses, observed, notes=notes)
+
+
+def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
+    """Refuse a column that is called like pulses, and is not read, since --columns names others."""
+    read = {column.name for column in rows[0].columns.values()} if rows else set()
+    unread = [name for name in header_of(path) if rows and called_like_pulses(name) and name not in read]
+    if unread:
+        raise RecordingError(
+            "{path}: the column {column!r} may have the sync pulses and is not read; a CSV has them as rows whose "
+            "kind is sync (--columns kind=COLUMN); else remove the column",
+            code="unknown_pulses",
+            path=str(path),
+            column=unread[0],
+        )
+
+
+_MOST_LISTED = 50
+
+
+def _between(path: Path, starts: Array, stops: Array) -> Array:
+    """Return the intervals (n, 2) between starts and stops; the first may have no start, and the last no stop."""
+    open_start = not len(starts) or (len(stops) and stops[0] < starts[0])
+    open_stop = not len(stops) or (len(starts) and starts[-1] > stops[-1])
+    first = np.concatenate([[-np.inf], starts]) if open_start else starts
+    last = np.concatenate([stops, [np.inf]]) if open_stop else stops
+    if len(first) != len(last) or (last < first).any() or (first[1:] < last[:-1]).any():
+        raise RecordingError(
+            "{path}: rows of kind start and stop must alternate in time; {starts} starts and {stops} stops do not",
+            code="no_intervals", path=str(path), starts=len(starts), stops=len(stops),
+        )  # fmt: skip
+    return np.column_stack([first, last])
 
 
 def rates_in_run(
-    run: Run, shape: str, spike_s: Array, name: str, window_s: tuple[float, float], centre_mm: float = 0.0
+    run: Run, shape: str, times: SpikeTimes, name: str, window_s: tuple[float, float], centre_mm: float = 0.0
 ) -> Recording:
     """Return rates (1/s) in a window from the start of each last hold; presses at one position are repeats.
 
-    If the shape was pressed to several forces or depths, `shape` must name one, as in "step:1@8gwt". Positions are
-    the x of the indentor minus the center of the receptive field. Raises RecordingError if the window is empty or
-    longer than a hold, or if the run has no such press.
+    Presses at which the unit was not observed are left out and counted. If the shape was pressed to several forces or
+    depths, `shape` must name one, as in "step:1@8gwt". Positions are the x of the indentor minus the center of the
+    receptive field. Raises RecordingError if the window is empty or longer than a hold, or if the run has no such
+    press.
     """
     begin, end = window_s
     if not 0 <= begin < end:
@@ -274,11 +221,12 @@ def rates_in_run(
             begin_s=begin,
             end_s=end,
         )
-    if not np.isfinite(centre_mm):
+    if not abs(centre_mm) <= MOST_MM:
         raise RecordingError(
-            "--field-centre-mm {centre_mm:g}: must be a number in mm", code="no_centre", centre_mm=centre_mm
-        )
-    rows = []
+            "--field-centre-mm {centre_mm:g}: must be a number in mm, of at most {most_mm:g}",
+            code="no_centre", centre_mm=centre_mm, most_mm=MOST_MM,
+        )  # fmt: skip
+    rows, lost_mm = [], []
     for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
@@ -290,9 +238,13 @@ def rates_in_run(
                 x_mm=x_mm,
                 hold_s=stop_s - start_s,
             )
-        first, last = np.searchsorted(spike_s, (start_s + begin, start_s + end))
-        rows.append((round(x_mm - centre_mm, _SAME_PLACE_DECIMALS), (last - first) / (end - begin), np.nan))
-    if not rows:
+        at_mm = round(x_mm - centre_mm, _SAME_PLACE_DECIMALS)
+        if not times.observed(start_s + begin, start_s + end):
+            lost_mm.append(at_mm)
+            continue
+        first, last = np.searchsorted(times.spike_s, (start_s + begin, start_s + end))
+        rows.append((at_mm, (last - first) / (end - begin), np.nan))
+    if not rows and not lost_mm:
         raise RecordingError(
             "{file}: run {run} contains no finished indentation by {shape}",
             code="never_pressed",
@@ -300,7 +252,13 @@ def rates_in_run(
             run=run.folder.path.name,
             shape=shape,
         )
-    return recording(name, rows, end - begin)
+
+    def shifted(shift_s: float) -> Recording:
+        moved = rates_in_run(run, shape, times.shifted(shift_s), name, window_s, centre_mm)
+        return with_enough_positions(Path(name), moved)
+
+    about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, times.notes, shifted)
+    return replace(recording(name, rows, end - begin), spikes=about)
 
 
 _CLOCK_TICK_S = 1e-6

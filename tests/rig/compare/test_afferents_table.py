@@ -32,9 +32,11 @@ def stimuli(make_stimulus: Make) -> list[StimulusRow]:
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     for name in "abcd":
-        (tmp_path / f"{name}.csv").write_text(CSV.replace("9", "8" if name == "d" else "9"), encoding="utf-8")
+        peak = {"a": "9", "b": "8", "c": "7", "d": "6"}[name]
+        (tmp_path / f"{name}.csv").write_text(CSV.replace("9", peak), encoding="utf-8")
+    (tmp_path / "copy_of_d.csv").write_text((tmp_path / "d.csv").read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "bad.csv").write_text(CSV.replace("5,4", "5,x"), encoding="utf-8")
-    (tmp_path / "named.csv").write_text(CSV.replace("rate", "FR"), encoding="utf-8")
+    (tmp_path / "named.csv").write_text(CSV.replace("rate", "Q"), encoding="utf-8")
     return tmp_path
 
 
@@ -62,7 +64,7 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
 
 def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     header = "afferent,shape,file,columns"
-    path = table(folder, "a1,bar:3,named.csv,rate=FR;position=position_mm", "a2,bar:3,a.csv,", header=header)
+    path = table(folder, "a1,bar:3,named.csv,rate=Q;position=position_mm", "a2,bar:3,a.csv,", header=header)
     assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 9, 4]
 
 
@@ -99,8 +101,9 @@ BAD = {
     "a1,cylinder:3,1.0,a.csv": "never_pressed",
     "a1,step:1,,a.csv": "several_conditions",
     "a1,step:1@0.5mm,0.5,a.csv": "several_conditions",
-    "a1,bar:3,deep,a.csv": "no_condition",
+    "a1,bar:3,deep,a.csv": "no_number",
     "a9,bar:3,1.0,d.csv": "file_twice",
+    "a10,bar:3,1.0,copy_of_d.csv": "file_twice",
     "a8,bar:3,,c.csv": "recorded_twice",
 }
 

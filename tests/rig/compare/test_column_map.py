@@ -33,7 +33,9 @@ def test_what_is_not_named_has_its_usual_name() -> None:
         ("position=x [µm]", "x [µm]", 1e-3),
         ("position=x_cm", "x_cm", 10.0),
         ("position=x (um):mm", "x (um)", 1.0),
-        ("position=x (left)", "x (left)", 1.0),
+        ("position=x (inch)", "x (inch)", 25.4),
+        ("position=x_micron", "x_micron", 1e-3),
+        ("position=x / mm", "x / mm", 1.0),
         ("position=x", "x", 1.0),
         ("position=a:b:um", "a:b", 1e-3),
         (" position = x : um ", "x", 1e-3),
@@ -46,6 +48,12 @@ def test_what_is_not_named_has_its_usual_name() -> None:
         ("rate=FR:/ms", "FR", 1000.0),
         ("rate=FR:1/min", "FR", 1 / 60),
         ("rate=FR (/min)", "FR (/min)", 1 / 60),
+        ("rate=FR [imp·s⁻¹]", "FR [imp·s⁻¹]", 1.0),
+        ("rate=FR (spikes s^-1)", "FR (spikes s^-1)", 1.0),
+        ("rate=FR (impulses per second)", "FR (impulses per second)", 1.0),
+        ("rate=static_rate_per_s", "static_rate_per_s", 1.0),
+        ("rate=FR (% of maximum):%", "FR (% of maximum)", 1.0),
+        ("sync=ttl:ms", "ttl", 1e-3),
         ("time=t:us", "t", 1e-6),
         ("time=t:µs", "t", 1e-6),
         ("time=t:ms", "t", 1e-3),
@@ -64,9 +72,9 @@ def test_names_and_units(said: str, name: str, factor: float) -> None:
 
 
 def test_the_unit_of_rates_is_their_sd_s() -> None:
-    assert column_map(["rate=FR:1/ms,sd=s"])["sd"] == ("s", "1/ms", 1000.0)
-    assert column_map(["rate=FR:1/ms,sd=s:1/s"])["sd"] == ("s", "1/s", 1.0)
-    assert column_map(["sd=s"])["sd"] == ("s", "", 1.0)
+    assert column_map(["rate=FR:1/ms,sd=s"])["sd"][:3] == ("s", "1/ms", 1000.0)
+    assert column_map(["rate=FR:1/ms,sd=s:1/s"])["sd"][:3] == ("s", "1/s", 1.0)
+    assert column_map(["sd=s"])["sd"][:3] == ("s", "", 1.0)
 
 
 def test_what_was_converted_is_told() -> None:
@@ -76,7 +84,7 @@ def test_what_was_converted_is_told() -> None:
 
 def test_what_is_named_must_be_there() -> None:
     found = column_map(["sd=s"])
-    assert found.split(("position", "rate"), ("sd", "repeat")) == (["position_mm", "rate", "s"], ["repeat"])
+    assert found.split(("position", "rate"), ("sd", "repeat")) == (["position_mm", "rate", "sd"], ["repeat"])
 
 
 @pytest.mark.parametrize(
@@ -87,9 +95,9 @@ def test_a_window_that_is_a_number(said: str, seconds: float | None) -> None:
     assert column_map([said]).window_s == (None if seconds is None else pytest.approx(seconds))
 
 
-ROLES = "position, rate, sd, repeat, count, window, time, kind, sync, segment"
-LENGTHS = "nm, um, µm, mm, cm, m"
-RATES = "1/s, /s, Hz, spikes/s, imp/s, 1/ms, /ms, 1/min, /min"
+ROLES = "position, rate, sd, repeat, count, window, time, kind, unit, sync, observed, segment"
+LENGTHS = "nm, um, mm, cm, m, in"
+RATES = "1/s, Hz, spikes/s, imp/s, 1/ms, 1/min, a.u."
 
 
 @pytest.mark.parametrize(
@@ -103,8 +111,10 @@ RATES = "1/s, /s, Hz, spikes/s, imp/s, 1/ms, /ms, 1/min, /min"
         (["rate=a", "rate=b"], "role_twice", {"given": "rate=b", "role": "rate"}),
         (["position=x:ft"], "unknown_unit", {"given": "position=x:ft", "unit": "ft", "units": LENGTHS}),
         (["position=x:s"], "unknown_unit", {"given": "position=x:s", "unit": "s", "units": LENGTHS}),
-        (["time=t:mm"], "unknown_unit", {"given": "time=t:mm", "unit": "mm", "units": "us, µs, ms, s, min"}),
+        (["time=t:mm"], "unknown_unit", {"given": "time=t:mm", "unit": "mm", "units": "us, ms, s, min, h"}),
         (["rate=r:kg"], "unknown_unit", {"given": "rate=r:kg", "unit": "kg", "units": RATES}),
+        (["position=x (left)"], "unknown_unit", {"unit": "left", "units": LENGTHS}),
+        (["window=500"], "beyond_a_finger", {"window": "500"}),
         (["position=:mm"], "unknown_unit", {"given": "position=:mm", "unit": "mm", "units": LENGTHS}),
         (["count=n:1"], "unknown_unit", {"given": "count=n:1", "unit": "1", "units": ""}),
         (["position=x,rate=x"], "column_twice", {"column": "x"}),

@@ -366,6 +366,7 @@ def test_spike_times_from_nwb(command: Command, run: Run) -> None:
         file["units/spike_times"] = [1.0, *(start + 0.01 * np.arange(1, 11))]
         file["units/spike_times_index"] = [1, 11]
     line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--json")
+    line = (*line, "--columns", "observed=throughout")
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#9")
     assert code == 0
     rows = json.loads(out)["rows"]
@@ -377,19 +378,54 @@ def test_spike_times_from_nwb(command: Command, run: Run) -> None:
 
 
 @no_figures
+def test_page_json_and_terminal_count_presses_that_were_not_observed_and_state_the_clock(
+    command: Command, run: Run
+) -> None:
+    """The unit is lost before the last of six presses, which repeats x = 0.1."""
+    starts = [event["t_s"] for event in run.stream("hold_start") if event["hold"] == 2]
+    with h5py.File("u.nwb", "w") as file:
+        file["units/id"] = [4]
+        file["units/spike_times"] = np.concatenate([t + 0.01 * np.arange(1, 8) for t in starts[:5]])
+        file["units/spike_times_index"] = [35]
+        file["units/obs_intervals"] = [[0.0, starts[5] - 1]]
+        file["units/obs_intervals_index"] = [1]
+    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--recorded", "bar:3.0=u.nwb")
+    code, printed, _ = command(*line, "--json")
+    found = json.loads(printed)
+    (recording,) = found["recordings"]
+    assert (code, recording["presses"], recording["not_observed_mm"]) == (0, 6, [0.1])
+    assert recording["clock"]["source"] == "assumed"
+    assert found["clock_shift"]["tried_s"] == [0.02, 0.1, 0.5, 2.0]
+    _, printed, _ = command(*line)
+    page = Path("a.html").read_text(encoding="utf-8")
+    for said in (printed, page):
+        assert "1 of 6 presses is not observed" in said
+        assert "nothing in the file confirms it" in said
+        assert "this clock" in said
+    assert "without 1 of 6 presses, not observed" in page
+
+
+@no_figures
 def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, run: Run) -> None:
     """One spike, outside all windows: one line on the terminal, "silent" in JSON, one section on the page."""
     with h5py.File("u.nwb", "w") as file:
         file["units/id"] = [4, 9]
         file["units/spike_times"] = [1.0]
         file["units/spike_times_index"] = [1, 1]
-    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html")
+    line = ("compare", run.folder.path, "--window-s", "0,0.4", "--out", "a.html", "--columns", "observed=throughout")
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4", "--json")
     (verdict,) = json.loads(out)["answers"]
     assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:]] == ["answer", "shape", "report"]
+    assert [line.split()[0] for line in out.splitlines()[1:]] == [
+        "answer",
+        "spikes",
+        "Times",
+        "No",
+        "shape",
+        "report",
+    ]
     assert verdict["answer_text"] in out
     page = Path("a.html").read_text(encoding="utf-8")
     assert verdict["answer_text"] in page

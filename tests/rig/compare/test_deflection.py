@@ -61,7 +61,8 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "code", "fields"),
     [
-        ("z_mm,deflection\n1,2\n", "no_column", {"column": "deflection_mm", "columns": COLUMNS}),
+        ("z_mm,bend\n1,2\n", "no_column", {"column": "deflection_mm", "columns": COLUMNS}),
+        ("z_mm,deflection\n1,2\n", "no_unit", {"column": "deflection", "unit": "mm"}),
         ("z_mm,deflection_mm\n1,x\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "x"}),
         (
             "z_mm,deflection_mm,doi_mm\n1,2,-1\n",

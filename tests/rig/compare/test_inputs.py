@@ -13,6 +13,8 @@ from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
 from tests.error_codes import raises
 
+THROUGHOUT = column_map(["observed=throughout"])
+
 
 @pytest.fixture
 def srp(tmp_path: Path) -> Path:
@@ -39,7 +41,7 @@ def test_spike_times_are_read_against_their_run(bar_run: Run, tmp_path: Path) ->
     spikes = [t + 0.01 * n for k, t in enumerate(starts) for n in range(5 * k)]
     path = tmp_path / "unit.csv"
     path.write_text("time_s\n" + "\n".join(f"{t:.6f}" for t in spikes), encoding="utf-8")
-    found = read_recordings([f"bar:3.0={path}"], [], [bar_run], Reading((0.0, 0.4), 0.0))["bar:3"]
+    found = read_recordings([f"bar:3.0={path}"], [], [bar_run], Reading((0.0, 0.4), 0.0, THROUGHOUT))["bar:3"]
     # Presses 0 … 5 at 0.8, 0.4, 0.1, −0.2, −0.6, 0.1 have 0, 5, … 25 spikes in 0.4 s.
     np.testing.assert_allclose(found.rate, [20 / 0.4, 15 / 0.4, 17.5 / 0.4, 5 / 0.4, 0])
 

@@ -301,7 +301,7 @@ def test_the_terminal_says_which_stimuli_each_of_several_answers_is_of(
     for stimuli, named in (([steps[0]], [False]), ([steps[0], harder], [True, True])):
         comparison = compare(stimuli, of_truth(steps[:1]))
         found = answers(comparison)
-        _print(comparison, found, [], Path("a.html"))
+        _print(comparison, found, [], Path("a.html"), [])
         said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("answer ")]
         assert [f" {one.title}: " in line for one, line in zip(found, said, strict=True)] == named
 
@@ -329,7 +329,7 @@ def test_too_few_positions_say_that_there_is_no_verdict(
     comparison = compare(steps[:1], {"step:1": recording("few", rows)})
     assert answers(comparison) == ()
     assert candidate_pool(comparison.overlays, Form()) is None
-    _print(comparison, (), [], Path("a.html"))
+    _print(comparison, (), [], Path("a.html"), [])
     assert "answer      There is no verdict" in capsys.readouterr().out
 
 

@@ -69,7 +69,8 @@ def no_number(row: int, column: str, cell: str, **least: float) -> dict[str, Any
     ("text", "code", "fields"),
     [
         ("", "no_column", {"column": "position_mm", "columns": RATES}),
-        ("position,rate\n0,1\n", "no_column", {"column": "position_mm", "columns": RATES}),
+        ("place,rate\n0,1\n", "no_column", {"column": "position_mm", "columns": RATES}),
+        ("position,rate\n0,1\n", "no_unit", {"row": 1, "column": "position", "unit": "mm"}),
         (GOOD + "3,-1\n", "no_number", no_number(5, "rate", "-1", least=0.0)),
         (GOOD + "inf,3\n", "no_number", no_number(5, "position_mm", "inf")),
         (GOOD + ",3\n", "no_number", no_number(5, "position_mm", "")),
@@ -132,8 +133,8 @@ def test_a_row_without_a_count_says_what_to_do(tmp_path: Path, cell: str) -> Non
 
 
 def test_a_wrong_header_says_what_was_read_and_how_to_name_it(tmp_path: Path) -> None:
-    with raises(RecordingError, "no_column", column="position_mm", read="Position (mm), Rate") as caught:
-        read_srp(written(tmp_path, "Position (mm);Rate\n0;1\n"))
+    with raises(RecordingError, "no_column", column="position_mm", read="Place (mm), Rate") as caught:
+        read_srp(written(tmp_path, "Place (mm);Rate\n0;1\n"))
     assert "--columns" in str(caught.value)
 
 
@@ -178,5 +179,5 @@ def test_columns_by_other_names_and_units(tmp_path: Path) -> None:
     assert found.changes == ("position from um", "rate from 1/ms", "sd from 1/ms")
     with raises(RecordingError, "no_column", column="n", columns="x,FR,s,n"):
         read_srp(written(tmp_path, "who,s,x,FR\na,0.002,500,0.01\n"), columns)
-    with raises(RecordingError, "place_twice", row=3, column="x", position=500.0, first_row=2, repeat="n"):
+    with raises(RecordingError, "place_twice", row=3, column="x", position=0.5, first_row=2, repeat="n"):
         read_srp(written(tmp_path, "n,s,x,FR\n1,1,500,0.01\n1,1,500,0.02\n"), columns)

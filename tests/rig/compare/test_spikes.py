@@ -9,6 +9,7 @@ import pytest
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.spike_times import SpikeTimes
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run
 from tests.error_codes import raises
@@ -27,7 +28,7 @@ def test_rates_are_counted_in_the_window_of_the_last_holds(bar_run: Run) -> None
         *spikes_at(bar_run, 2, 2, [0.3]),
         *spikes_at(bar_run, 5, 2, [0.2, 0.3, 0.4]),
     ]
-    found = rates_in_run(bar_run, "bar:3", np.sort(times), "unit7.csv", (0.1, 0.5), centre_mm=0.1)
+    found = rates_in_run(bar_run, "bar:3", SpikeTimes(np.sort(times)), "unit7.csv", (0.1, 0.5), centre_mm=0.1)
     np.testing.assert_allclose(found.position_mm, [-0.7, -0.3, 0.0, 0.3, 0.7], atol=1e-12)
     np.testing.assert_allclose(found.rate, [0, 0, 0.5 * (1 + 3) / 0.4, 0, 3 / 0.4])
     assert found.sd[2] == pytest.approx(np.std([1 / 0.4, 3 / 0.4], ddof=1))
@@ -37,12 +38,12 @@ def test_rates_are_counted_in_the_window_of_the_last_holds(bar_run: Run) -> None
 
 def test_a_window_longer_than_the_holds_is_refused(bar_run: Run) -> None:
     with raises(RecordingError, "window_beyond_hold", begin_s=0.0, end_s=2.0, x_mm=0.8) as caught:
-        rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.0, 2.0))
+        rates_in_run(bar_run, "bar:3.0", SpikeTimes(np.array([])), "unit7.csv", (0.0, 2.0))
     assert 0 < caught.value.fields["hold_s"] < 1
     with raises(RecordingError, "no_window", begin_s=0.5, end_s=0.5):
-        rates_in_run(bar_run, "bar:3.0", np.array([]), "unit7.csv", (0.5, 0.5))
+        rates_in_run(bar_run, "bar:3.0", SpikeTimes(np.array([])), "unit7.csv", (0.5, 0.5))
     with raises(RecordingError, "never_pressed", file="unit7.csv", run=bar_run.folder.path.name, shape="step:1"):
-        rates_in_run(bar_run, "step:1", np.array([]), "unit7.csv", (0.0, 0.4))
+        rates_in_run(bar_run, "step:1", SpikeTimes(np.array([])), "unit7.csv", (0.0, 0.4))
 
 
 def with_pulses(run: Run, rise_s: list[float]) -> Run:
@@ -52,7 +53,7 @@ def with_pulses(run: Run, rise_s: list[float]) -> Run:
 @pytest.mark.parametrize("centre_mm", [np.nan, np.inf])
 def test_a_field_that_is_nowhere_is_refused(bar_run: Run, centre_mm: float) -> None:
     with raises(RecordingError, "no_centre", centre_mm=pytest.approx(centre_mm, nan_ok=True)):
-        rates_in_run(bar_run, "bar:3.0", np.array([1.0]), "unit7.csv", (0.1, 0.5), centre_mm)
+        rates_in_run(bar_run, "bar:3.0", SpikeTimes(np.array([1.0])), "unit7.csv", (0.1, 0.5), centre_mm)
 
 
 @pytest.mark.parametrize("text", ["time_s\n", "time_s,kind\n1.0,sync\n"])
@@ -66,7 +67,7 @@ def test_a_recording_without_a_spike_is_refused(tmp_path: Path, bar_run: Run, te
 def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
     path = tmp_path / "unit7.csv"
     path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
-    np.testing.assert_array_equal(read_spike_times(path, bar_run), [1.25, 3.5])
+    np.testing.assert_array_equal(read_spike_times(path, bar_run).spike_s, [1.25, 3.5])
     path.write_text("time_s\n3.5\nlate\n", encoding="utf-8")
     with raises(RecordingError, "no_number", row=3, column="time_s", cell="late"):
         read_spike_times(path, bar_run)
@@ -84,7 +85,7 @@ def test_milliseconds_that_are_called_seconds_are_refused(tmp_path: Path, bar_ru
     with raises(RecordingError, "outside_run", inside=1, spikes=61, end_s=700.0):
         read_spike_times(path, run)
     found = read_spike_times(path, run, columns=column_map(["time=time_s:ms"]))
-    np.testing.assert_allclose(found, times_ms / 1e3)
+    np.testing.assert_allclose(found.spike_s, times_ms / 1e3)
 
 
 @pytest.mark.parametrize("times_s", [[743.2, 760.5], [-5.0, -1.0]])
@@ -105,7 +106,7 @@ def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
     seen = [100 + 1.00005 * t for t in rises]
     rows = [f"{t:.9f},sync" for t in seen] + [f"{100 + 1.00005 * 25.0:.9f},spike"]
     path.write_text("time_s,kind\n" + "\n".join(rows), encoding="utf-8")
-    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, rises)), [25.0], atol=1e-7)
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, rises)).spike_s, [25.0], atol=1e-7)
     with raises(RecordingError, "number_of_pulses", path=str(path), pulses=3, journalled=2):
         read_spike_times(path, with_pulses(bar_run, rises[:2]))
     with raises(RecordingError, "pulses_apart", path=str(path), most_ms=5.0) as caught:
@@ -116,7 +117,7 @@ def test_sync_pulses_align_the_clocks(tmp_path: Path, bar_run: Run) -> None:
 def test_one_pulse_gives_the_offset(tmp_path: Path, bar_run: Run) -> None:
     path = tmp_path / "unit7.csv"
     path.write_text("time_s,kind\n110.0,sync\n112.5,spike\n", encoding="utf-8")
-    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, [10.0])), [12.5])
+    np.testing.assert_allclose(read_spike_times(path, with_pulses(bar_run, [10.0])).spike_s, [12.5])
 
 
 def pressed_to(run: Run, values: dict[int, float]) -> Run:
@@ -131,13 +132,13 @@ def test_a_shape_that_was_pressed_to_two_depths_needs_one(bar_run: Run) -> None:
         RecordingError, "several_conditions", file="u.csv", shape="bar:3.0", conditions="0.2 mm and 0.4 mm",
         first="0.2 mm",
     ):  # fmt: skip
-        rates_in_run(both, "bar:3.0", np.array([]), "u.csv", (0.0, 0.4))
-    low = rates_in_run(both, "bar:3.0@0.2mm", np.array([]), "u.csv", (0.0, 0.4))
+        rates_in_run(both, "bar:3.0", SpikeTimes(np.array([])), "u.csv", (0.0, 0.4))
+    low = rates_in_run(both, "bar:3.0@0.2mm", SpikeTimes(np.array([])), "u.csv", (0.0, 0.4))
     np.testing.assert_allclose(low.position_mm, [-0.6, -0.2, 0.8])
-    high = rates_in_run(both, "bar:3@0.4 mm", np.array([]), "u.csv", (0.0, 0.4))
+    high = rates_in_run(both, "bar:3@0.4 mm", SpikeTimes(np.array([])), "u.csv", (0.0, 0.4))
     np.testing.assert_allclose(high.position_mm, [0.1, 0.4])
     with raises(RecordingError, "never_pressed", shape="bar:3@8gwt"):
-        rates_in_run(both, "bar:3@8gwt", np.array([]), "u.csv", (0.0, 0.4))
+        rates_in_run(both, "bar:3@8gwt", SpikeTimes(np.array([])), "u.csv", (0.0, 0.4))
 
 
 def nwb_file(path: Path, **datasets: object) -> Path:
@@ -150,12 +151,11 @@ def nwb_file(path: Path, **datasets: object) -> Path:
 def test_pulses_of_an_nwb_file_by_their_name(tmp_path: Path, bar_run: Run) -> None:
     run = with_pulses(bar_run, [10.0])
     usual = {"units/spike_times": [112.5], "intervals/sync_pulses/start_time": [110.0]}
-    np.testing.assert_allclose(read_spike_times(nwb_file(tmp_path / "a.nwb", **usual), run), [12.5])
+    np.testing.assert_allclose(read_spike_times(nwb_file(tmp_path / "a.nwb", **usual), run).spike_s, [12.5])
     series = {"units/spike_times": [112_500.0], "acquisition/ttl/timestamps": [110_000.0]}
-    path, columns = nwb_file(tmp_path / "b.nwb", **series), column_map(["sync=ttl,time=spike_times:ms"])
-    np.testing.assert_allclose(read_spike_times(path, run, "1", columns), [12.5])
-    places = "intervals/other/start_time or acquisition/other/timestamps"
-    with raises(RecordingError, "no_pulses", path=str(path), name="other", places=places):
+    path, columns = nwb_file(tmp_path / "b.nwb", **series), column_map(["sync=ttl:ms,time=spike_times:ms"])
+    np.testing.assert_allclose(read_spike_times(path, run, "1", columns).spike_s, [12.5])
+    with raises(RecordingError, "no_pulses", path=str(path), name="other", held="ttl (1 event)"):
         read_spike_times(path, run, "1", column_map(["sync=other"]))
     bad = nwb_file(tmp_path / "c.nwb", **{**series, "acquisition/ttl/timestamps": [1.0, np.nan]})
     with raises(RecordingError, "not_finite", path=str(bad), dataset="acquisition/ttl/timestamps", entry=2):

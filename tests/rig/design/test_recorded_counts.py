@@ -63,7 +63,7 @@ def test_a_table_of_counts(table: ResponseTable, tmp_path: Path) -> None:
         (",12", ",many", "no_number"),
         ("bar:3,", "bar:4,", "shape_not_designed"),
         ("-0.17", "-0.2", "press_not_designed"),
-        (",count", ",spikes", "no_column"),
+        (",count", ",rates", "no_column"),
     ],
 )
 def test_tables_that_are_refused(table: ResponseTable, tmp_path: Path, old: str, new: str, code: str) -> None:

@@ -1,0 +1,175 @@
+"""Names and units of columns: what a header such as "Window (msec)" means, and what is beyond a finger.
+
+A unit is a word in brackets at the end of a name, or a known word after an underscore, a space or "per". An unknown
+word in brackets is refused, since its numbers would be taken for others.
+"""
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from rig.units import GWT_N
+
+Factors = Mapping[str, float]
+
+
+def _words(**units: tuple[float, str]) -> dict[str, float]:
+    return {word: factor for name, (factor, more) in units.items() for word in (name, *more.split())}
+
+
+_LENGTHS = _words(
+    nm=(1e-6, "nanometer nanometers nanometre nanometres"),
+    um=(1e-3, "µm μm micron microns micrometer micrometers micrometre micrometres"),
+    mm=(1.0, "millimeter millimeters millimetre millimetres"),
+    cm=(10.0, "centimeter centimeters centimetre centimetres"),
+    m=(1000.0, "meter meters metre metres"),
+    **{"in": (25.4, "inch inches")},
+)
+_TIMES = _words(
+    us=(1e-6, "µs μs usec µsec μsec microsec microsecond microseconds"),
+    ms=(1e-3, "msec msecs millisec millisecs millisecond milliseconds"),
+    s=(1.0, "sec secs second seconds"),
+    min=(60.0, "mins minute minutes"),
+    h=(3600.0, "hr hrs hour hours"),
+)
+_FORCES = _words(
+    gwt=(1.0, "gf gram-force grams-force g gram grams"),
+    mN=(1e-3 / GWT_N, "mn millinewton millinewtons"),
+    N=(1 / GWT_N, "n newton newtons"),
+)
+_OWN = ("a.u.", "au", "arb", "norm", "normalized", "normalised", "%")
+"""Units of rates that are not rates in time: nothing is converted, and nothing is too large."""
+
+
+def is_own_unit(unit: str) -> bool:
+    """Return whether a unit of rates is none in time, such as "a.u."."""
+    return unit.casefold() in _OWN
+
+
+_EVENT = r"(?:spikes?|spks?|sp|imp|imps|impulses?|aps?|events?|pulses?|counts?|n)"
+_RATE = re.compile(
+    rf"(?:(?:{_EVENT}|1)?\s*(?:/|\bper\b|\bp\b)\s*(?P<per>[\wµμ]+)|(?:{_EVENT}[\s·.*]*)?(?P<power>[\wµμ]+?)\s*(?:\^?-1|⁻¹))",
+    re.IGNORECASE,
+)
+_COUNTED = re.compile(rf"|#|{_EVENT}", re.IGNORECASE)
+
+
+def _of(words: Factors) -> Callable[[str], float | None]:
+    folded = {word.casefold(): factor for word, factor in words.items()}
+    return lambda unit: folded.get(unit.casefold())
+
+
+def _rate(unit: str) -> float | None:
+    folded = unit.casefold()
+    if folded in _OWN:
+        return 1.0
+    if folded in ("hz", "khz", "pps", "ips"):
+        return 1000.0 if folded == "khz" else 1.0
+    found = _RATE.fullmatch(unit)
+    time = None if found is None else _of(_TIMES)(found["per"] or found["power"])
+    return None if time is None else 1 / time
+
+
+class Dimension(NamedTuple):
+    """Units of a column: their names for messages, the factor of each, and the largest sensible number."""
+
+    listed: tuple[str, ...]
+    factor: Callable[[str], float | None]
+    most: float = math.inf
+    """In the program's unit."""
+    likely: str = ""
+    """Unit of numbers that are too large, most likely."""
+
+    def known(self, unit: str) -> float | None:
+        """Return the factor of a unit, None if it is unknown."""
+        return self.factor(unit.strip())
+
+
+MOST_MM, MOST_HOLD_S, MOST_RATE, MOST_GWT = 100.0, 100.0, 2000.0, 10_000.0
+LEAST_PROFILE_MM = 0.01
+"""Limits of what a finger, a press and an afferent can be; a wrong unit is a thousand times beyond."""
+
+LENGTH = Dimension(("nm", "um", "mm", "cm", "m", "in"), _of(_LENGTHS), MOST_MM, "um")
+TIME = Dimension(("us", "ms", "s", "min", "h"), _of(_TIMES))
+WINDOW = TIME._replace(most=MOST_HOLD_S, likely="ms")
+RATE = Dimension(("1/s", "Hz", "spikes/s", "imp/s", "1/ms", "1/min", "a.u."), _rate, MOST_RATE, "1/min")
+FORCE = Dimension(("gwt", "mN", "N"), _of(_FORCES), MOST_GWT, "mN")
+COUNT = Dimension(("spikes", "impulses"), lambda unit: 1.0 if _COUNTED.fullmatch(unit) else None)
+NONE = Dimension((), lambda _: None)
+
+_DIMENSIONS = {"_mm": LENGTH, "_s": TIME, "_gwt": FORCE}
+_BY_NAME = {"rate": RATE, "sd": RATE, "count": COUNT, "window_s": WINDOW, "sync_pulses": TIME, "obs_intervals": TIME}
+_KNOWN_ELSEWHERE = (LENGTH, TIME, FORCE)
+_SHORTEST = 2  # letters of a word that is taken for a unit of something else
+
+
+def dimension_of(name: str) -> Dimension:
+    """Return the units of a column by the program's name for it, e.g. "position_mm"."""
+    ending = next((one for end, one in _DIMENSIONS.items() if name.endswith(end)), NONE)
+    return _BY_NAME.get(name, ending)
+
+
+@dataclass(frozen=True)
+class HeaderName:
+    """A name in a header: its words, and its unit, "" without.
+
+    `bracketed`: the unit is in brackets, so it is one, known or not. `factor`: None for an unknown unit.
+    """
+
+    words: str
+    unit: str
+    bracketed: bool
+    factor: float | None
+
+
+_BRACKETS = re.compile(r"(.*?)\s*[(\[]([^()\[\]]*)[)\]]")
+_SUFFIX = re.compile(r"(.+?)(?:[_\s]+in)?(?:[_\s]+|\s*/\s*|,\s*)((?:per[_\s]+)?[^_\s/,]+)", re.IGNORECASE)
+
+
+def header_name(text: str, of: Dimension) -> HeaderName:
+    """Return the words and the unit of a name in a header."""
+    if found := _BRACKETS.fullmatch(text):
+        return HeaderName(_plain(found[1]), found[2].strip(), True, of.known(found[2]))
+    if found := _SUFFIX.fullmatch(text):
+        unit = found[2].replace("_", " ").strip()
+        factor = None if of in (NONE, COUNT) else of.known(unit)
+        elsewhere = len(unit) >= _SHORTEST and any(one.known(unit) is not None for one in _KNOWN_ELSEWHERE)
+        if factor is not None:
+            return HeaderName(_plain(found[1]), unit, False, factor)
+        if elsewhere and of not in (NONE, COUNT) and unit.casefold() != "in":
+            return HeaderName(_plain(found[1]), unit, True, None)
+    return HeaderName(_plain(text), "", False, 1.0)
+
+
+def _plain(words: str) -> str:
+    return " ".join(re.split(r"[\s_\-]+", words.strip().casefold())).strip()
+
+
+SYNONYMS: Mapping[str, tuple[str, ...]] = {
+    "position_mm": ("position", "pos", "x", "x position", "position x", "indentor position", "probe position",
+                    "stimulus position"),
+    "rate": ("rate", "firing rate", "discharge rate", "mean rate", "mean firing rate", "spike rate", "impulse rate",
+             "fr"),
+    "sd": ("sd", "std", "stdev", "standard deviation", "rate sd", "sd rate"),
+    "repeat": ("repeat", "rep", "repetition", "trial", "trial number", "trial no", "presentation", "replicate"),
+    "count": ("count", "counts", "spike count", "spike counts", "spikecount", "spikes", "n spikes", "nspikes",
+              "num spikes", "number of spikes", "impulses", "impulse count"),
+    "window_s": ("window", "count window", "counting window", "window length", "duration", "bin", "bin width"),
+    "time_s": ("time", "times", "t", "spike time", "spike times", "spiketimes", "timestamp", "timestamps"),
+    "kind": ("kind", "type", "event", "event type", "label"),
+    "unit": ("unit", "afferent", "neuron", "cell", "cluster", "cluster id", "unit id", "unit name", "channel"),
+    "deflection_mm": ("deflection", "displacement"),
+    "doi_mm": ("doi", "depth", "indentation depth"),
+    "depth_mm": ("depth", "doi", "indentation depth"),
+    "force_gwt": ("force",),
+    "x_mm": ("x",),
+    "z_mm": ("z",),
+}  # fmt: skip
+"""Names of columns in the tables of others, without units, by the program's own."""
+
+
+def means(words: str, name: str) -> bool:
+    """Return whether the words of a header mean one of the program's columns."""
+    return words in SYNONYMS.get(name, ())

@@ -1,0 +1,448 @@
+"""Spike times of one unit from an NWB file, read as the HDF5 that it is, so that h5py is enough.
+
+Layout: NWB 2 schema. Spikes are in the table `units` (spike_times, its index, id), with the intervals in which each
+unit was observed (obs_intervals), without those of the table `invalid_times`. Sync pulses are a table of intervals or
+a TimeSeries called `sync_pulses`: events with timestamps, or a sampled line, whose rises count.
+"""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import NamedTuple
+
+import h5py
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.columns import ColumnMap
+from rig.compare.recordings.hdf5 import (
+    attribute_of,
+    dataset_at,
+    members,
+    numbers_in,
+    part_of,
+    rows_of,
+    text_at,
+    texts_in,
+    trouble,
+    values_of,
+)
+from rig.compare.recordings.recording import finite_times
+from rig.compare.recordings.spike_times import Array, UnitSpikes, union, without
+from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
+from rig_shared.plural import number_of
+from rig_shared.user_files import open_file
+
+NWB = ".nwb"
+
+_TIMES = "spike_times"
+_TWO = 2  # levels of a line
+_ROW, _NAMES, _MOST_TEXTS = "row", ("unit_name", "name", "label"), 5
+_MOST_UNITS, _MOST_LISTED = 100_000, 50
+_MOST_SAMPLES, _AT_ONCE = 200_000_000, 5_000_000
+
+
+def is_nwb(path: Path) -> bool:
+    """Return whether a path is called as an NWB file."""
+    return path.suffix.lower() == NWB
+
+
+def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSpikes:
+    """Return the spikes and pulses of a unit by its id, "" for the only one. Raises RecordingError.
+
+    `uid` is that of the run: a file that was exported from it needs no pulses. The roles time, sync and observed of
+    `columns` name another column of times, the pulses, and another column of intervals, each with its own unit.
+    """
+    try:
+        open_file(path).close()  # for its checks
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
+    with _damage_in_one_line(path), h5py.File(path) as file:
+        units = _Units.of(file, path, columns)
+        row = units.row_of(file, unit)
+        spikes = np.sort(columns["time"].factor * units.times(file, row))
+        observed = _observed(file, path, columns, units, row, spikes)
+        of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
+        pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
+        return UnitSpikes(spikes, columns["sync"].factor * np.sort(pulses), observed, of_run, stated, notes)
+
+
+@contextmanager
+def _damage_in_one_line(path: Path) -> Iterator[None]:
+    """Raise RecordingError for any error that a damaged HDF5 file causes."""
+    try:
+        yield
+    except RecordingError:
+        raise
+    except OSError as error:
+        raise trouble(path, error, "an NWB file") from None
+    except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
+        reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
+        raise RecordingError(
+            "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
+        ) from None
+
+
+_LONGEST_S = 86_400.0
+
+
+class _Units(NamedTuple):
+    """The table of units: the column of times, ids, and the datasets of the times and of their ends."""
+
+    path: Path
+    column: str
+    ids: list[str]
+    all_times: h5py.Dataset
+    ends: h5py.Dataset
+
+    @classmethod
+    def of(cls, file: h5py.File, path: Path, columns: ColumnMap) -> "_Units":
+        name = columns["time"].name if "time" in columns.named else _TIMES
+        wanted = (name, f"{name}_index", "id")
+        found = [numbers_in(file, path, f"units/{column}") for column in wanted]
+        if any(one is None for one in found):
+            raise RecordingError(
+                "{path}: no spike times; the file must have a table units with a column {column} (and "
+                "{column}_index and id)",
+                code="no_spike_times",
+                path=str(path),
+                column=name,
+            )
+        times, ends, numbers = (one for one in found if one is not None)
+        ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
+        if len(ends) != len(ids):
+            raise RecordingError(
+                "{path}: units/{column}_index has {ends} values, but units/id has {units}",
+                code="not_one_end_a_unit",
+                path=str(path),
+                column=name,
+                ends=len(ends),
+                units=len(ids),
+            )
+        return cls(path, name, ids, times, ends)
+
+    def row_of(self, file: h5py.File, unit: str) -> int:
+        """Return the row of a unit by its id or a text of its row, "COLUMN=TEXT", or "row=NUMBER" from 1.
+
+        Raises RecordingError.
+        """
+        if unit == "" and len(self.ids) == 1:
+            return 0
+        labels = self._labels(file)
+        column, equals, text = unit.partition("=")
+        if equals and column == _ROW:
+            found = [n for n in range(len(self.ids)) if str(n + 1) == text]
+        elif equals and column in labels:
+            found = [n for n, one in enumerate(labels[column]) if one == text]
+        else:
+            found = [n for n in range(len(self.ids)) if any(texts[n] == unit for texts in labels.values())]
+        if unit and len(found) == 1:
+            return found[0]
+        several = len(found) > 1 and unit != ""
+        listed = found if several else range(len(self.ids))
+        each = [self._described(labels, n, several) for n in list(listed)[:_MOST_LISTED]]
+        between = "; " if any(":" in one for one in each) else ", "
+        known = (
+            "several units are called {unit}" if several else "there is no unit {unit}" if unit else "{units} units"
+        )
+        raise RecordingError(
+            "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
+            code="unit_twice" if several else "no_unit" if unit else "several_units",
+            path=str(self.path),
+            file=self.path.name,
+            unit=unit,
+            units=len(self.ids),
+            ids=between.join(each) + f"{between}…" * (len(listed) > _MOST_LISTED),
+        )
+
+    def _labels(self, file: h5py.File) -> dict[str, list[str]]:
+        """Return the ids and the texts of all units by column, the names of the units first."""
+        found = {"id": self.ids}
+        for column in sorted(members(file, self.path, "units"), key=lambda one: (one not in _NAMES, one)):
+            texts = texts_in(file, self.path, f"units/{column}")
+            if texts is not None and len(texts) == len(self.ids):
+                found[column] = texts
+        return found
+
+    def _described(self, labels: dict[str, list[str]], row: int, several: bool) -> str:
+        """Return a unit for a list: its id and texts, and how to choose it if its id or text does not."""
+        about = ", ".join(f"{column} {texts[row]}" for column, texts in list(labels.items())[1:_MOST_TEXTS])
+        shown = f"{self.ids[row]}{f' ({about})' if about else ''}"
+        if not several and self.ids.count(self.ids[row]) == 1:
+            return shown
+        alone = (f"{column}={texts[row]}" for column, texts in labels.items() if texts.count(texts[row]) == 1)
+        return f"{shown}: #{next(alone, f'{_ROW}={row + 1}')}"
+
+    def times(self, file: h5py.File, row: int) -> Array:
+        """Return the spike times of a row in the unit of the file. Raises RecordingError."""
+        begin, end = _bounds(self.ends, self.path, self.column, row, len(self.all_times), len(self.ids))
+        return _numbers(
+            values_of(self.all_times, self.path, begin, end), self.path, f"unit {self.ids[row]}, column {self.column}"
+        )
+
+
+def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, units: int) -> tuple[int, int]:
+    last = _numbers(values_of(ends, path), path, f"units/{column}_index")
+    if ends.dtype.kind not in "iu" or (np.diff([0, *last.tolist(), values]) < 0).any():
+        raise RecordingError(
+            "{path}, units/{column}_index: must rise to {times}, one for each of {units} units",
+            code="wrong_index",
+            path=str(path),
+            column=column,
+            times=values,
+            units=units,
+        )
+    begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
+    return begin, end
+
+
+def _observed(
+    file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array
+) -> Array | None:
+    """Return the intervals (n, 2) in which a unit was observed, in s; None if the file states none."""
+    column = columns["observed"]
+    place = f"units/{column.name}"
+    found = None
+    if columns.observed_throughout:
+        place = "units/obs_intervals"
+    if rows_of(file, path, place) is not None or ("observed" in columns.named and not columns.observed_throughout):
+        intervals, ends = numbers_in(file, path, place, columns=2), numbers_in(file, path, f"{place}_index")
+        if intervals is None or ends is None or len(ends) != len(units.ids):
+            raise RecordingError(
+                "{path}, {dataset}: must be intervals (n × 2) with an index {dataset}_index of {units} units",
+                code="bad_obs_intervals",
+                path=str(path),
+                dataset=place,
+                units=len(units.ids),
+            )
+        begin, end = _bounds(ends, path, column.name, row, len(intervals), len(units.ids))
+        spans = column.factor * _numbers(values_of(intervals, path, begin, end), path, place)
+        _refuse_backwards(path, place, spans)
+        found = union(spans)
+        if len(found) and float(found[-1, 1] - found[0, 0]) > _LONGEST_S:
+            raise RecordingError(
+                "{path}, {dataset}: {begin_s:g} to {end_s:g} s are longer than a day; if they are in ms, use "
+                "--columns observed={column}:ms",
+                code="beyond_a_finger", path=str(path), dataset=place, begin_s=float(found[0, 0]),
+                end_s=float(found[-1, 1]), column=column.name,
+            )  # fmt: skip
+        inside = sum(int(np.count_nonzero((spike_s >= a) & (spike_s <= b))) for a, b in found.tolist())
+        if len(found) and 2 * inside < len(spike_s):
+            raise RecordingError(
+                "{path}: only {inside} of {spikes} spikes of unit {unit} ({first_s:g} to {last_s:g} s) lie in its "
+                "{column}, {begin_s:g} to {end_s:g} s, and all should; if one of the two is in ms, state it, e.g. "
+                "--columns observed={column}:ms or --columns time={times}:ms",
+                code="spikes_outside_observed",
+                path=str(path),
+                inside=inside,
+                spikes=len(spike_s),
+                unit=units.ids[row],
+                first_s=float(spike_s[0]),
+                last_s=float(spike_s[-1]),
+                column=column.name,
+                begin_s=float(found[0, 0]),
+                end_s=float(found[-1, 1]),
+                times=units.column,
+            )
+    invalid = _invalid(file, path)
+    if invalid is None:
+        return found
+    return without(np.array([[-np.inf, np.inf]]) if found is None else found, invalid)
+
+
+def _invalid(file: h5py.File, path: Path) -> Array | None:
+    """Return the intervals (n, 2) of the table invalid_times, in s; None without such a table."""
+    places = ("intervals/invalid_times/start_time", "intervals/invalid_times/stop_time")
+    if not members(file, path, "intervals/invalid_times"):
+        return None
+    begin, end = (numbers_in(file, path, place) for place in places)
+    if begin is None or end is None or len(begin) != len(end):
+        raise RecordingError(
+            "{path}, intervals/invalid_times: must have as many start_time as stop_time",
+            code="bad_invalid_times",
+            path=str(path),
+        )
+    spans = np.column_stack(
+        [_numbers(values_of(one, path), path, place) for one, place in zip((begin, end), places, strict=True)]
+    )
+    _refuse_backwards(path, "intervals/invalid_times", spans)
+    return union(spans)
+
+
+def _refuse_backwards(path: Path, place: str, spans: Array) -> None:
+    if (spans[:, 1] < spans[:, 0]).any():
+        raise RecordingError(
+            "{path}, {dataset}: an interval ends before it begins", code="backwards", path=str(path), dataset=place
+        )
+
+
+class _Candidate(NamedTuple):
+    """Something that may be sync pulses: its place, what it is, and its size."""
+
+    place: str
+    kind: str  # one of _TELLING
+    size: int
+
+    @property
+    def name(self) -> str:
+        """Last part of the place."""
+        return self.place.rpartition("/")[2]
+
+    def __str__(self) -> str:
+        """Return the name and the size; the whole place if it is not a usual one."""
+        usual = self.place.startswith(("intervals/", "acquisition/"))
+        return f"{self.name if usual else self.place} ({number_of(self.size, self.kind)})"
+
+
+_NO_INTERVALS = ("invalid_times", "epochs")
+_WHERE = ("acquisition", "stimulus", "processing", "events", "analysis", "scratch")
+_DEEPEST = 3
+_TELLING = {
+    "events": ("timestamps",),
+    "intervals": ("start_time",),
+    "times": ("timestamp",),
+    "samples": ("data", "starting_time"),
+}
+"""Datasets of a group by which its kind is told; the first has the times, or is as long."""
+
+
+def _candidates(file: h5py.File, path: Path) -> list[_Candidate]:
+    """Return all tables of intervals and series of a file that have times, sampled or not."""
+    found = [
+        _Candidate(f"intervals/{name}", "intervals", size)
+        for name in members(file, path, "intervals")
+        if name not in _NO_INTERVALS and (size := rows_of(file, path, f"intervals/{name}/start_time")) is not None
+    ]
+    places = [(where, 0) for where in _WHERE]
+    while places:
+        place, depth = places.pop(0)
+        inside = members(file, path, place)
+        has = next((kind for kind, names in _TELLING.items() if all(name in inside for name in names)), None)
+        if has is not None:
+            size = rows_of(file, path, f"{place}/{_TELLING[has][0]}")
+            found += [] if size is None else [_Candidate(place, has, size)]
+        elif depth <= _DEEPEST:
+            places += [(f"{place}/{name}", depth + 1) for name in inside]
+    return found
+
+
+def _may_be_pulses(file: h5py.File, path: Path, one: _Candidate) -> bool:
+    """Return whether something looks like pulses, although it is not called so: no measured signal does."""
+    if one.kind in ("intervals", "times") or called_like_pulses(one.place):
+        return True
+    if one.kind != "events":
+        return False
+    data = dataset_at(file, path, f"{one.place}/data")
+    return data is None or data.dtype.kind in "iubSO"
+
+
+def _pulses(
+    file: h5py.File, path: Path, columns: ColumnMap, *, required: bool
+) -> tuple[Array, bool, tuple[str, ...]]:
+    """Return the times of the pulses, whether the user states that there are none, and notes.
+
+    Without `required`, something that may be pulses by another name is not.
+    """
+    name, named = columns["sync"].name, "sync" in columns.named
+    if named and name == NO_PULSES:
+        return np.empty(0), True, ()
+    every = _candidates(file, path)
+    meant = [one for one in every if name in (one.place, one.name)]
+    if len(meant) == 1:
+        return _rises(file, path, meant[0]), False, _unused(every, meant[0])
+    likely = [one for one in every if _may_be_pulses(file, path, one)]
+    if not (meant or named or (likely and required)):
+        return np.empty(0), False, ()
+    problem = (
+        "several series are called {name}: {held}"
+        if meant
+        else "there are no sync pulses {name}: {held}"
+        if named
+        else "there are no sync pulses {name}, but there is {held}"
+    )
+    held = meant or likely or every
+    raise RecordingError(
+        "{path}: " + problem + "; use --columns sync=NAME for the pulses, or sync=none if times are those of the "
+        "run's journal (t_s)",
+        code="pulses_twice" if meant else "no_pulses" if named else "unknown_pulses",
+        path=str(path),
+        name=name,
+        held=", ".join([one.place if meant else str(one) for one in held][:_MOST_LISTED]) or "nothing that has times",
+    )
+
+
+def _unused(every: list[_Candidate], pulses: _Candidate) -> tuple[str, ...]:
+    trials = [str(one) for one in every if one.name == "trials" and one is not pulses]
+    return tuple(f"The file's {one} are not used: presses are those of the run's journal." for one in trials)
+
+
+def _rises(file: h5py.File, path: Path, one: _Candidate) -> Array:
+    if one.kind in ("intervals", "times"):
+        return _times(file, path, f"{one.place}/{_TELLING[one.kind][0]}")
+    if one.kind == "events":
+        return _rising_events(file, path, one.place)
+    return _rising_samples(file, path, one.place)
+
+
+def _times(file: h5py.File, path: Path, place: str) -> Array:
+    found = numbers_in(file, path, place)
+    assert found is not None
+    return _numbers(values_of(found, path), path, place)
+
+
+def _rising_events(file: h5py.File, path: Path, place: str) -> Array:
+    """Return the times of events; if their data have two levels, of those at the higher one.
+
+    Data with labels are numbers of lines, not levels: the pulses are then found among all events.
+    """
+    times = _times(file, path, f"{place}/timestamps")
+    data = dataset_at(file, path, f"{place}/data")
+    if data is None or data.dtype.kind not in "iufb" or data.shape != times.shape:
+        return times
+    values = np.asarray(values_of(data, path), dtype=float)
+    levels = np.unique(values)
+    if len(levels) != _TWO or "labels" in data.attrs:
+        return times
+    return times[rises(values, float(levels.mean()), high_before=False)]
+
+
+def _rising_samples(file: h5py.File, path: Path, place: str) -> Array:
+    """Return the times at which a sampled line rises beyond the middle of its range."""
+    data, start = numbers_in(file, path, f"{place}/data"), dataset_at(file, path, f"{place}/starting_time")
+    rate_hz = attribute_of(file, path, f"{place}/starting_time", "rate")
+    if data is None or start is None or rate_hz is None or not 0 < rate_hz < np.inf or len(data) > _MOST_SAMPLES:
+        raise RecordingError(
+            "{path}, {dataset}: must be one column of at most {most} samples, with the rate of sampling in "
+            "starting_time",
+            code="no_line",
+            path=str(path),
+            dataset=place,
+            most=_MOST_SAMPLES,
+        )
+    parts = [slice(at, at + _AT_ONCE) for at in range(0, len(data), _AT_ONCE)]
+    read = (part_of(data, path, part).ravel() for part in parts)
+    ends = np.array([(part.min(), part.max()) for part in read], dtype=float).reshape(-1, 2)
+    low, high = (float(ends[:, 0].min()), float(ends[:, 1].max())) if len(ends) else (0.0, 0.0)
+    found, before = [np.empty(0)], True
+    for part in parts if high > low else ():
+        values, middle = part_of(data, path, part).ravel(), (low + high) / 2
+        found.append((part.start + rises(values, middle, high_before=before)) / rate_hz)
+        before = bool(values[-1] > middle)
+    return float(start[()]) + np.concatenate(found)
+
+
+def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
+    try:
+        times = np.asarray(values if values.dtype.kind in "iufSO" else [None], dtype=np.float64)
+    except (ValueError, TypeError):
+        raise RecordingError(
+            "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
+            code="no_numbers",
+            path=str(path),
+            dataset=dataset,
+            dtype=str(values.dtype),
+        ) from None
+    finite_times(path, dataset, times.ravel())
+    return times

@@ -1,0 +1,132 @@
+"""Spike times of one unit, the intervals in which it was observed, and whose clock tells them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+_TICK_S = 1e-6
+
+
+ClockSource = Literal["pulses", "run", "stated", "assumed"]
+
+
+class SpikeClock(NamedTuple):
+    """Clock of the spike times, and why the program takes them for times of the run.
+
+    `source`: "pulses" were matched; the file is on the clock of the "run", or is "stated" to be; "assumed": nothing
+    in the file tells. `drift_ppm` and `worst_ms` describe the pulses, NaN without.
+    """
+
+    source: ClockSource
+    text: str
+    drift_ppm: float = np.nan
+    worst_ms: float = np.nan
+
+
+THROUGHOUT = np.array([[-np.inf, np.inf]])
+_UNTOLD = SpikeClock(
+    "assumed", "Times are taken as those of the run's journal (t_s); nothing in the file confirms it."
+)
+
+
+@dataclass(frozen=True)
+class UnitSpikes:
+    """Content of a file on one unit, in s of the file's clock.
+
+    Spikes and sync pulses ascend. `observed_s` (n, 2) are the intervals in which the file says that the unit was
+    observed; None if it says nothing. `of_run` is whether the file was exported from the run; `stated` is whether
+    the user states that there are no pulses. `notes` are sentences for the page.
+    """
+
+    spike_s: Array
+    pulse_s: Array
+    observed_s: Array | None = None
+    of_run: bool = False
+    stated: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class SpikeTimes:
+    """Spikes of one unit in s since the start of the run, ascending.
+
+    `observed_s` (n, 2) are the intervals in which the unit was observed. If the file does not state them, they reach
+    from its first to its last event, and a press that they touch counts.
+    """
+
+    spike_s: Array
+    observed_s: Array = field(default_factory=THROUGHOUT.copy)
+    stated: bool = True
+    clock: SpikeClock = _UNTOLD
+    notes: tuple[str, ...] = ()
+
+    def observed(self, begin_s: float, end_s: float) -> bool:
+        """Return whether the unit was observed in a window."""
+        first, last = self.observed_s.T
+        if self.stated:
+            return bool(((first <= begin_s + _TICK_S) & (end_s <= last + _TICK_S)).any())
+        return bool(((first <= end_s) & (begin_s <= last)).any())
+
+    def shifted(self, shift_s: float) -> "SpikeTimes":
+        """Return the spikes as they were if the clock of the file told a time later by `shift_s`."""
+        return replace(self, spike_s=self.spike_s + shift_s, observed_s=self.observed_s + shift_s)
+
+    @property
+    def span(self) -> str:
+        """The intervals, as a clause."""
+        spans = " and ".join(f"{_at(first)} to {_at(last)}" for first, last in self.observed_s[:_MOST_SPANS].tolist())
+        more = f" and {len(self.observed_s) - _MOST_SPANS} more" if len(self.observed_s) > _MOST_SPANS else ""
+        if not len(self.observed_s):
+            return "the unit was never observed"
+        if self.stated and np.isinf(self.observed_s).all() and len(self.observed_s) == 1:
+            return "the unit was observed throughout"
+        if self.stated:
+            return f"the unit was observed from {spans}{more}"
+        return (
+            f"the file has events from {spans}, and does not state how long it recorded; if to the end of the run, "
+            "use --columns observed=throughout"
+        )
+
+
+_MOST_SPANS = 4
+
+
+def _at(time_s: float) -> str:
+    return f"{time_s:.1f} s" if np.isfinite(time_s) else "the start" if time_s < 0 else "the end"
+
+
+def union(spans: Array) -> Array:
+    """Return intervals (n, 2) sorted, with those that touch joined and empty ones left out."""
+    joined: list[list[float]] = []
+    for first, last in spans[np.argsort(spans[:, 0], kind="stable")].tolist():
+        if joined and first <= joined[-1][1] + _TICK_S:
+            joined[-1][1] = max(joined[-1][1], last)
+        elif last > first:
+            joined.append([first, last])
+    return np.array(joined, dtype=float).reshape(-1, 2)
+
+
+def without(spans: Array, gaps: Array) -> Array:
+    """Return intervals (n, 2) minus others (m, 2)."""
+    for begin, end in gaps.tolist():
+        before = np.column_stack([spans[:, 0], np.minimum(spans[:, 1], begin)])
+        after = np.column_stack([np.maximum(spans[:, 0], end), spans[:, 1]])
+        both = np.concatenate([before, after])
+        spans = both[both[:, 1] > both[:, 0]]
+    return union(spans)
+
+
+def extent(*times: Array) -> Array:
+    """Return the interval (1, 2) from the first to the last of several lists of times; (0, 2) without any."""
+    every = np.concatenate(times)
+    return np.array([[every.min(), every.max()]]) if len(every) else np.empty((0, 2))
+
+
+def joined(words: Sequence[str]) -> str:
+    """Return words with commas, and "and" before the last."""
+    return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)

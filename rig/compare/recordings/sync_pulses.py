@@ -1,0 +1,235 @@
+"""The clock of an amplifier, from the run's sync pulses in its recording.
+
+A recording may have pulses that the run did not make, such as one at switch-on, may miss some, or may have both
+edges. The pulses are therefore matched by their times, and what has no partner is reported.
+"""
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.spike_times import Array, SpikeClock, joined
+from rig_shared.plural import number_of
+
+NO_PULSES = "none"
+"""Name that states that a file has no sync pulses."""
+
+_SUGGESTIVE = re.compile(r"sync|ttl|puls|trig|dig|strobe|marker|event|barcode", re.IGNORECASE)
+
+
+def called_like_pulses(name: str) -> bool:
+    """Return whether a channel is called as one that may have sync pulses."""
+    return _SUGGESTIVE.search(name) is not None
+
+
+def rises(values: NDArray[Any], middle: float, *, high_before: bool) -> NDArray[np.int64]:
+    """Return the numbers of the samples (n,) at which a line rises beyond a middle level."""
+    above = np.asarray(values > middle)
+    return np.flatnonzero(above & ~np.concatenate([[high_before], above[:-1]]))
+
+
+TOLERANCE_S = 0.005
+MOST_DRIFT = 0.01
+"""Largest deviation of a clock's rate: the worst oscillators of microcontrollers are within 0.5 %."""
+
+_SEARCHED_DRIFT, _DRIFT_STEP = 1e-3, 2.5e-5  # of a search for partners
+_FEWEST_MATCHED = 4  # where some have no partner: three even intervals are found in many series
+_MOST_UNMATCHED = 0.1
+_ONE_PULSE_S = 0.05  # two edges of one pulse are closer
+_MOST_PAIRS = 4_000_000
+_ROUNDS = 6
+
+
+class _Match(NamedTuple):
+    """A line from the times of the file to those of the run, and the pairs that it joins."""
+
+    slope: float
+    offset_s: float
+    pulses: NDArray[np.int64]
+    rises: NDArray[np.int64]
+    worst_s: float
+
+
+class ClockFit(NamedTuple):
+    """The run's time as a line over the file's time, and whether every pulse of the run is in the file."""
+
+    slope: float
+    offset_s: float
+    complete: bool
+    clock: SpikeClock
+
+    def run_s(self, file_s: Array) -> Array:
+        """Return times of the file in s since the start of the run."""
+        if self.slope == 1.0 and self.offset_s == 0.0:
+            return file_s
+        return np.asarray(self.slope * file_s + self.offset_s)
+
+
+def fitted_clock(path: Path, pulse_s: Array, rise_s: Array) -> ClockFit:
+    """Return the clock by which the pulses of a file (ascending, at least one) are those of the run.
+
+    Raises
+    ------
+    RecordingError
+        If the pulses are not the run's, could be several of them, or drift more than a clock can.
+    """
+    if np.array_equal(pulse_s, rise_s):
+        text = "Times are the run's: the pulses equal those of its journal."
+        return ClockFit(1.0, 0.0, True, SpikeClock("run", text, 0.0, 0.0))
+    if len(pulse_s) == len(rise_s) == 1:
+        text = "The offset of the clock is that of a single pulse; its drift is unknown."
+        return ClockFit(1.0, float(rise_s[0] - pulse_s[0]), True, SpikeClock("pulses", text))
+    every = _line(pulse_s, rise_s) if len(pulse_s) == len(rise_s) else None
+    if every is not None and every.worst_s <= TOLERANCE_S:
+        found = every
+    elif (searched := _searched(path, pulse_s, rise_s)) is not None:
+        found = searched
+    else:
+        raise _not_the_runs(path, pulse_s, rise_s, every)
+    if abs(found.slope - 1) > MOST_DRIFT:
+        raise _no_clock(path, found.slope)
+    return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), _described(found, pulse_s, rise_s))
+
+
+def _line(pulse_s: Array, rise_s: Array) -> _Match:
+    """Fit a line to as many pulses as rises; an offset if all are at one time."""
+    middle, every = float(pulse_s.mean()), np.arange(len(pulse_s))
+    spread = float(((pulse_s - middle) ** 2).sum())
+    slope = float(((pulse_s - middle) * (rise_s - rise_s.mean())).sum()) / spread if spread > 0 else 1.0
+    offset_s = float(rise_s.mean()) - slope * middle
+    left = rise_s - slope * (pulse_s - middle) - rise_s.mean()
+    return _Match(slope, offset_s, every, every, float(np.abs(left).max()))
+
+
+def _searched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:
+    """Return the match that joins the most pulses, or None; refuse several that are as good."""
+    if len(pulse_s) * len(rise_s) > _MOST_PAIRS or min(len(pulse_s), len(rise_s)) < _FEWEST_MATCHED:
+        return None
+    matches = [_refined(pulse_s, rise_s, 1.0 + drift, offset_s) for drift, offset_s in _lines(pulse_s, rise_s)]
+    found = sorted((one for one in matches if one is not None), key=lambda one: (-len(one.pulses), one.worst_s))
+    fewest = min(len(pulse_s), len(rise_s))
+    enough = max(_FEWEST_MATCHED, fewest - max(1, int(_MOST_UNMATCHED * fewest)))
+    if not found or len(found[0].pulses) < enough:
+        return None
+    best = found[0]
+    for other in (one for one in found[1:] if len(one.pulses) == len(best.pulses)):
+        apart_s = float(rise_s[other.rises[0]] - rise_s[best.rises[0]]) - float(
+            pulse_s[other.pulses[0]] - pulse_s[best.pulses[0]]
+        )
+        if abs(apart_s) > _ONE_PULSE_S:
+            raise RecordingError(
+                "{path}: the {pulses} sync pulses fit the {journalled} of the run's journal at several places; "
+                "export all pulses of the run",
+                code="pulses_fit_twice",
+                path=str(path),
+                pulses=len(pulse_s),
+                journalled=len(rise_s),
+            )
+        if apart_s > TOLERANCE_S:  # the later time of the run belongs to the earlier edge in the file
+            best = other
+    return best
+
+
+def _lines(pulse_s: Array, rise_s: Array) -> list[tuple[float, float]]:
+    """Return drifts and offsets at which many pairs of a pulse and a rise lie on one line, best first."""
+    middle = float(pulse_s.mean())
+    span_s = float(np.ptp(pulse_s))
+    pulse_s = pulse_s[:: -(-len(pulse_s) // _MOST_VOTING)]
+    wide_s = 2 * TOLERANCE_S + _DRIFT_STEP * span_s
+    found = []
+    for drift in np.arange(-_SEARCHED_DRIFT, _SEARCHED_DRIFT + _DRIFT_STEP / 2, _DRIFT_STEP):
+        apart = np.sort((rise_s[:, None] - (1 + drift) * (pulse_s - middle)[None, :]).ravel())
+        votes = np.searchsorted(apart, apart + wide_s, side="right") - np.arange(len(apart))
+        taken: list[float] = []
+        for at in np.argsort(-votes, kind="stable")[: 50 * _KEPT]:
+            if len(taken) < _KEPT and all(abs(apart[at] - other) > wide_s for other in taken):
+                taken.append(float(apart[at]))
+                inside = apart[at : at + votes[at]]
+                found.append((int(votes[at]), float(drift), float(np.median(inside)) - (1 + float(drift)) * middle))
+    found.sort(key=lambda one: -one[0])
+    return [(drift, offset_s) for _, drift, offset_s in found[:_TRIED]]
+
+
+_KEPT, _TRIED, _MOST_VOTING = 4, 60, 300
+
+
+def _refined(pulse_s: Array, rise_s: Array, slope: float, offset_s: float) -> _Match | None:
+    """Join each rise with the nearest pulse, and refit, until the line joins no more."""
+    within_s = 4 * TOLERANCE_S + _DRIFT_STEP * float(np.ptp(pulse_s))
+    best: _Match | None = None
+    for _ in range(_ROUNDS):
+        told = slope * pulse_s + offset_s
+        after = np.clip(np.searchsorted(told, rise_s), 1, max(len(told) - 1, 1))
+        near = np.where(np.abs(told[after - 1] - rise_s) <= np.abs(told[after] - rise_s), after - 1, after)
+        rises = np.flatnonzero(np.abs(told[near] - rise_s) <= within_s)
+        pulses, first = np.unique(near[rises], return_index=True)
+        rises = rises[first]
+        if len(pulses) < _FEWEST_MATCHED:
+            return best
+        line = _line(pulse_s[pulses], rise_s[rises])
+        slope, offset_s = line.slope, line.offset_s
+        if line.worst_s <= TOLERANCE_S and (best is None or len(pulses) >= len(best.pulses)):
+            best = _Match(slope, offset_s, pulses, rises, line.worst_s)
+        within_s = max(within_s / 2, TOLERANCE_S)
+    return best
+
+
+def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array, every: _Match | None) -> RecordingError:
+    if every is None:
+        return RecordingError(
+            "{path}: {pulses} sync pulses, but the run's journal has {journalled}"
+            + (", and their intervals do not match" if len(rise_s) else "; if times are its t_s, remove the pulses "
+               "from a CSV, or use --columns sync=none"),
+            code="number_of_pulses",
+            path=str(path),
+            pulses=len(pulse_s),
+            journalled=len(rise_s),
+        )  # fmt: skip
+    return RecordingError(
+        "{path}: the sync pulses differ from the journal's by up to {worst_ms:.1f} ms; at most "
+        "{most_ms:g} ms is allowed",
+        code="pulses_apart",
+        path=str(path),
+        worst_ms=1e3 * every.worst_s,
+        most_ms=1e3 * TOLERANCE_S,
+    )
+
+
+_UNITS_BY_SLOPE = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
+
+
+def _no_clock(path: Path, slope: float) -> RecordingError:
+    unit = next((unit for unit, factor in _UNITS_BY_SLOPE.items() if abs(slope / factor - 1) <= MOST_DRIFT), "")
+    remedy = (
+        "state their unit: --columns sync=NAME:{unit} (in a CSV time=COLUMN:{unit})"
+        if unit
+        else "check the unit and the sampling rate of the pulses"
+    )
+    return RecordingError(
+        "{path}: between sync pulses the run's clock advances {slope:.6g} times as much as the file's; a clock "
+        "deviates by at most {most:g} %; " + remedy,
+        code="no_clock",
+        path=str(path),
+        slope=slope,
+        most=100 * MOST_DRIFT,
+        unit=unit,
+    )
+
+
+def _described(found: _Match, pulse_s: Array, rise_s: Array) -> SpikeClock:
+    extra, missing = len(pulse_s) - len(found.pulses), len(rise_s) - len(found.rises)
+    besides = [
+        *([f"{number_of(extra, 'times')} in the file without a pulse of the run"] if extra else []),
+        *([f"{number_of(missing, 'pulses')} of the run not in the file"] if missing else []),
+    ]
+    drift_ppm, worst_ms = 1e6 * (1 / found.slope - 1), 1e3 * found.worst_s
+    text = (
+        f"{number_of(len(found.pulses), 'sync pulses')} of the run were found in the file: its clock is "
+        f"{abs(drift_ppm):.0f} ppm {'fast' if drift_ppm >= 0 else 'slow'}, and no pulse is off by more than "
+        f"{max(worst_ms, 0.01):.2g} ms{'; ' if besides else ''}{joined(besides)}."
+    )
+    return SpikeClock("pulses", text, drift_ppm, worst_ms)

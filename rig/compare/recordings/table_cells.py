@@ -1,0 +1,322 @@
+"""Cells of a table, row by row: from CSV files, Excel workbooks (.xlsx) and MATLAB files (.mat).
+
+A workbook or an archive of a few kilobytes can unpack to gigabytes. Its declared sizes are therefore examined before
+anything is unpacked.
+"""
+
+import csv
+import io
+import re
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
+from functools import lru_cache
+from itertools import chain
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.etree import ElementTree
+
+import numpy as np
+
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, kind_of
+from rig.compare.recordings.matlab_file import matlab_variables
+from rig_shared.user_files import MOST_LINES, read_bytes, text_of
+
+Lines = Iterator[tuple[int, list[str]]]
+
+MOST_TABLE_BYTES = 100_000_000
+_MOST_UNPACKED = 60_000_000
+_MOST_CELLS = 2_000_000
+_MOST_LISTED = 20
+_SEPARATORS = (",", ";", "\t")
+_SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
+_WORKBOOK = ".xlsx"
+
+
+def file_and_sheet(path: Path) -> tuple[Path, str]:
+    """Split the file from the sheet that is named after it, as in "counts.xlsx#Sheet2"; "" if none is named."""
+    text = str(path)
+    before, mark, sheet = text.rpartition("#")
+    if mark and before.lower().endswith(_WORKBOOK) and not path.exists():
+        return Path(before), sheet
+    return path, ""
+
+
+def table_lines(path: Path) -> Lines:
+    """Yield the row and the stripped cells of the header (no cells for an empty file), then of each row.
+
+    Comments and empty rows above the header are skipped, as are empty columns at the right. Raises RecordingError.
+    """
+    lines = _lines(path)
+    first, header = next(lines, (1, []))
+    while _is_above(header):
+        first, header = next(lines, (first + 1, []))
+        if not header and first > MOST_LINES:
+            break
+    header = [" ".join(cell.split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
+    yield first, header
+    for number, cells in lines:
+        yield number, _without_empty_ends(cells, len(header))
+
+
+def _is_above(cells: list[str]) -> bool:
+    return bool(cells) and (not any(cells) or cells[0].startswith("#") or _is_separator_line(cells))
+
+
+def _is_separator_line(cells: list[str]) -> bool:
+    return _SEPARATOR_LINE.fullmatch(",".join(cells).strip()) is not None
+
+
+def _without_empty_ends(cells: list[str], columns: int) -> list[str]:
+    while len(cells) > columns and not cells[-1]:
+        cells = cells[:-1]
+    return cells
+
+
+def _lines(path: Path) -> Lines:
+    file, sheet = file_and_sheet(path)
+    try:
+        content = read_bytes(file, MOST_TABLE_BYTES)
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
+    if content.startswith(ZIP):
+        return iter(_of_workbook(path, content, sheet))
+    if content.startswith(MATLAB) and file.suffix.lower() == ".mat":
+        return _of_matlab(path, content)
+    return _of_csv(path, content)
+
+
+def _no_table(path: Path, kind: str, reason: str = "") -> RecordingError:
+    if kind and kind != "text":
+        return RecordingError(
+            "{path}: not a table (CSV in UTF-8, .xlsx, .mat); it is {kind}", code="no_csv", path=str(path), kind=kind
+        )
+    return RecordingError(
+        "{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8",
+        code="no_csv",
+        path=str(path),
+        reason=reason,
+    )
+
+
+def _of_csv(path: Path, content: bytes) -> Lines:
+    """Yield the rows of a CSV; its separator is the one that splits the header into the most columns."""
+    if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
+        reason = f"more than {MOST_LINES} lines, which is the limit"
+        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
+    utf_16 = content.startswith(UTF_16)
+    kind = "" if utf_16 or not content else kind_of(content)
+    if kind not in ("", "text"):
+        raise _no_table(path, kind)
+    row = 1
+    try:
+        lines = text_of(content, encoding="utf-16" if utf_16 else "utf-8-sig")
+        header = next(lines, "")
+        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
+            row, header = row + 1, next(lines, "")
+        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+        for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), row):
+            yield number, [cell.strip() for cell in line]
+            row = number
+    except UnicodeDecodeError as error:
+        row = 1 + content[: error.start].count(b"\n")
+        reason = f"row {row} has a byte of another encoding (perhaps Latin-1 or Windows-1252)"
+        raise _no_table(path, "", "its text is not complete" if utf_16 else reason) from None
+    except csv.Error as error:
+        raise _no_table(path, "", str(error)) from None
+
+
+# Workbooks: Office Open XML, ECMA-376. Sheets are read in the order of the workbook.
+
+_MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
+_STRICT = "{http://purl.oclc.org/ooxml/spreadsheetml/main}"
+_REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
+_DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
+_DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
+_NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
+    NotImplementedError, RuntimeError, OSError,
+)  # fmt: skip
+
+
+class _Workbook(NamedTuple):
+    """An open workbook: its archive, shared texts, and the styles that make numbers dates."""
+
+    path: Path
+    archive: zipfile.ZipFile
+    texts: list[str]
+    dates: frozenset[int]
+
+
+@lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
+def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list[str]]]:
+    try:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            if "xl/workbook.xml" not in archive.namelist():
+                raise _no_table(path, kind_of(content))
+            book = _Workbook(path, archive, _shared_texts(archive), _date_styles(archive))
+            return _one_sheet(book, _sheets(archive), sheet)
+    except RecordingError:
+        raise
+    except _DAMAGE as error:
+        kind = "a damaged or encrypted workbook" if b"xl/workbook.xml" in content else kind_of(content)
+        reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
+        raise _no_table(path, f"{kind} ({reason})" if kind.startswith("a damaged") else kind) from None
+
+
+def _one_sheet(book: _Workbook, sheets: Mapping[str, str], sheet: str) -> list[tuple[int, list[str]]]:
+    if sheet and sheet not in sheets:
+        raise RecordingError(
+            "{path}: there is no sheet {sheet}; the sheets are {sheets}",
+            code="no_sheet",
+            path=str(book.path),
+            sheet=sheet,
+            sheets=", ".join(list(sheets)[:_MOST_LISTED]),
+        )
+    read = {name: _rows(book, sheets[name]) for name in ([sheet] if sheet else sheets)}
+    full = {name: rows for name, rows in read.items() if any(any(cells) for _, cells in rows)}
+    if len(full) > 1:
+        raise RecordingError(
+            "{path}: {number} sheets have rows; use FILE#SHEET, e.g. {file}#{first} ({sheets})",
+            code="several_sheets",
+            path=str(book.path),
+            number=len(full),
+            file=book.path.name,
+            first=next(iter(full)),
+            sheets=", ".join(list(full)[:_MOST_LISTED]),
+        )
+    return next(iter(full.values()), [])
+
+
+def _xml(archive: zipfile.ZipFile, name: str) -> Iterator[ElementTree.Element]:
+    """Yield the elements of a part, at their ends; refuse large parts, and entities, which a workbook never has."""
+    if archive.getinfo(name).file_size > _MOST_UNPACKED:
+        raise ValueError(f"{name} is larger than {_MOST_UNPACKED / 1e6:g} MB")
+    content = archive.read(name)
+    if b"<!DOCTYPE" in content or b"<!ENTITY" in content:
+        raise ValueError(f"{name} has entities")
+    for _, element in ElementTree.iterparse(io.BytesIO(content)):
+        element.tag = element.tag.replace(_STRICT, _MAIN)
+        yield element
+
+
+def _shared_texts(archive: zipfile.ZipFile) -> list[str]:
+    if "xl/sharedStrings.xml" not in archive.namelist():
+        return []
+    found = []
+    for element in _xml(archive, "xl/sharedStrings.xml"):
+        if element.tag == f"{_MAIN}si":
+            found.append(_text(element))
+            element.clear()
+    return found
+
+
+def _text(element: ElementTree.Element) -> str:
+    """Return the text of runs, without phonetic hints."""
+    return "".join(
+        one.text or "" for part in ([element, *element.findall(f"{_MAIN}r")]) for one in part.findall(f"{_MAIN}t")
+    )
+
+
+def _date_styles(archive: zipfile.ZipFile) -> frozenset[int]:
+    """Return the numbers of the cell styles that show a number as a date or a time."""
+    if "xl/styles.xml" not in archive.namelist():
+        return frozenset()
+    own: dict[int, str] = {}
+    styles: list[int] = []
+    for element in _xml(archive, "xl/styles.xml"):
+        if element.tag == f"{_MAIN}numFmt":
+            own[int(element.get("numFmtId", 0))] = element.get("formatCode", "")
+        elif element.tag == f"{_MAIN}cellXfs":
+            styles = [int(one.get("numFmtId", 0)) for one in element]
+    return frozenset(
+        n
+        for n, number in enumerate(styles)
+        if number in _DATE_FORMATS or _DATE_CODE.search(_NOT_CODE.sub("", own.get(number, "").replace("General", "")))
+    )
+
+
+def _sheets(archive: zipfile.ZipFile) -> dict[str, str]:
+    """Return the part of each sheet by its name."""
+    targets = {
+        element.get("Id", ""): element.get("Target", "")
+        for element in _xml(archive, "xl/_rels/workbook.xml.rels")
+        if element.tag.endswith("}Relationship")
+    }
+    found = {}
+    for element in _xml(archive, "xl/workbook.xml"):
+        if element.tag == f"{_MAIN}sheet":
+            key = next((value for name, value in element.attrib.items() if name.endswith("}id")), "")
+            target = targets[key]
+            found[element.get("name", "")] = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
+    return {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
+
+
+def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
+    found, cells = list[tuple[int, list[str]]](), 0
+    for element in _xml(book.archive, part):
+        if element.tag != f"{_MAIN}row":
+            continue
+        number = int(element.get("r", found[-1][0] + 1 if found else 1))
+        row: list[str] = []
+        for cell in element.findall(f"{_MAIN}c"):
+            at = _REFERENCE.fullmatch(cell.get("r", ""))
+            column = _column_number(at[1]) if at else len(row)
+            row += [""] * (column - len(row)) + [_cell(cell, book)]
+        cells += len(row)
+        if cells > _MOST_CELLS:
+            raise ValueError(f"more than {_MOST_CELLS} cells")
+        element.clear()
+        found.append((number, row))
+    width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
+    return [(number, row + [""] * (width - len(row)) if any(row) else [""]) for number, row in found]
+
+
+def _column_number(letters: str) -> int:
+    number = 0
+    for letter in letters:
+        number = 26 * number + ord(letter) - ord("A") + 1
+    return number - 1
+
+
+def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
+    kind, value = cell.get("t", "n"), cell.findtext(f"{_MAIN}v") or ""
+    if kind == "s":
+        return book.texts[int(value)].strip() if value else ""
+    if kind == "inlineStr":
+        inside = cell.find(f"{_MAIN}is")
+        return "" if inside is None else _text(inside).strip()
+    if not value and cell.find(f"{_MAIN}f") is not None:
+        return "(a formula without a stored value)"
+    if kind == "n" and value and int(cell.get("s", 0)) in book.dates:
+        return f"{value} (a date or time in Excel)"
+    return value.strip()
+
+
+def _of_matlab(path: Path, content: bytes) -> Lines:
+    """Yield the vectors of a MATLAB file as columns; scalars are the same in all rows."""
+    try:
+        variables = matlab_variables(content, _MOST_UNPACKED)
+    except (ValueError, struct.error) as error:
+        raise _no_table(path, f"a damaged MATLAB file ({error})") from None
+    vectors = {one.name: one.vector for one in variables if one.vector is not None}
+    lengths = {len(values) for values in vectors.values()} - {1} or {1}
+    if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
+        raise RecordingError(
+            "{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
+            "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
+            code="no_mat_table",
+            path=str(path),
+            held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
+        )
+    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()})
+
+
+def _as_lines(columns: Mapping[str, Any]) -> Lines:
+    yield 1, list(columns)
+    for number, values in enumerate(zip(*(one.tolist() for one in columns.values()), strict=True), 2):
+        yield number, [f"{value:.17g}" for value in values]

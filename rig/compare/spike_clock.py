@@ -1,0 +1,120 @@
+"""What a comparison says of recordings from spike times: presses left out, whose clock, and what a shift changes."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from rig.compare.recordings.recording import FromSpikes, Recording
+from rig.compare.verdict import AfferentVerdict, six_digits
+from rig.errors import RigError
+from rig_shared.plural import number_of
+
+Recordings = Mapping[str, Recording]
+Judge = Callable[[Recordings], object]
+"""Returns the answer to recordings, in a form that is equal for equal answers."""
+
+SHIFTS_S = (0.02, 0.1, 0.5, 2.0)
+"""Shifts of a clock that are tried, later and earlier."""
+
+
+class ClockShift(NamedTuple):
+    """Smallest tried shift of the recordings' clock, later and earlier (s), that changes the answer; None if none."""
+
+    later_s: float | None
+    earlier_s: float | None
+    tried_s: tuple[float, ...]
+
+    @property
+    def sentence(self) -> str:
+        """How far the answer depends on the clock."""
+        tried = ", ".join(f"{shift:g}" for shift in self.tried_s)
+        found = [f"{shift:g} s {side}" for shift, side in ((self.later_s, "later"), (self.earlier_s, "earlier"))
+                 if shift is not None]  # fmt: skip
+        if not found:
+            return f"No tried shift of this clock ({tried} s, later and earlier) changes the answer."
+        which = " or ".join(found)
+        return f"The answer changes if this clock is shifted by {which}; tried: {tried} s, later and earlier."
+
+
+def outcome_of(answers: Sequence[AfferentVerdict]) -> object:
+    """Return what a shift may change: each outcome, and the measures of its set."""
+    return [(one.outcome, sorted({row.name for row in one.set})) for one in answers]
+
+
+def clock_shift(recordings: Recordings, judge: Judge, tried_s: Sequence[float] = SHIFTS_S) -> ClockShift | None:
+    """Return the shifts that change the answer, or None if no recording has spike times."""
+    if not any(one.spikes for one in recordings.values()):
+        return None
+    answer = _judged(judge, recordings, 0.0)
+    later, earlier = (
+        next((s for s in tried_s if _judged(judge, recordings, sign * s) != answer), None) for sign in (1, -1)
+    )
+    return ClockShift(later, earlier, tuple(tried_s))
+
+
+def _judged(judge: Judge, recordings: Recordings, shift_s: float) -> object:
+    """Return the answer to recordings whose clock is shifted, or the code of an error if too few presses are left."""
+    try:
+        return judge(_shifted(recordings, shift_s) if shift_s else recordings)
+    except RigError as error:
+        return error.code
+
+
+def _shifted(recordings: Recordings, shift_s: float) -> dict[str, Recording]:
+    return {key: one if one.spikes is None else one.spikes.shifted(shift_s) for key, one in recordings.items()}
+
+
+def recording_sentences(found: Recording) -> list[str]:
+    """Return sentences on the presses and the clock of a recording; none for a table of rates or counts."""
+    spikes = found.spikes
+    if spikes is None:
+        return []
+    every = f"All {number_of(spikes.presses, 'presses')} were observed."
+    return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
+
+
+def recording_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:
+    """Yield a row per recording from spike times, by afferent ("" for the only one)."""
+    for afferent, some in recordings.items():
+        for key, one in some.items():
+            if one.spikes is not None:
+                counted = f"{one.spikes.presses - one.spikes.not_observed} of {one.spikes.presses}"
+                lost = f"{one.spikes.not_observed}: {one.spikes.span}" if one.spikes.lost_mm else "0"
+                yield (*([afferent] if afferent else []), key, one.name, counted, lost,
+                       " ".join([one.spikes.clock.text, *one.spikes.notes]))  # fmt: skip
+
+
+def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift | None) -> dict[str, Any]:
+    """Return the recordings and the effect of a shift of their clock for `--json`."""
+    rows = [
+        {
+            "afferent": afferent or None,
+            "shape": key.partition("@")[0],
+            "recording": one.name,
+            "positions": len(one.position_mm),
+            **_spikes_as_json(one.spikes),
+        }
+        for afferent, some in recordings.items()
+        for key, one in some.items()
+    ]
+    return {"recordings": rows, "clock_shift": None if shift is None else _shift_as_json(shift)}
+
+
+def _shift_as_json(shift: ClockShift) -> dict[str, Any]:
+    return {**shift._asdict(), "tried_s": list(shift.tried_s), "shift_text": shift.sentence}
+
+
+def _spikes_as_json(spikes: FromSpikes | None) -> dict[str, Any]:
+    if spikes is None:
+        return {"presses": None, "not_observed_mm": [], "observed_text": None, "clock": None}
+    clock = spikes.clock
+    return {
+        "presses": spikes.presses,
+        "not_observed_mm": list(spikes.lost_mm),
+        "observed_text": spikes.span,
+        "clock": {
+            "source": clock.source,
+            "drift_ppm": six_digits(clock.drift_ppm),
+            "worst_ms": six_digits(clock.worst_ms),
+            "clock_text": " ".join([clock.text, *spikes.notes]),
+        },
+    }

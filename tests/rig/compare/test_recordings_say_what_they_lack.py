@@ -1,0 +1,880 @@
+"""No data is not zero, and what is not understood is not absent: each row is an input, and what is right for it.
+
+All files are synthetic: one afferent under eight presses at four places. A row has the right rates and the number
+of presses that were not observed, or the code of the refusal and the words that it must contain.
+"""
+
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import h5py
+import neo
+import numpy as np
+import pytest
+import quantities as pq
+import scipy.io
+from numpy.typing import NDArray
+
+from rig.cli.compare import _without_copies
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.afferents_table import read_afferents
+from rig.compare.recordings.columns import column_map
+from rig.compare.recordings.deflection import read_skin_deflection
+from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.spike_clock import clock_shift
+from rig.data import Run, read_run
+from rig.data.index import listed
+from rig.design.presses import PossiblePress
+from rig.design.recorded_counts import read_counts
+from rig.report.recording_sections import read_deflections
+from tests.error_codes import raises
+from tests.rig.compare.test_every_kind_of_recording import STARTS, TIMES, WINDOW_S, journal
+
+Array = NDArray[np.float64]
+
+RISES = [start - before for start, before in zip(STARTS, (0.5, 0.7, 0.45, 0.9, 0.6, 0.8, 0.55, 0.75), strict=True)]
+"""Of the pulses of the run, at uneven intervals, one before each press."""
+
+ALL = [6.0, 24.0, 12.0, 1.0]
+"""Rates (1/s) at −0.5, 0, 0.25 and 1 mm: means of counts (2, 4), (10, 14), (6, 6), (0, 1) in half a second."""
+
+LOST_S, BEGAN_S = 65.0, 15.0
+UNTIL_LOST = [t for t in TIMES if t < LOST_S]
+
+
+def amplifier(run_s: Sequence[float] | Array) -> Array:
+    """The clock of the amplifier started 12.5 s earlier and runs 20 ppm fast."""
+    return np.asarray(12.5 + np.asarray(run_s) * (1 + 20e-6))
+
+
+def run_with_pulses(folder: Path) -> Run:
+    run = journal(folder)
+    return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in RISES]})
+
+
+def nwb(**datasets: Any) -> Callable[[Path], str]:
+    """A file with one unit, unless `datasets` say otherwise; "__" in a name is a slash."""
+
+    def write(folder: Path) -> str:
+        path = folder / "synthetic.nwb"
+        with h5py.File(path, "w") as file:
+            usual = {"units__id": [0], "units__spike_times": TIMES}
+            given = usual | datasets
+            if "units__spike_times_index" not in given:
+                given["units__spike_times_index"] = [len(given["units__spike_times"])]
+            for name, values in given.items():
+                if values is None:
+                    continue
+                place, dot, attribute = name.replace("__", "/").partition(".")
+                if dot:
+                    file[place].attrs[attribute] = values
+                else:
+                    file[place] = values
+        return str(path)
+
+    return write
+
+
+def of_amplifier(spikes: Sequence[float] = TIMES, **datasets: Any) -> Callable[[Path], str]:
+    return nwb(units__spike_times=amplifier(spikes), **datasets)
+
+
+def observed(*spans: tuple[float, float]) -> dict[str, Any]:
+    return {"units__obs_intervals": amplifier(np.array(spans)), "units__obs_intervals_index": [len(spans)]}
+
+
+PULSES = {"intervals__sync_pulses__start_time": amplifier(RISES)}
+SAMPLES_HZ = 2000.0
+
+
+def line(edges: Array, volts: float = 5.0) -> NDArray[np.float32]:
+    """A sampled line that is high for 10 ms from each rise."""
+    values = np.zeros(int(110 * SAMPLES_HZ), dtype=np.float32)
+    for rise in edges:
+        values[int(np.ceil(rise * SAMPLES_HZ)) : int((rise + 0.01) * SAMPLES_HZ)] = volts
+    return values
+
+
+def sampled(place: str) -> dict[str, Any]:
+    return {
+        f"{place}__data": line(amplifier(RISES)),
+        f"{place}__starting_time": 0.0,
+        f"{place}__starting_time.rate": SAMPLES_HZ,
+    }
+
+
+def both_edges() -> dict[str, Any]:
+    rises = amplifier(RISES)
+    return {
+        "acquisition__sync_pulses__timestamps": np.sort(np.concatenate([rises, rises + 0.0105])),
+        "acquisition__sync_pulses__data": np.tile([1, 0], len(rises)),
+    }
+
+
+def pulses_at(times: Array) -> dict[str, Any]:
+    return {"intervals__sync_pulses__start_time": times}
+
+
+def nix(start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False) -> Any:
+    def write(folder: Path) -> str:
+        path = folder / "synthetic.nix"
+        segment = neo.Segment()
+        times = np.array([t for t in spikes if start <= t <= stop])
+        segment.spiketrains.append(neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u"))
+        if line_v:
+            segment.analogsignals.append(
+                neo.AnalogSignal(line(np.array(RISES)), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name="ttl")
+            )
+        block = neo.Block()
+        block.segments.append(segment)
+        with neo.NixIO(str(path), mode="ow") as file:
+            file.write_block(block)
+        return str(path)
+
+    return write
+
+
+def text(content: str, name: str = "synthetic.csv", encoding: str = "utf-8") -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        path = folder / name
+        path.write_bytes(content.encode(encoding))
+        return str(path)
+
+    return write
+
+
+def spikes_csv(*more: tuple[float, str], spikes: Sequence[float] = TIMES, header: str = "time_s,kind") -> Any:
+    rows = [*((float(t), "spike") for t in spikes), *more]
+    return text(f"{header}\n" + "".join(f"{t:.6f},{kind}\n" for t, kind in rows))
+
+
+def syncs(times: Array) -> list[tuple[float, str]]:
+    return [(float(t), "sync") for t in times]
+
+
+@dataclass(frozen=True)
+class Case:
+    """An input, and what is right: rates and presses that were not observed, or a refusal and its words; and why."""
+
+    why: str
+    write: Callable[[Path], str]
+    columns: tuple[str, ...] = ()
+    rates: Sequence[float] | None = None
+    lost: int = 0
+    code: str = ""
+    says: tuple[str, ...] = ()
+    pulses: bool = True
+    window_s: float = WINDOW_S
+
+
+UNOBSERVED = {
+    "NWB, obs_intervals end": Case(
+        "presses at 70 and 80 s are after the unit was lost at 65 s",
+        of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
+    ),
+    "NWB, obs_intervals with a gap": Case(
+        "the press at 30 s is in the gap; that at 40 s has 14 spikes in half a second",
+        of_amplifier([t for t in TIMES if not 25 < t < 35], **PULSES, **observed((0, 25), (35, 100))),
+        rates=[6, 28, 12, 1], lost=1,
+    ),
+    "NWB, obs_intervals end within a window": Case(
+        "a window that is partly observed has no rate: the press at 80 s was cut at 80.2 s",
+        of_amplifier(**PULSES, **observed((0, 80.2))), rates=[6, 24, 12, 0], lost=1,
+    ),
+    "NWB, obs_intervals in another unit of time": Case(
+        "no spike lies in the intervals, so one of the two has another unit",
+        nwb(units__spike_times=TIMES, units__obs_intervals=[[0.0, 200_000.0]], units__obs_intervals_index=[1],
+            units__id=[0], intervals__trials__start_time=None),
+        ("sync=none", "observed=obs_intervals:ms"), rates=ALL,
+    ),
+    "NWB, obs_intervals without spikes in them": Case(
+        "spikes in s, intervals in ms, said nowhere",
+        nwb(units__obs_intervals=[[500.0, 2000.0]], units__obs_intervals_index=[1]), ("sync=none",),
+        code="spikes_outside_observed", says=("obs_intervals", "observed=obs_intervals:ms"),
+    ),
+    "NWB, malformed obs_intervals": Case(
+        "what is there and not understood is no absence",
+        nwb(units__obs_intervals=[[0.0, 50.0]]), ("sync=none",), code="bad_obs_intervals", says=("obs_intervals",),
+    ),
+    "NWB, invalid_times": Case(
+        "the press at 60 s is invalid; the other at 0.25 mm has 6 spikes in half a second",
+        of_amplifier(**PULSES, intervals__invalid_times__start_time=amplifier([55.0]),
+                     intervals__invalid_times__stop_time=amplifier([65.0])), rates=ALL, lost=1,
+    ),
+    "NIX, t_start and t_stop": Case(
+        "presses at 10, 70 and 80 s are outside of the spike train's span",
+        nix(BEGAN_S, LOST_S), ("sync=none",), rates=[8, 24, 12], lost=3,
+    ),
+    "CSV, start and stop": Case(
+        "rows of kind start and stop are the span", spikes_csv((0.0, "start"), (LOST_S, "stop"), spikes=UNTIL_LOST),
+        rates=ALL[:3], lost=2, pulses=False,
+    ),
+    "CSV, on for longer than it fired": Case(
+        "the file says that it recorded until 100 s, so no spike at 70 and 80 s is a rate of 0",
+        spikes_csv((0.0, "start"), (100.0, "stop"), spikes=UNTIL_LOST), rates=[*ALL[:3], 0], pulses=False,
+    ),
+    "CSV, ends before the run": Case(
+        "nothing says that the amplifier was on after the last spike",
+        spikes_csv(spikes=UNTIL_LOST), rates=ALL[:3], lost=2, pulses=False,
+    ),
+    "CSV, observed throughout": Case(
+        "the user says that it recorded to the end", spikes_csv(spikes=UNTIL_LOST), ("observed=throughout",),
+        rates=[*ALL[:3], 0], pulses=False,
+    ),
+    "NWB, observed throughout": Case(
+        "stated, and the file says otherwise", of_amplifier(UNTIL_LOST, **PULSES, **observed((0, LOST_S))),
+        ("observed=throughout",), code="no_observed", says=("states when",),
+    ),
+    "CSV, all pulses": Case(
+        "the amplifier was on to the end, and the afferent silent",
+        spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier(UNTIL_LOST).tolist()), rates=[*ALL[:3], 0],
+    ),
+    "CSV, the last pulses are missing": Case(
+        "the amplifier was off before the last two presses",
+        spikes_csv(*syncs(amplifier(RISES[:6])), spikes=amplifier(UNTIL_LOST).tolist()), rates=ALL[:3], lost=2,
+    ),
+    "nothing observed": Case(
+        "no press is left", of_amplifier([0.5], **PULSES, **observed((0, 1))), code="few_positions",
+        says=("8 of 8 presses are not observed",),
+    ),
+}  # fmt: skip
+
+PRESENT = {
+    "NWB, a sampled line": Case("its rises are the pulses", of_amplifier(**sampled("acquisition__sync_pulses")),
+                                rates=ALL),
+    "NWB, both edges": Case("the rises are those where the data are high", of_amplifier(**both_edges()), rates=ALL),
+    "NWB, a pulse at switch-on": Case(
+        "the other eight are the run's", of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES)))), rates=ALL,
+    ),
+    "NWB, a pulse is missing": Case(
+        "the other seven tell the clock", of_amplifier(**pulses_at(np.delete(amplifier(RISES), 3))), rates=ALL,
+    ),
+    "NWB, one too many and one missing": Case(
+        "as many as the run's, and still not the run's",
+        of_amplifier(**pulses_at(np.append(0.001, np.delete(amplifier(RISES), 3)))), rates=ALL,
+    ),
+    "NWB, pulses that could be any": Case(
+        "three of many equal intervals fit at several places",
+        of_amplifier(**pulses_at(np.array([0.0, 0.001, 0.002]))), code="number_of_pulses", says=("3", "8"),
+    ),
+    "NWB, pulses under another name": Case(
+        "they are there", of_amplifier(intervals__ttl__start_time=amplifier(RISES)), code="unknown_pulses",
+        says=("ttl (8 intervals)", "--columns sync=", "sync=none"),
+    ),
+    "NWB, the other name": Case(
+        "named", of_amplifier(intervals__ttl__start_time=amplifier(RISES)), ("sync=ttl",), rates=ALL
+    ),
+    "NWB, a line under another name": Case(
+        "it is there", of_amplifier(**sampled("stimulus__presentation__digital_in")), code="unknown_pulses",
+        says=("digital_in",),
+    ),
+    "NWB, that line": Case(
+        "named", of_amplifier(**sampled("stimulus__presentation__digital_in")), ("sync=digital_in",), rates=ALL,
+    ),
+    "NWB, events of a processing module": Case(
+        "they are there", of_amplifier(processing__behavior__TTL__timestamps=amplifier(RISES),
+                                       processing__behavior__TTL__data=np.ones(8)),
+        code="unknown_pulses", says=("processing/behavior/TTL",),
+    ),
+    "NWB, a table of events": Case(
+        "times in a column", of_amplifier(events__ttl__timestamp=amplifier(RISES)), ("sync=ttl",), rates=ALL,
+    ),
+    "NWB, events with labels": Case(
+        "1 is the number of another line, not a level", of_amplifier(
+            acquisition__sync_pulses__timestamps=np.sort(np.concatenate([amplifier(RISES), [30.0, 50.0]])),
+            acquisition__sync_pulses__data=np.searchsorted([1, 3], np.arange(10)) == 1,
+            **{"acquisition__sync_pulses__data.labels": ["sync", "reward"]},
+        ), rates=ALL,
+    ),
+    "NWB, trials": Case(
+        "the trials are on the amplifier's clock, and no pulse leads to the run's",
+        of_amplifier(intervals__trials__start_time=amplifier(STARTS)), code="unknown_pulses",
+        says=("trials (8 intervals)",),
+    ),
+    "NWB, pulses elsewhere": Case(
+        "a name that is not there lists what is",
+        of_amplifier(intervals__ttl__start_time=amplifier(RISES)), ("sync=pulses",), code="no_pulses",
+        says=("ttl (8 intervals)",),
+    ),
+    "NIX, a sampled line": Case(
+        "a signal called ttl may be the pulses", nix(line_v=True), code="several_channels", says=("ttl",)
+    ),
+    "NIX, that line": Case("named", nix(line_v=True), ("sync=ttl",), rates=ALL),
+    "CSV, a column of pulses beside": Case(
+        "--columns names the times, and the pulses are there", text(
+            "t_s,ttl\n" + "".join(f"{t},0\n" for t in TIMES)
+        ), ("time=t_s",), code="unknown_pulses", says=("'ttl'", "kind"), pulses=False,
+    ),
+    "CSV, several units": Case(
+        "spikes of two units are not one afferent's",
+        text("unit,t_s\n" + "".join(f"a,{t}\nb,{t + 0.1}\n" for t in TIMES)), ("time=t_s",), code="several_units",
+        says=("one of a, b",), pulses=False,
+    ),
+    "CSV, one of several units": Case(
+        "chosen", lambda folder: text("unit,t_s\n" + "".join(f"a,{t}\nb,{t + 0.1}\n" for t in TIMES))(folder) + "#a",
+        ("time=t_s",), rates=ALL, pulses=False,
+    ),
+}  # fmt: skip
+
+
+def table(header: str, *rows: str, sep: str = ",") -> Callable[[Path], str]:
+    return text("\n".join((header, *rows)).replace("|", sep) + "\n")
+
+
+COUNTS_250MS = ("-0.5|3|250", "0|12|250", "0.25|6|250", "1|1|250")
+IN_QUARTER = [12, 48, 24, 4]
+"""Rates of these counts in 0.25 s."""
+
+UNITS = {
+    "window (msec)": Case("a synonym of ms", table("position_mm|count|window (msec)", *COUNTS_250MS),
+                          rates=IN_QUARTER),
+    "window [milliseconds]": Case("a synonym of ms", table("position_mm|count|window [milliseconds]", *COUNTS_250MS),
+                                  rates=IN_QUARTER),
+    "window_msec": Case("a synonym of ms", table("position_mm|count|window_msec", *COUNTS_250MS), rates=IN_QUARTER),
+    "window (fortnights)": Case("unknown", table("position_mm|count|window (fortnights)", *COUNTS_250MS),
+                                code="unknown_unit", says=("window (fortnights)", "fortnights", "ms")),
+    "window (mm)": Case("a length is no time", table("position_mm|count|window (mm)", *COUNTS_250MS),
+                        code="unknown_unit", says=("'mm'",)),
+    "position (mm)": Case("mm", table("position (mm)|rate", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL),
+    "Position [MM]": Case("mm", table("Position [MM]|Rate", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL),
+    "position (micron)": Case("µm", table("position (micron)|rate", "-500|6", "0|24", "250|12", "1000|1"), rates=ALL),
+    "rate (imp/min)": Case("a minute has 60 s", table("position_mm|rate (imp/min)", "-0.5|360", "0|1440", "0.25|720",
+                                                      "1|60"), rates=ALL),
+    "rate_per_min": Case("a minute has 60 s", table("position_mm|rate_per_min", "-0.5|360", "0|1440", "0.25|720",
+                                                    "1|60"), rates=ALL),
+    "rate (spikes per second)": Case("1/s", table("position_mm|rate (spikes per second)", "-0.5|6", "0|24", "0.25|12",
+                                                  "1|1"), rates=ALL),
+    "rate (kHz)": Case("1000/s", table("position_mm|rate (kHz)", "-0.5|.006", "0|.024", "0.25|.012", "1|.001"),
+                       rates=ALL),
+    "sd with the rates": Case("an sd without a unit has that of the rates, so its rates are read",
+                              table("position_mm|rate (1/ms)|sd", "-0.5|.006|.001", "0|.024|.001", "0.25|.012|.001",
+                                    "1|.001|.001"), rates=ALL),
+    "rate (V)": Case("unknown", table("position_mm|rate (V)", "-0.5|6", "0|24", "0.25|12"), code="unknown_unit",
+                     says=("'V'",)),
+    "--columns x (in)": Case("an inch has 25.4 mm", table("x (in)|rate", "-.02|6", "0|24", ".01|12", ".04|1"),
+                             ("position=x (in)",), rates=ALL),
+    "--columns x:inch": Case("an inch has 25.4 mm", table("x|rate", "-.02|6", "0|24", ".01|12", ".04|1"),
+                             ("position=x:inch",), rates=ALL),
+    "--columns x (parsec)": Case("unknown", table("x (parsec)|rate", "1|6", "2|24", "3|12"), ("position=x (parsec)",),
+                                 code="unknown_unit", says=("parsec",)),
+    "--columns x (parsec):mm": Case("stated", table("x (parsec)|rate", "1|6", "2|24", "3|12", "4|1"),
+                                    ("position=x (parsec):mm",), rates=ALL),
+    "count (spikes)": Case("counts may say what they count", table("position_mm|count (spikes)|window_ms",
+                                                                   *COUNTS_250MS), rates=IN_QUARTER),
+    "count (kHz)": Case("a rate is no count", table("position_mm|count (kHz)|window_ms", *COUNTS_250MS),
+                        code="unknown_unit", says=("kHz",)),
+    "time (msec)": Case("a synonym of ms", text("time (msec)\n" + "".join(f"{1e3 * t}\n" for t in TIMES)), rates=ALL,
+                        pulses=False),
+    "no unit": Case("mm or µm?", table("position|rate", "-0.5|6", "0|24", "0.25|12"), code="no_unit",
+                    says=("--columns position=position:mm",)),
+    "two columns": Case("which of the two?", table("position (mm)|x (um)|rate", "1|1000|6", "2|2000|24", "3|3000|12"),
+                        code="two_columns", says=("position (mm)", "x (um)")),
+    "µm called mm": Case("no finger is 2 m wide", table("position_mm|rate", "-2000|6", "0|24", "2000|12"),
+                         code="beyond_a_finger", says=("row 2", "-2000", ":um")),
+    "µm called mm by --columns": Case("no finger is 2 m wide", table("x|rate", "-2000|6", "0|24", "2000|12"),
+                                      ("position=x:mm",), code="beyond_a_finger", says=("row 2",)),
+    "m called mm": Case("no profile lies within 10 µm", table("position_mm|rate", "-.002|6", "0|24", ".002|12"),
+                        code="beyond_a_finger", says=("0.004", ":m")),
+    "ms called s": Case("no hold lasts 16 min", table("position_mm|count|window_s", "-0.5|3|1000", "0|12|1000",
+                                                      "0.25|6|1000"), code="beyond_a_finger", says=("1000", ":ms")),
+    "spikes too dense": Case(
+        "no afferent fires 2000 spikes in 20 ms", text("time (s)\n" + "".join(
+            f"{start + 1e-5 * k}\n" for start in STARTS for k in range(2000))), pulses=False,
+        code="beyond_a_finger", says=("2000 spikes", "unit of time"),
+    ),
+    "window=500": Case("no hold lasts 8 min", table("position_mm|count", "-0.5|3", "0|12", "0.25|6"),
+                       ("window=500",), code="beyond_a_finger", says=("500", ":ms")),
+    "counts called rates per min": Case("no afferent fires 3600 times a second",
+                                        table("position_mm|rate", "-0.5|360", "0|3600", "0.25|72"),
+                                        code="beyond_a_finger", says=("3600", ":1/min")),
+    "rates in units of their own": Case("stated", table("position_mm|rate", "-0.5|3600", "0|4800", "0.25|7200"),
+                                        ("rate=rate:a.u.",), rates=[3600, 4800, 7200]),
+    "trials": Case(
+        "a table of trials: presses at one place are told apart by the number of the trial",
+        table("trial|position (mm)|spike_count|duration_ms", "1|-0.5|2|500", "2|0|10|500", "3|0|14|500",
+              "4|-0.5|4|500", "5|0.25|6|500", "6|0.25|6|500", "7|1|0|500", "8|1|1|500"), rates=ALL,
+    ),
+    "trials without a unit": Case(
+        "one line says all that is missing",
+        table("trial|position|spike_count|duration_ms", "1|-0.5|2|500", "2|0|10|500", "3|0.25|6|500"), code="no_unit",
+        says=("--columns position=position:mm",),
+    ),
+    "trials with another column": Case(
+        "one line says how to go on",
+        table("subject|trial|position (mm)|spike_count|duration_ms", "S1|1|-0.5|2|500", "S1|2|0|10|500"),
+        code="extra_column",
+        says=("'subject'", "position=position (mm),count=spike_count,window=duration_ms,repeat=trial"),
+    ),
+    "CSV, kinds in a column of another name": Case(
+        "pulses are no spikes",
+        spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier(TIMES).tolist(), header="t_s,type"), ("time=t_s",),
+        rates=ALL,
+    ),
+}  # fmt: skip
+
+NUMBERS = {
+    "thousands of µm": Case("−2 mm or −0.002 mm?", table('x (um);rate', "-2,000;6", "-800;24", "0;12", "1,000;1"),
+                            code="ambiguous_number", says=("row 2", "'-2,000'", "2000")),
+    "thousands, quoted": Case("−2 mm or −0.002 mm?", table("x (um),rate", '"-2,000",6', "-800,24", "0,12"),
+                              code="ambiguous_number", says=("row 2", "'-2,000'")),
+    "thousands of counts": Case("1449 or 1.449?", table("position_mm,count,window_s", "-0.5,935,20", '0,"1,449",20',
+                                                        "0.25,537,20"),
+                                code="ambiguous_number", says=("row 3", "'1,449'")),
+    "thousands with a point": Case("−2000 or −2.000 µm?", table("x (um);rate", "-2.000;6", "-800;24", "0;12"),
+                                   code="ambiguous_number", says=("row 2", "'-2.000'")),
+    "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
+                     code="ambiguous_number", says=("'-2,000,000'",)),
+    "decimal commas with three digits": Case("0,250 is no thousand, so the comma is decimal",
+                                             table("position_mm;rate", "-0,500;6", "0;24", "0,250;12", "1,000;1"),
+                                             rates=ALL),
+    "decimal points with three digits": Case("all cells have a point and three digits", table(
+        "position_mm;rate", "-0.500;6", "0.000;24", "0.250;12", "1.000;1"), rates=ALL),
+    "decimal points, without zeros": Case("1.125 beside 2 is decimal",
+                                          table("position_mm,rate", "1.125,6", "2,24", "3,12", "4,1"), rates=ALL),
+    "a space between thousands": Case("no number", table("position_mm;count;window_s", "0;1 449;20", "1;2;20",
+                                                         "2;3;20"), code="no_number", says=("row 2", "'1 449'")),
+}  # fmt: skip
+
+MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
+MS_SPIKES = {"units__spike_times": 1e3 * amplifier(TIMES)}
+
+CLOCKED = {
+    "NWB, spikes in ms and pulses in s": Case(
+        "each input has its own unit", nwb(**MS_SPIKES, **PULSES), ("time=spike_times:ms",), rates=ALL,
+    ),
+    "NWB, spikes in ms, said nowhere": Case(
+        "spikes a thousand times later than any pulse", nwb(**MS_SPIKES, **PULSES), code="outside_run",
+        says=("--columns time=COLUMN:ms", "same unit of time as the pulses"),
+    ),
+    "NWB, both in ms": Case(
+        "each input has its own unit", nwb(**MS_SPIKES, **MS_PULSES), ("time=spike_times:ms", "sync=sync_pulses:ms"),
+        rates=ALL,
+    ),
+    "NWB, both in ms, said of one": Case(
+        "a clock does not run a thousand times as fast", nwb(**MS_SPIKES, **MS_PULSES), ("time=spike_times:ms",),
+        code="no_clock", says=("0.00099", "sync=NAME:ms"),
+    ),
+    "NWB, both in ms, said nowhere": Case(
+        "a clock does not run a thousand times as fast", nwb(**MS_SPIKES, **MS_PULSES), code="no_clock",
+        says=("sync=NAME:ms",),
+    ),
+    "NWB, another sampling rate": Case(
+        "2 % are no drift", of_amplifier(**pulses_at(1.02 * amplifier(RISES))), code="no_clock",
+        says=("at most 1 %",),
+    ),
+    "NWB, intervals in ms": Case(
+        "each input has its own unit", of_amplifier(
+            UNTIL_LOST, **PULSES, units__obs_intervals=1e3 * amplifier([[0.0, LOST_S]]),
+            units__obs_intervals_index=[1],
+        ), ("observed=obs_intervals:ms",), rates=ALL[:3], lost=2,
+    ),
+    "NWB, intervals in ms, said nowhere": Case(
+        "no unit is observed for a day", of_amplifier(
+            UNTIL_LOST, **PULSES, units__obs_intervals=1e3 * amplifier([[0.0, 400.0]]),
+            units__obs_intervals_index=[1],
+        ), code="beyond_a_finger", says=("observed=obs_intervals:ms",),
+    ),
+    "CSV in ms": Case(
+        "one column, one unit", spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()),
+        ("time=time_s:ms",), rates=ALL,
+    ),
+    "CSV in ms, said nowhere": Case(
+        "a clock does not run a thousand times as fast",
+        spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()), code="no_clock",
+        says=("time=COLUMN:ms",),
+    ),
+    "NIX, a unit for pulses": Case(
+        "the file has units of its own", nix(line_v=True), ("sync=ttl:ms",), code="no_unit_here", says=("ttl:ms",),
+    ),
+}  # fmt: skip
+
+
+def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path], str]:
+    """Several units; the first has the spikes, the others one spike each."""
+    others = [[t + 0.001] for t in RISES[: len(ids) - 1]]
+    times = [TIMES, *others]
+    strings = {key: np.array(value, dtype=h5py.string_dtype()) for key, value in more.items()}
+    write = nwb(
+        units__id=list(ids), units__spike_times=np.concatenate([amplifier(one) for one in times]),
+        units__spike_times_index=np.cumsum([len(one) for one in times]),
+        units__obs_intervals=np.tile([[0.0, 500.0]], (len(ids), 1)),
+        units__obs_intervals_index=np.arange(1, len(ids) + 1), **PULSES, **strings,
+    )  # fmt: skip
+    return lambda folder: write(folder) + choice
+
+
+NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
+
+IDENTITIES = {
+    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
+    "an id that occurs twice": Case(
+        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
+        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
+    ),
+    "an id that occurs twice, without names": Case(
+        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
+    ),
+    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
+    "a text that two units share": Case(
+        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
+    ),
+    "the id of one and the name of another": Case(
+        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
+        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
+    ),
+    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
+    "no choice": Case(
+        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
+    ),
+    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
+                         says=("unit_name A0",)),
+    "a column of MATLAB": Case(
+        "MatNWB writes (N, 1)",
+        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
+        rates=ALL,
+    ),
+}  # fmt: skip
+
+RATES_CSV = "position_mm,rate\n" + "".join(f"{x},{y:g}\n" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))
+RATES_ROWS = [["position_mm", "rate"], *([x, y] for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))]
+_XML = '<?xml version="1.0"?>'
+_MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
+_RELATIONS = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+
+
+def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = False, inline: bool = False) -> Any:
+    """A workbook as Excel writes it: texts are shared, numbers are plain; `dates`: numbers have a date's format."""
+
+    def write(folder: Path) -> str:
+        path, shared = folder / "synthetic.xlsx", list[str]()
+
+        def cell(value: Any, at: str) -> str:
+            if value is None:
+                return ""
+            if not isinstance(value, str):
+                return f'<c r="{at}" s="{int(dates)}"><v>{value}</v></c>'
+            if inline:
+                return f'<c r="{at}" t="inlineStr"><is><t>{value}</t></is></c>'
+            shared.append(value)
+            return f'<c r="{at}" t="s"><v>{len(shared) - 1}</v></c>'
+
+        made = {}
+        for number, rows in enumerate(sheets.values(), 1):
+            cells = ("".join(cell(value, f"{chr(65 + k)}{n}") for k, value in enumerate(row))
+                     for n, row in enumerate(rows, 1))  # fmt: skip
+            each = (f'<row r="{n}">{one}</row>' for n, one in enumerate(cells, 1))
+            made[f"xl/worksheets/sheet{number}.xml"] = (
+                f"{_XML}<worksheet {_MAIN}><sheetData>{''.join(each)}</sheetData></worksheet>"
+            )
+        names = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(sheets, 1))
+        book = f'<workbook {_MAIN} xmlns:r="{_RELATIONS}"><sheets>{names}</sheets></workbook>'
+        made["xl/workbook.xml"] = f"{_XML}{book}"
+        targets = "".join(
+            f'<Relationship Id="rId{n}" Target="worksheets/sheet{n}.xml" Type="x"/>'
+            for n in range(1, len(sheets) + 1)
+        )
+        made["xl/_rels/workbook.xml.rels"] = (
+            f'{_XML}<Relationships xmlns="http://schemas.openxmlformats.org/package/2006/relationships">{targets}'
+            "</Relationships>"
+        )
+        texts = "".join(f"<si><t>{text}</t></si>" for text in shared)
+        made["xl/sharedStrings.xml"] = f"{_XML}<sst {_MAIN}>{texts}</sst>"
+        made["xl/styles.xml"] = (
+            f'{_XML}<styleSheet {_MAIN}><cellXfs><xf numFmtId="0"/><xf numFmtId="14"/></cellXfs></styleSheet>'
+        )
+        with zipfile.ZipFile(path, "w") as file:
+            for name, content in made.items():
+                file.writestr(name, content)
+        return f"{path}{choice}"
+
+    return write
+
+
+def mat(**variables: Any) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        path = folder / "synthetic.mat"
+        scipy.io.savemat(path, variables, do_compression=True)
+        return str(path)
+
+    return write
+
+
+def content(data: bytes, name: str) -> Callable[[Path], str]:
+    def write(folder: Path) -> str:
+        (folder / name).write_bytes(data)
+        return str(folder / name)
+
+    return write
+
+
+def truncated(folder: Path) -> str:
+    path = Path(of_amplifier(**PULSES)(folder))
+    path.write_bytes(path.read_bytes()[:-500])
+    return str(path)
+
+
+def filtered(folder: Path) -> str:
+    """Compressed by a filter that h5py does not have: the number of Zstandard, put where gzip's was."""
+    path = folder / "synthetic.nwb"
+    with h5py.File(path, "w") as file:
+        file["units/id"] = [0]
+        file["units/spike_times_index"] = [len(TIMES)]
+        made = file.create_dataset("units/spike_times", (len(TIMES),), dtype="f8", chunks=True, compression="lzf")
+        made.id.write_direct_chunk((0,), b"no compressed data", 0)
+    path.write_bytes(path.read_bytes().replace((32000).to_bytes(2, "little"), (32015).to_bytes(2, "little")))
+    return str(path)
+
+
+def capitals(folder: Path) -> str:
+    return str(Path(of_amplifier(**PULSES)(folder)).rename(folder / "SYNTHETIC.NWB"))
+
+
+POSITIONS, THESE = np.array([-0.5, 0, 0.25, 1]), np.array(ALL)
+
+KINDS = {
+    "UTF-16, tabs": Case("Excel's Unicode text", text(RATES_CSV.replace(",", "\t"), encoding="utf-16"), rates=ALL),
+    "UTF-16, no mark": Case("it says what it is", content(RATES_CSV.encode("utf-16-le"), "a.csv"), code="no_csv",
+                            says=("UTF-16", "CSV UTF-8")),
+    "Latin-1": Case("it says what it is and how to save it", content("Höhe,rate\n0,1\n".encode("latin-1"), "a.csv"),
+                    code="no_csv", says=("UTF-8", "Latin-1", "row 1")),
+    "a title above the header": Case("it is no name of a column", text(f"Unit 3\n{RATES_CSV}"), code="no_column",
+                                     says=("read Unit 3", "must begin with #")),
+    "no header": Case("numbers are no names", text("-0.5,6\n0,24\n0.25,12\n"), code="no_header",
+                      says=("row 1", "position_mm,rate")),
+    "xlsx": Case("a table is a table", xlsx({"Sheet1": RATES_ROWS}), rates=ALL),
+    "xlsx, texts in the cells": Case("a table is a table", xlsx({"Sheet1": RATES_ROWS}, inline=True), rates=ALL),
+    "xlsx, units and an empty row": Case("as in a CSV", xlsx({"Sheet1": [
+        [], ["Position (um)", "Rate (imp/s)", None], *([1000 * x, y] for x, y in RATES_ROWS[1:]), [None, None]
+    ]}), rates=ALL),
+    "xlsx, a line feed in a name": Case("Excel breaks long names", xlsx({"A": [
+        ["Position\n(um)", "Rate"], *([1000 * x, y] for x, y in RATES_ROWS[1:])]}), rates=ALL),
+    "xlsx, empty sheets": Case("only one has rows", xlsx({"A": [], "B": RATES_ROWS, "C": []}), rates=ALL),
+    "xlsx, several sheets": Case("which of them?", xlsx({"A": RATES_ROWS, "B": RATES_ROWS}), code="several_sheets",
+                                 says=("#A", "B")),
+    "xlsx, a sheet": Case("chosen", xlsx({"A": RATES_ROWS[:3], "B": RATES_ROWS}, "#B"), rates=ALL),
+    "xlsx, no such sheet": Case("listed", xlsx({"A": RATES_ROWS}, "#C"), code="no_sheet", says=("A",)),
+    "xlsx, a cell that is no number": Case("named", xlsx({"A": [*RATES_ROWS[:2], [0, "x"]]}), code="no_number",
+                                           says=("row 3", "rate", "'x'")),
+    "xlsx, an empty cell": Case("named", xlsx({"A": [*RATES_ROWS[:2], [0.1], [0.2, 3]]}), code="no_number",
+                                says=("row 3", "rate", "delete rows without data")),
+    "xlsx, dates": Case("Excel made a date of 1.5", xlsx({"A": RATES_ROWS}, dates=True), code="no_number",
+                        says=("a date",)),
+    "xlsx, spikes of several units": Case(
+        "a unit of a sheet", xlsx({"A": [["unit", "t (ms)"], *([u, 1e3 * t] for t in TIMES for u in "ab")]}, "#A#b"),
+        rates=ALL, pulses=False,
+    ),
+    "xlsx, spikes of several units, none chosen": Case(
+        "the error says how", xlsx({"A": [["unit", "t (ms)"], *([u, 1e3 * t] for t in TIMES for u in "ab")]}),
+        code="several_units", says=("synthetic.xlsx#SHEET#UNIT", "a, b"), pulses=False,
+    ),
+    "xls": Case("it says what it is and how to save it",
+                content(bytes.fromhex("d0cf11e0a1b11ae1") + 600 * b"\0", "a.xls"), code="no_csv",
+                says=(".xls", "save")),
+    "a zip that is no workbook": Case("it says what it is", content(b"PK\x03\x04" + 60 * b"\0", "a.xlsx"),
+                                      code="no_csv", says=("ZIP",)),
+    "mat": Case("vectors of one length are columns", mat(position_mm=POSITIONS, rate=THESE), rates=ALL),
+    "mat, columns and a scalar": Case(
+        "a scalar is the same in all rows",
+        mat(x_um=1000 * POSITIONS[:, None], n=np.array([3, 12, 6, 1])[:, None], window_ms=250.0),
+        ("position=x_um,count=n",), rates=IN_QUARTER,
+    ),
+    "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
+                             rates=ALL, pulses=False),
+    "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
+                               says=("position_mm (4)", "rate (3)")),
+    "mat, a struct": Case("listed", mat(s={"position_mm": POSITIONS, "rate": THESE}), code="no_mat_table",
+                          says=("s (struct)", "-struct")),
+    "mat 7.3": Case("it says what it is and how to save it", content(b"MATLAB 7.3 MAT-file" + 600 * b" ", "a.mat"),
+                    code="no_csv", says=("7.3", "-v7")),
+    "NWB called CSV": Case("it says what it is", lambda folder: str(
+        Path(nwb()(folder)).rename(folder / "a.csv")), code="no_csv", says=("HDF5", ".nwb")),
+    "CSV called NWB": Case("it says what it is", content(RATES_CSV.encode(), "a.nwb"), code="no_hdf5",
+                           says=("text",)),
+    "an empty NWB": Case("it says what it is", content(b"", "a.nwb"), code="no_hdf5", says=("empty",)),
+    "a pointer of Git LFS": Case("it says what it is", content(
+        b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "a.nwb"), code="no_hdf5",
+        says=("Git LFS",)),
+    "NWB, truncated": Case("it is an NWB file, cut short", truncated, code="truncated_hdf5",
+                           says=("truncated", "copy")),
+    "NWB, an unknown filter": Case("it is an NWB file, compressed", filtered, code="unknown_filter",
+                                   says=("units/spike_times", "32015", "h5repack")),
+    ".NWB": Case("a capital is a letter", capitals, rates=ALL),
+    "a unit of a table of rates": Case("nothing to choose from", lambda folder: text(RATES_CSV)(folder) + "#3",
+                                       code="no_unit_here", says=("#3",)),
+}  # fmt: skip
+
+CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
+    case = CASES[name]
+    run = run_with_pulses(tmp_path) if case.pulses else journal(tmp_path)
+    recorded = [f"bar:3={case.write(tmp_path)}"]
+    reading = Reading((0.0, case.window_s))
+    if case.code:
+        with pytest.raises(RecordingError) as caught:
+            read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))
+        problem = str(caught.value)
+        assert caught.value.code == case.code, problem
+        assert "\n" not in problem
+        assert not [word for word in case.says if word not in problem], problem
+        return
+    found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
+    np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
+    assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
+
+
+def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path) -> None:
+    """The window of half a second begins with the hold; shifted 0.5 s later, no spike is left in any.
+
+    A unit that is observed from 0.01 s before each hold to 0.6 s after it is not, shifted 0.02 s later or 0.5 s
+    earlier.
+    """
+    run = run_with_pulses(tmp_path)
+    path = of_amplifier(**PULSES)(tmp_path)
+    found = read_recordings([f"bar:3={path}"], [], [run], Reading((0.0, WINDOW_S)))
+    spikes = found["bar:3"].spikes
+    assert spikes is not None
+    assert spikes.clock.source == "pulses"
+    assert spikes.clock.drift_ppm == pytest.approx(20, abs=0.1)
+    shift = clock_shift(found, lambda shifted: bool(shifted["bar:3"].rate.any()))
+    assert shift == (0.5, 0.5, (0.02, 0.1, 0.5, 2.0))
+    assert "0.5 s later" in shift.sentence
+    narrow = of_amplifier(**PULSES, **observed((0, 0.1), *((t - 0.01, t + 0.6) for t in STARTS)))(tmp_path)
+    found = read_recordings([f"bar:3={narrow}"], [], [run], Reading((0.0, WINDOW_S)))
+    assert clock_shift(found, lambda shifted: len(shifted["bar:3"].rate)) == (0.02, 0.5, (0.02, 0.1, 0.5, 2.0))
+    rates = text("position_mm,rate\n0,1\n1,2\n2,3\n")(tmp_path)
+    assert clock_shift(read_recordings([f"bar:3={rates}"], [], [run], Reading()), bool) is None
+
+
+CLOCKS = {
+    "pulses": (of_amplifier(**PULSES), "pulses", "20 ppm fast"),
+    "pulses of the journal": (nwb(intervals__sync_pulses__start_time=RISES), "run", "equal those of its journal"),
+    "a pulse too many": (
+        of_amplifier(**pulses_at(np.append(0.001, amplifier(RISES)))), "pulses", "1 time in the file",
+    ),
+    "a pulse is missing": (
+        of_amplifier(**pulses_at(np.delete(amplifier(RISES), 3))), "pulses", "1 pulse of the run not in the file",
+    ),
+    "nothing": (nwb(), "assumed", "nothing in the file confirms it"),
+    "the run's own export": (nwb(identifier="synthetic " + 32 * "a", intervals__trials__start_time=[1.0]), "run",
+                             "exported from it"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_every_recording_of_spikes_says_whose_clock_it_used(name: str, tmp_path: Path) -> None:
+    write, source, words = CLOCKS[name]
+    run = replace(run_with_pulses(tmp_path), start={"uid": 32 * "a"})
+    found = read_recordings([f"bar:3={write(tmp_path)}"], [], [run], Reading((0.0, WINDOW_S)))["bar:3"]
+    assert found.spikes is not None
+    assert found.spikes.clock.source == source
+    assert words in found.spikes.clock.text
+
+
+def skin(path: Path) -> list[float]:
+    found = read_skin_deflection(path)
+    return [*found.deflection_mm, *found.x_mm]
+
+
+def along(path: Path) -> list[float]:
+    (found,) = read_deflections(path)
+    return [*found.deflection_mm, *found.z_mm, found.doi_mm]
+
+
+def counted(path: Path) -> list[float]:
+    presses = [PossiblePress("bar:3", x, "doi_mm", 0.5) for x in (-1.0, 0.5)]
+    return [value for one in read_counts(path, presses) for value in one]
+
+
+def afferents(path: Path) -> list[float]:
+    (path.parent / "a.csv").write_text("position_mm,rate\n0,1\n1,2\n2,3\n", encoding="utf-8")
+    stimulus = SimpleNamespace(shape="step:1", condition="4 gwt")
+    found = read_afferents(path, [], [], [stimulus], Reading())  # type: ignore[list-item]
+    (key,) = found["a1"]
+    return [float(key.partition("@")[2].removesuffix(" gwt"))]
+
+
+TABLES = {
+    "skin deflection": (skin, "deflection ({um})|x ({um})", "100|-500", [0.1, -0.5]),
+    "deflection along the finger": (along, "z ({um})|deflection ({um})|doi ({um})", "1000|100|500", [0.1, 1.0, 0.5]),
+    "counts of a designed session": (counted, "shape|x ({um})|doi ({um})|count", "bar:3|500|500|7", [1, 7]),
+    "afferents": (afferents, "afferent|shape|force ({mN})|file", "a1|step:1|39.2266|a.csv", [4.0]),
+}
+"""Every other table whose columns have units: its reader, header, a row, and what is right in the program's units."""
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -> None:
+    read, header, row, right = TABLES[name]
+    words = {"um": ("um", "micron", "µm"), "mN": ("mN", "millinewtons")}
+    for um, mn in zip(words["um"], (*words["mN"], "mN"), strict=True):
+        path = Path(table(header.format(um=um, mN=mn), row)(tmp_path))
+        np.testing.assert_allclose(read(path), right, rtol=1e-5)
+    path = Path(table(header.format(um="furlong", mN="slug"), row)(tmp_path))
+    with raises(RecordingError, "unknown_unit", path=str(path)) as caught:
+        read(path)
+    assert any(word in str(caught.value) for word in ("furlong", "slug"))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_values_a_thousand_times_beyond_a_finger_are_questioned_in_every_table(name: str, tmp_path: Path) -> None:
+    read, header, row, _ = TABLES[name]
+    if name == "afferents":
+        row = row.replace("39.2266", "39226.6")
+    path = Path(table(header.format(um="mm", mN="gwt"), row)(tmp_path))
+    with pytest.raises(RecordingError, match="at most"):
+        read(path)
+
+
+def test_decimal_commas_in_a_table_of_afferents(tmp_path: Path) -> None:
+    """As Excel writes it in German."""
+    path = tmp_path / "synthetic_afferents.csv"
+    path.write_text("\ufeffafferent;shape;force_gwt;file\na1;step:1;4,0;a.csv\n", encoding="utf-8")
+    assert afferents(path) == [4.0]
+
+
+def test_a_copied_run_folder_is_one_run(bar_run: Run, tmp_path: Path) -> None:
+    """A conflict copy of a cloud folder has the same uid; its holds are not counted twice."""
+    runs = tmp_path / "runs"
+    name = bar_run.folder.path.name
+    for folder in (name, f"{name} (conflicted copy)"):
+        shutil.copytree(bar_run.folder.path, runs / folder)
+    original, copy = listed(runs)
+    assert (original.summary.name, original.summary.problem, len(original.rows)) == (name, "", 12)
+    assert (copy.summary.name, copy.rows) == (f"{name} (conflicted copy)", [])
+    assert name in copy.summary.problem
+    (once,) = _without_copies([read_run(one) for one in sorted(runs.glob(f"{name}*"))])
+    assert once.folder.path == runs / name
+
+
+@pytest.mark.parametrize("suffix", ["nwb", "nix"])
+def test_a_file_that_another_program_writes_says_so(suffix: str, tmp_path: Path) -> None:
+    """HDF5 locks files: the amplifier's program has not closed this one."""
+    path = {"nwb": of_amplifier(**PULSES), "nix": nix()}[suffix](tmp_path)
+    hold = f"import h5py, sys; file = h5py.File({path!r}, 'a'); print('open', flush=True); sys.stdin.read()"
+    with subprocess.Popen([sys.executable, "-c", hold], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as other:
+        assert other.stdout is not None
+        assert other.stdout.readline().strip() == b"open"
+        with raises(RecordingError, "locked_hdf5", path=path) as caught:
+            read_recordings([f"bar:3={path}"], [], [run_with_pulses(tmp_path)], Reading((0.0, WINDOW_S)))
+        other.communicate()
+    assert "another program" in str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", ["nwb", "nix"])
+def test_a_truncated_file_of_any_kind_says_so(suffix: str, tmp_path: Path) -> None:
+    path = Path({"nwb": of_amplifier(**PULSES), "nix": nix()}[suffix](tmp_path))
+    path.write_bytes(path.read_bytes()[:-500])
+    with raises(RecordingError, "truncated_hdf5", path=str(path)):
+        read_recordings([f"bar:3={path}"], [], [run_with_pulses(tmp_path)], Reading((0.0, WINDOW_S)))
