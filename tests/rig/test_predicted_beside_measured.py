@@ -25,9 +25,7 @@ def run(rig):
 def _pressed(program: Program, folder: Path, target: str, stiffness: float, *words: object) -> tuple[Path, str]:
     (folder / "two.py").write_text(SCRIPT.format(target=target), encoding="utf-8")
     (folder / "rig.toml").write_text(f"[virtual]\nstiffness = {stiffness}\n", encoding="utf-8")
-    ended = program(
-        "dry-run", folder / "two.py", "--config", folder / "rig.toml", "--out", folder / "runs", *words
-    )
+    ended = program("dry-run", folder / "two.py", "--config", folder / "rig.toml", "--out", folder / "runs", *words)
     assert ended.code == 0, ended.err
     (run,) = (folder / "runs").iterdir()
     return run, ended.err

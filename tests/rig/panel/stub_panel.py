@@ -29,7 +29,7 @@ class StubOwner:
     pid: int = 1
     kind: Literal["run", "by hand"] = "run"
     virtual: bool = False
-    ports: tuple[str, ...] = ("stage", "force")
+    ports: tuple[str, ...] = ("/dev/ttyUSB0", "/dev/ttyUSB1")  # of the built-in configuration
     run: str | None = None
     began_unix_s: float = 0.0
     answers: dict[str, Any] = field(default_factory=dict)

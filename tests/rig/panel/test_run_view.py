@@ -97,7 +97,7 @@ def test_what_a_page_is_told_of_it(run: Written) -> None:
     assert seen.as_json(going=True) == {
         "folder": str(run.path), "name": run.path.name, "protocol": "steps", "title": "Steps", "subject": "S07",
         "virtual": False, "state": "running", "now": "", "next": "", "left_s": None, "done": 0, "planned": 2,
-        "said": None, "ending": None, "stopped_while": None, "problem": None,
+        "said": None, "ending": None, "stopped_while": None, "deviation": None, "problem": None,
     }  # fmt: skip
     run.event("indentation_start", **PRESS)
     seen.look(NOW_S)

@@ -67,7 +67,7 @@ def test_an_owner_s_run_is_followed_wherever_it_lies(make: Make, tmp_path: Path)
     with watcher.outlet.joined() as client:
         found = told(watcher, client)
         assert found["state"]["owner"] == {
-            "kind": "run", "pid": 1, "virtual": False, "ports": ["stage", "force"], "state": "running",
+            "kind": "run", "pid": 1, "virtual": False, "ports": ["/dev/ttyUSB0", "/dev/ttyUSB1"], "state": "running",
             "stopped": False, "reachable": True,
         }  # fmt: skip
         assert found["state"]["run"]["name"] == "run"
@@ -329,3 +329,31 @@ def test_controls_of_a_tab_that_has_left_are_free(make: Make) -> None:
         assert told(panel.watcher, client)["state"]["controls"] == "a"
         panel.clock.wait_s(5.1)
         assert told(panel.watcher, client)["state"]["controls"] is None
+
+
+@pytest.mark.parametrize(
+    ("pids", "shown", "others"),
+    [
+        ({1: ("/dev/ttyUSB0", "/dev/ttyUSB9")}, 1, []),
+        ({1: ("/dev/ttyUSB0",), 2: ("/dev/ttyACM7",)}, 1, [2]),
+        ({2: ("/dev/ttyACM7", "tcp://127.0.0.1:9")}, None, [2]),
+        ({2: ("/dev/ttyACM7",), 3: ()}, 3, [2]),
+    ],
+    ids=["its own rig", "another rig began later", "another rig alone", "a dry run beside another rig"],
+)
+def test_a_panel_shows_and_asks_only_the_rig_of_its_configuration(
+    make: Callable[..., StubPanel], pids: dict[int, tuple[str, ...]], shown: int | None, others: list[int]
+) -> None:
+    owners = [
+        StubOwner(pid=pid, ports=ports, virtual=not ports, began_unix_s=float(pid)) for pid, ports in pids.items()
+    ]
+    watcher = make(*owners).watcher
+    state = watcher.state(0.0)
+    assert (None if state["owner"] is None else state["owner"]["pid"]) == shown
+    assert [one["pid"] for one in state["others"]] == others
+    assert list(watcher.owners) == owners, "STOP reaches all"
+
+
+def test_a_panel_without_configuration_shows_the_newest_rig(make: Callable[..., StubPanel]) -> None:
+    older, newer = StubOwner(pid=1, ports=("a",)), StubOwner(pid=2, ports=("b",), began_unix_s=9.0)
+    assert make(older, newer, configured=False).watcher.owner is newer
