@@ -83,13 +83,30 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
         found = first_problem("--set", error)
         sentence = "{problem} (parameters of {file}: {known})"
         raise around(BadInputError, sentence, found, file=path.name, known=known) from None
-    metadata = getattr(module, "METADATA", {})
-    title = str(metadata.get("title", name)) if isinstance(metadata, Mapping) else name
-    source = str(metadata.get("source", "")) if isinstance(metadata, Mapping) else ""
+    metadata = _metadata(path, getattr(module, "METADATA", {}))
+    title, source = str(metadata.get("title", name)), str(metadata.get("source", ""))
     design = getattr(module, "DESIGN", None)
     blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
-    beside = imported | _files(path, metadata.get("files", ()) if isinstance(metadata, Mapping) else ())
+    beside = imported | _files(path, metadata.get("files", ()))
     return Script(path, name, title, source, checked, run, blocks, beside)
+
+
+_METADATA = ("title", "source", "files")
+
+
+def _metadata(path: Path, found: Any) -> Mapping[str, Any]:
+    """Return the METADATA of a script. Raises BadInputError for keys that mean nothing."""
+    unknown = [key for key in found if key not in _METADATA] if isinstance(found, Mapping) else [type(found).__name__]
+    if unknown:
+        raise BadInputError(
+            "protocol {path}: METADATA has {unknown!r}; it is a dictionary with the keys {known}",
+            code="unknown_metadata",
+            path=str(path),
+            unknown=unknown[0],
+            known=", ".join(_METADATA),
+        )
+    known: Mapping[str, Any] = found
+    return known
 
 
 def _files(path: Path, names: Any) -> dict[str, bytes]:
@@ -212,10 +229,12 @@ class _Beside(MetaPathFinder):
 
 def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
     """Import a script; return its module and the modules beside it that it imported, by file name."""
-    spec = spec_from_file_location(f"protocol_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise BadInputError("protocol {path}: not a Python file", code="no_python_file", path=str(path))
-    loader, finder = _ScriptLoader(spec.name, str(path)), _Beside(path.parent)
+    if path.suffix.lower() != ".py":
+        raise BadInputError("protocol {path}: not a Python file; its name must end in .py", code="no_python_file",
+                            path=str(path))  # fmt: skip
+    loader, finder = _ScriptLoader(f"protocol_{path.stem}", str(path)), _Beside(path.parent)
+    spec = spec_from_file_location(loader.name, path, loader=loader)
+    assert spec is not None
     module = module_from_spec(spec)
     sys.modules[spec.name] = module  # pydantic resolves postponed annotations there.
     sys.meta_path.append(finder)

@@ -121,15 +121,29 @@ def test_an_exception_at_import_has_its_line(tmp_path: Path, text: str, line: in
         ("{'title': 'Two presses', 'source': 'p. 12'}", "Two presses", "p. 12"),
         ("{'title': 3}", "3", ""),
         ("{}", "mine", ""),
-        ("'Two presses'", "mine", ""),
-        ("None", "mine", ""),
     ],
 )
-def test_metadata_is_a_table_or_ignored(tmp_path: Path, metadata: str, title: str, source: str) -> None:
+def test_metadata_names_a_script(tmp_path: Path, metadata: str, title: str, source: str) -> None:
     for text in (f"METADATA = {metadata}\n{RUN}", RUN):
         script = load_script(str(_write(tmp_path, text)))
         assert (script.title, script.source) == ((title, source) if "METADATA" in text else ("mine", ""))
         assert script.parameters.model_dump() == {}
+
+
+@pytest.mark.parametrize(
+    ("metadata", "unknown"),
+    [("{'titel': 'Two presses'}", "titel"), ("{'title': 'a', 'file': ['b.csv']}", "file"), ("'Two presses'", "str"),
+     ("None", "NoneType"), ("['title']", "list")],
+)  # fmt: skip
+def test_metadata_that_mean_nothing_are_refused_with_what_is_known(
+    tmp_path: Path, metadata: str, unknown: str
+) -> None:
+    path = _write(tmp_path, f"METADATA = {metadata}\n{RUN}")
+    has_code(_not_loaded(path), "unknown_metadata", path=str(path), unknown=unknown, known="title, source, files")
+
+
+def test_a_script_in_capitals_is_a_script(tmp_path: Path) -> None:
+    assert load_script(str(_write(tmp_path, RUN, "MINE.PY"))).name == "MINE"
 
 
 def test_annotations_may_be_postponed(tmp_path: Path) -> None:
