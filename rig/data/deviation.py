@@ -45,7 +45,7 @@ def deviation_of(
     predicted = start.get(f"predicted_{key}")
     if predicted is None:
         return None
-    return PressDeviation(start["index"], str(start["indentor"]), key, float(predicted), float(last_hold[key]), band)
+    return PressDeviation(start["index"], str(start.get("indentor", "")), key, float(predicted), float(last_hold[key]), band)
 
 
 def deviations(run: Run) -> list[PressDeviation]:

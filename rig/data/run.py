@@ -1,5 +1,6 @@
 """Read a run from its journal, finished or growing."""
 
+import json
 import os
 import zlib
 from array import array
@@ -26,25 +27,25 @@ Events = Mapping[str, Sequence[Event]]
 
 
 class RunReadings(Sequence[Event]):
-    """Readings of one stream, as the lines of the journal, compressed and taken apart one by one.
+    """Readings of one stream, as compressed JSON that is taken apart block by block.
 
     A long run has millions, which as dictionaries need thirty times the memory.
     """
 
     def __init__(self) -> None:
         self._blocks: list[bytes] = []
-        self._lines: list[bytes] = []  # of the last block
-        self._open: tuple[int, list[bytes]] = -1, []  # the block that was read last
+        self._last: list[bytes] = []  # JSON of the last block
         self._t_s, self._press = array("d"), array("q")
+        self._open: tuple[int, list[Event]] = -1, []  # block that was read last
 
-    def add(self, line: bytes, t_s: float, press: object) -> None:
-        """Add a reading by its line, its time of the run (s) and its press."""
-        self._lines.append(line)
+    def add(self, data: bytes, t_s: float, press: object) -> None:
+        """Add a reading by its JSON, its time of the run (s) and its press."""
+        self._last.append(data)
         self._t_s.append(t_s)
         self._press.append(press if isinstance(press, int) and abs(press) < _NO_PRESS else -_NO_PRESS)
-        if len(self._lines) == _LINES:
-            self._blocks.append(zlib.compress(b"\n".join(self._lines), 1))
-            self._lines = []
+        if len(self._last) == _READINGS:
+            self._blocks.append(zlib.compress(b"\n".join(self._last), 1))
+            self._last = []
 
     def __len__(self) -> int:
         return len(self._t_s)
@@ -57,10 +58,14 @@ class RunReadings(Sequence[Event]):
         if isinstance(at, slice):
             return [self[n] for n in range(*at.indices(len(self)))]
         n = range(len(self))[at]
-        return self._event(n, self._block(n // _LINES)[n % _LINES])
+        number = n // _READINGS
+        if self._open[0] != number or number == len(self._blocks):
+            self._open = number, self._events(number)
+        return dict(self._open[1][n % _READINGS])
 
     def __iter__(self) -> Iterator[Event]:
-        return (self._event(n, line) for n, line in enumerate(self._all_lines()))
+        for number in range(len(self._blocks) + 1):
+            yield from self._events(number)
 
     def of_press(self, index: int) -> list[Event]:
         """Return the readings of one press."""
@@ -68,34 +73,40 @@ class RunReadings(Sequence[Event]):
 
     def extend(self, others: "RunReadings") -> None:
         """Add the readings of others."""
-        for one in zip(others._all_lines(), others._t_s, others._press, strict=True):
+        for one in others._all():
             self.add(*one)
 
     def split(self, presses: Collection[int]) -> "tuple[RunReadings, RunReadings]":
         """Return the readings of some presses, and the others."""
         some, others = RunReadings(), RunReadings()
-        for line, t_s, press in zip(self._all_lines(), self._t_s, self._press, strict=True):
-            (some if press in presses else others).add(line, t_s, press)
+        for data, t_s, press in self._all():
+            (some if press in presses else others).add(data, t_s, press)
         return some, others
 
-    def _all_lines(self) -> Iterator[bytes]:
-        for number in range(len(self._blocks) + 1):
-            yield from self._block(number)
+    def _all(self) -> Iterator[tuple[bytes, float, int]]:
+        data = (one for number in range(len(self._blocks) + 1) for one in self._json(number))
+        return zip(data, self._t_s, self._press, strict=True)
 
-    def _block(self, number: int) -> list[bytes]:
-        if number == len(self._blocks):
-            return self._lines
-        if self._open[0] != number:
-            self._open = number, zlib.decompress(self._blocks[number]).split(b"\n")
-        return self._open[1]
+    def _json(self, number: int) -> list[bytes]:
+        return self._last if number == len(self._blocks) else zlib.decompress(self._blocks[number]).split(b"\n")
 
-    def _event(self, n: int, line: bytes) -> Event:
-        return {"t_s": self._t_s[n], **json_of(line)["data"]}
+    def _events(self, number: int) -> list[Event]:
+        times = self._t_s[number * _READINGS : (number + 1) * _READINGS]
+        found = json_of(b"[" + b",".join(self._json(number)) + b"]")
+        return [{"t_s": t_s, **data} for t_s, data in zip(times, found, strict=True)]
 
 
-_LINES = 256
+_READINGS = 256
 """Readings that are compressed together."""
 _NO_PRESS = 1 << 62
+_DATA = b'"data": '
+
+
+def _json_of_data(text: bytes, document: Document) -> bytes:
+    """Return the JSON of an event's data: the last part of its line, if a run wrote it."""
+    if "crc32" in document:
+        return text[text.index(_DATA) + len(_DATA) : -1]
+    return json.dumps(document["data"]).encode("ascii")
 
 
 class RunError(RigError):
@@ -348,7 +359,8 @@ class _Documents:
         if stream in PRESS_STREAMS:
             self._follow_press(stream, data.get("index"))
         if stream.endswith(READING):
-            self._events.setdefault(stream, RunReadings()).add(text, document["t_s"], data.get("index"))
+            found = self._events.setdefault(stream, RunReadings())
+            found.add(_json_of_data(text, document), document["t_s"], data.get("index"))
         else:
             self._events.setdefault(stream, []).append({"t_s": document["t_s"], **data})
 

@@ -109,7 +109,7 @@ class IndentationResult:
 
     @property
     def force_gwt(self) -> float:
-        """Force (gwt); 1 gwt is the weight of one gram, 9.80665e-3 N."""
+        """Force (gwt; of a section, gwt per mm of its length); 1 gwt is the weight of one gram, 9.80665e-3 N."""
         return self.force_n / GWT_N
 
     @property
@@ -307,7 +307,8 @@ class IndentationResult:
         return self.model.receptor_columns(self.receptor_measures)
 
     def __repr__(self) -> str:
-        name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} gwt"
+        unit = "gwt per mm of length" if self.model.kind == "section" else "gwt"
+        name, pressed = type(self).__name__, f"{self.doi_mm:.4g} mm deep, {self.force_gwt:.4g} {unit}"
         pressed += f"{', may depend on its loading path' if self.may_depend_on_path else ''}"
         return f"<{name} {self.indentor.name} at x = {self.x_mm:g}, z = {self.z_mm:g} mm: {pressed}>"
 

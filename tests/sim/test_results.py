@@ -138,6 +138,8 @@ def test_an_answer_names_shape_place_depth_and_force(finger: Fingertip) -> None:
     assert repr(result) == (
         f"<IndentationResult bar:3 at x = 0.5, z = 6.893 mm: 0.25 mm deep, {result.force_gwt:.4g} gwt>"
     )
+    of_a_section = load("section").indent("bar:3", 0.5, doi_mm=0.25)
+    assert repr(of_a_section).endswith(f" {of_a_section.force_gwt:.4g} gwt per mm of length>")
     assert repr(finger.point_load(0.5, 3)) == "<PointLoadResult at x = 0.5, z = 6.893 mm: 3 gwt>"
 
 

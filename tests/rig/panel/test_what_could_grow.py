@@ -56,7 +56,6 @@ HAS_AN_END = {
     "rig/data/run.py _superseded": "of a run that is over",
     "rig/data/run.py damage": "of a run that is over",
     "rig/data/run.py _blocks": "of a run that is over",
-    "rig/data/run.py _lines": "of a run that is over",
     "rig/data/run.py state": "of a run that is over",
     "rig/data/run_state.py _next_after_s": "the run's plan",
     "rig/data/run_state.py _order": "the run's plan",
