@@ -126,6 +126,9 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
     found = {name for name, text in asked.items() if not REAL.isdisjoint(_names(ast.parse(text)))}
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
+        "rig/compare/test_recordings_say_what_they_lack.py",  # another program, which nothing hurries
+        "rig/test_figures_without_settings.py",  # the same
+        "rig/test_same_run.py",  # commands, one after the other
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
         "sim/test_calculix.py",  # another program, which nothing hurries
         "studies/test_allowed_page.py",  # git waits for nobody

@@ -45,7 +45,8 @@ def deviation_of(
     predicted = start.get(f"predicted_{key}")
     if predicted is None:
         return None
-    return PressDeviation(start["index"], str(start.get("indentor", "")), key, float(predicted), float(last_hold[key]), band)
+    indentor, measured = str(start.get("indentor", "")), float(last_hold[key])
+    return PressDeviation(start["index"], indentor, key, float(predicted), measured, band)
 
 
 def deviations(run: Run) -> list[PressDeviation]:

@@ -39,7 +39,8 @@ def find_difference(
     """
     here = [in_words(step) for step, _ in steps]
     parameters, answers = script.parameters.model_dump(mode="json"), [answer for _, answer in steps]
-    order = pickle.dumps((str(script.path), script.name, parameters, settings, answers))
+    tables = settings.model_dump(mode="json", include=set(RigSettings.model_fields), exclude_none=True)
+    order = pickle.dumps((str(script.path), script.name, parameters, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
         for process in processes:
@@ -100,12 +101,12 @@ class _Replay:
 
 def main() -> None:
     """Make a pass, and print its steps as JSON."""
-    path, name, parameters, settings, answers = pickle.load(sys.stdin.buffer)
+    path, name, parameters, tables, answers = pickle.load(sys.stdin.buffer)
     replay = _Replay(answers)
     with contextlib.redirect_stdout(sys.stderr):
         try:
             script = script_with(Path(path), name, parameters)
-            script.run(Rig(script.parameters, Walk(settings, _AnyModel()), replay))
+            script.run(Rig(script.parameters, Walk(RigSettings.model_validate(tables), _AnyModel()), replay))
         except (Exception, SystemExit) as error:
             replay.steps.append(f"an error ({code_of(error)}): {error}")
     print(json.dumps(replay.steps))

@@ -6,7 +6,18 @@ from typing import Any
 
 from rig.errors import BadInputError
 from rig.protocol.check import Spot
-from rig.protocol.steps import Indent, Journalled, Note, PressStep, Ramp, Rest, Step, Touch, Vibrate
+from rig.protocol.steps import (
+    Indent,
+    Journalled,
+    Note,
+    Precondition,
+    PressStep,
+    Ramp,
+    Reference,
+    Rest,
+    Step,
+    Vibrate,
+)
 from rig.records import PressId, Purpose
 
 Asked = Mapping[str, Any]
@@ -51,23 +62,26 @@ class SameSteps:
 
 
 def asked_of(step: Step[Any, Any], spot: Spot, press: PressId, press_mm_s: float) -> Asked:
-    """Return what a step asks for in one of its presses."""
+    """Return what a step asks for in one of its presses; of a step of another package, where and with what."""
     place = {"indentor": spot.indentor, "x_mm": spot.x_mm, **press.marks}
-    if isinstance(step, Touch):
-        return {"verb": step.verb, **place, "along_mm": spot.along_mm}
-    asked: dict[str, Any] = {"verb": step.verb if isinstance(step, PressStep) else Indent.verb, **place}
-    if (target := getattr(step, "target", None)) is not None:
-        asked |= {"target": target.kind, "value": target.value}
-    asked["increments"] = getattr(step, "increments", 1)
+    if press.purpose == "find":
+        return {**place, "along_mm": spot.along_mm}
+    if not isinstance(step, Indent | Ramp | Vibrate | Precondition | Reference):
+        return place
     speed_mm_s = getattr(step, "speed_mm_s", None)
-    asked["speed_mm_s"] = press_mm_s if speed_mm_s is None else speed_mm_s
+    asked = {
+        **place,
+        "verb": step.verb if isinstance(step, PressStep) else Indent.verb,
+        "target": step.target.kind,
+        "value": step.target.value,
+        "increments": getattr(step, "increments", 1),
+        "speed_mm_s": press_mm_s if speed_mm_s is None else speed_mm_s,
+    }
     if isinstance(step, Vibrate):
         sine = step.vibration
-        return {
-            **asked, "hold_s": sine.duration_s, "frequency_hz": sine.frequency_hz,
-            "amplitude_um": sine.amplitude_um,
-        }  # fmt: skip
-    return {**asked, "hold_s": getattr(step, "hold_s", None)}
+        more = {"hold_s": sine.duration_s, "frequency_hz": sine.frequency_hz, "amplitude_um": sine.amplitude_um}
+        return {**asked, **more}
+    return {**asked, "hold_s": step.hold_s}
 
 
 def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]:
@@ -77,8 +91,6 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
     for purpose, stream in _STARTS.items():
         for event in before.stream(stream):
             asked = {key: value for key, value in event.items() if key not in _NOT_ASKED}
-            if purpose == "find":
-                asked["verb"] = Touch.verb
             if purpose == "data" and event["index"] in speeds_mm_s:
                 asked |= {"verb": Ramp.verb, "speed_mm_s": speeds_mm_s[event["index"]]}
             if purpose == "data" and event["index"] in sines:
@@ -90,7 +102,8 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
 def _refuse_other(recorded: Asked, asked: Asked, press: PressId) -> None:
     # Earlier versions recorded the place in the schedule only in part.
     marks = ("block", "repeat", "condition") if "hold_s" in recorded else ()
-    keys = [key for key in {**recorded, **dict.fromkeys(marks)} if not _equal(recorded.get(key), asked.get(key))]
+    shared = [key for key in recorded if key in asked]
+    keys = [key for key in dict.fromkeys((*shared, *marks)) if not _equal(recorded.get(key), asked.get(key))]
     if not keys:
         return
     raise BadInputError(

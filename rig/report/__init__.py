@@ -20,7 +20,8 @@ def _load_library() -> None:
     level = log.level
     log.setLevel(logging.CRITICAL)  # of a settings file in the working folder
     try:
-        artists: Any = import_module("matplotlib.artist")
+        from matplotlib import artist as artists
+
         help_of, artists.kwdoc = artists.kwdoc, _no_help
         try:
             import_module("matplotlib.figure")

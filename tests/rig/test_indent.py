@@ -88,7 +88,8 @@ def test_events_of_one_indentation_in_order(spring: Make) -> None:
     phases = [key for key, _ in itertools.groupby(e["phase"] for e in bench.of("sample"))]
     assert phases == ["clearance", "approach", "back off", "touch", "press", "hold"]
     assert bench.of("indentation_start")[0] == {
-        "index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "target": "force_gwt", "value": 2.33, "increments": 1,
+        "index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "verb": "indent", "target": "force_gwt", "value": 2.33,
+        "increments": 1, "speed_mm_s": 1.0, "hold_s": 0.5,
     }  # fmt: skip
     assert (done.index, done.x_mm) == (0, 0.5)
     assert engine.state is State.READY

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from rig.engine import EngineError, indentation, verbs
+from rig.engine.indentation import PredictedPress
 from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
@@ -237,7 +238,7 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
     assert [e["index"] for e in bench.of("reference")] == [1]
 
 
-ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5}
+ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5, "predicted": PredictedPress(0.5, 5.0)}
 SINE = SineMotion.of(4.0, 50.0, 2.0)
 HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
     "indent": (

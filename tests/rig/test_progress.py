@@ -57,7 +57,8 @@ doi_mm = [0.1, 0.15, 0.2, 0.25, 0.3, 0.35]
 COARSE = as_toml(coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0))
 FINGER = output.THE_FINGER
 LINE = re.compile(
-    r"\d of 2, block 1, condition -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, \d:\d\d:\d\d left"
+    r"\d of 2, block 1, condition -?0\.5, bar:3\.0 at [+-]0\.50 mm, peak \d+\.\d\d gwt, "
+    r"(force \d+\.\d\d gwt|DOI \d+\.\d{3} mm), predicted \d+\.\d+ (gwt|mm), \d:\d\d:\d\d left"
 )
 
 

@@ -114,7 +114,10 @@ def test_events_of_a_ramp_in_order(spring: Make) -> None:
     phases = [key for key, _ in itertools.groupby(e["phase"] for e in bench.of("sample"))]
     assert phases == ["clearance", "approach", "back off", "touch", "press", "back off", "ramp", "hold"]
     assert bench.of("indentation_start") == [
-        {"index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "target": "doi_mm", "value": 0.8, "increments": 1}
+        {
+            **{"index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "verb": "ramp", "target": "doi_mm", "value": 0.8},
+            **{"increments": 1, "speed_mm_s": 0.3, "hold_s": 0.3},
+        }
     ]
     (hold,) = done.holds
     assert hold.doi_mm == pytest.approx(0.8, abs=0.0025)

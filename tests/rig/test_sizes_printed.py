@@ -128,7 +128,7 @@ def _compare(its: Printing, shape: str) -> str:
     )
     with its.heard(found), pytest.MonkeyPatch.context() as patch:
         patch.setattr(comparing, "left_out_lines", lambda one: [])
-        comparing._print(comparison, [], [], Path("report.html"))
+        comparing._print(comparison, [], [], Path("report.html"), [])
     return "".join(found)
 
 
