@@ -66,8 +66,8 @@ from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
 from rig.errors import BadInputError, around, code_of
 from rig.plan.config import Config, load_config, with_finger
+from rig.plan.fresh_passes import find_difference
 from rig.plan.plan import make_plan
-from rig.protocol.fresh_passes import find_difference
 from rig.protocol.script import Script, load_script
 from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports

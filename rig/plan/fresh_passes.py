@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.errors import code_of
+from rig.plan.config import Config, config_from
 from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script, script_with
 from rig.protocol.steps import Step
-from rig.settings import RigSettings
 
 _HASH_SEEDS = ("1", "2")
 _LONGEST_S = 60.0
@@ -31,7 +31,7 @@ class StepDifference(NamedTuple):
 
 
 def find_difference(
-    script: Script, settings: RigSettings, steps: Sequence[tuple[Step[Any, Any], Any]]
+    script: Script, config: Config, steps: Sequence[tuple[Step[Any, Any], Any]]
 ) -> StepDifference | None:
     """Return the first difference between a pass and two in fresh processes with other hash seeds; None without one.
 
@@ -39,7 +39,7 @@ def find_difference(
     """
     here = [in_words(step) for step, _ in steps]
     parameters, answers = script.parameters.model_dump(mode="json"), [answer for _, answer in steps]
-    tables = settings.model_dump(mode="json", include=set(RigSettings.model_fields), exclude_none=True)
+    tables = config.model_dump(mode="json", exclude_none=True)
     order = pickle.dumps((str(script.path), script.name, parameters, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
@@ -56,7 +56,7 @@ def find_difference(
 
 
 def _pass(hash_seed: str) -> subprocess.Popen[bytes]:
-    words = [sys.executable, "-m", "rig.protocol.fresh_passes"]
+    words = [sys.executable, "-m", "rig.plan.fresh_passes"]
     env, pipe = {**os.environ, "PYTHONHASHSEED": hash_seed}, subprocess.PIPE
     return subprocess.Popen(words, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, env=env)
 
@@ -106,7 +106,7 @@ def main() -> None:
     with contextlib.redirect_stdout(sys.stderr):
         try:
             script = script_with(Path(path), name, parameters)
-            script.run(Rig(script.parameters, Walk(RigSettings.model_validate(tables), _AnyModel()), replay))
+            script.run(Rig(script.parameters, Walk(config_from("config", tables, Path()), _AnyModel()), replay))
         except (Exception, SystemExit) as error:
             replay.steps.append(f"an error ({code_of(error)}): {error}")
     print(json.dumps(replay.steps))
