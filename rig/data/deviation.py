@@ -37,32 +37,31 @@ class PressDeviation:
         return f"{name} {self.measured:.{digits}f} {unit}, predicted {self.predicted:.{digits}f} {unit}"
 
 
-def deviation_of(
-    start: Mapping[str, Any], last_hold: Mapping[str, Any], band: tuple[float, float] | None = None
-) -> PressDeviation | None:
+Bands = Mapping[tuple[int, str], tuple[float, float]]
+"""Predicted bands of an identified finger, by press and quantity."""
+
+
+def bands_of(start: Mapping[str, Any]) -> Bands:
+    """Return the predicted bands in the first document of a run; empty without an identified finger."""
+    data = (one for one in start.get("promised", []) if one["purpose"] == "data")
+    return {(one["index"], one["key"]): (one["low"], one["high"]) for one in data}
+
+
+def deviation_of(start: Mapping[str, Any], last_hold: Mapping[str, Any], bands: Bands) -> PressDeviation | None:
     """Return the deviation of a press from its events; None in a journal of 0.2, which has no predictions."""
     key = "force_gwt" if start.get("target") == "doi_mm" else "doi_mm"
     predicted = start.get(f"predicted_{key}")
     if predicted is None:
         return None
-    indentor, measured = str(start.get("indentor", "")), float(last_hold[key])
+    indentor, measured, band = str(start.get("indentor", "")), float(last_hold[key]), bands.get((start["index"], key))
     return PressDeviation(start["index"], indentor, key, float(predicted), measured, band)
 
 
 def deviations(run: Run) -> list[PressDeviation]:
     """Return the deviations of all finished indentations."""
-    bands = {
-        (one["index"], one["key"]): (one["low"], one["high"])
-        for one in run.start.get("promised", [])
-        if one["purpose"] == "data"
-    }
-    starts = {event["index"]: event for event in run.stream("indentation_start")}
-    found = (deviation_of(starts[index], holds[-1]) for index, holds in sorted(run.done.items()))
-    return [
-        PressDeviation(one.index, one.indentor, one.key, one.predicted, one.measured, bands.get((one.index, one.key)))
-        for one in found
-        if one is not None
-    ]
+    bands, starts = bands_of(run.start), {event["index"]: event for event in run.stream("indentation_start")}
+    found = (deviation_of(starts[index], holds[-1], bands) for index, holds in sorted(run.done.items()))
+    return [one for one in found if one is not None]
 
 
 def warning_of(found: Sequence[PressDeviation]) -> str | None:

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
-from rig.data.deviation import PressDeviation, deviation_of
+from rig.data.deviation import PressDeviation, bands_of, deviation_of
 from rig.data.documents import Document
 from rig.data.folder import RunFolder, replace_text
 from rig.data.schema import READING, WAITED_FOR
@@ -404,7 +404,7 @@ class RunState:
         """Measured beside predicted quantity of the last indentation; None before its last hold has ended."""
         if not self.holds or self.holds[-1].get("hold") != self.indentation.get("increments"):
             return None
-        return deviation_of(self.indentation, self.holds[-1])
+        return deviation_of(self.indentation, self.holds[-1], bands_of(self.start))
 
     @property
     def unix_s(self) -> float | None:

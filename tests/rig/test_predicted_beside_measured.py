@@ -6,6 +6,7 @@ import pytest
 
 from rig.data import read_run
 from rig.data.deviation import PressDeviation, deviations, warning_of
+from rig.data.run_state import RunState
 from rig.panel.run_view import RunView
 from tests.program import Program
 
@@ -85,3 +86,16 @@ def test_an_identified_finger_has_its_band() -> None:
     warning = warning_of([wide, narrow])
     assert warning is not None
     assert warning.startswith("1 of 2 presses are outside their predicted band: force 1.10 times")
+
+
+def test_who_follows_a_run_uses_the_band_of_an_identified_finger() -> None:
+    """Half the predicted force lies in the band that the first document promises."""
+    band = {"purpose": "data", "index": 0, "key": "force_gwt", "low": 1.5, "middle": 4.0, "high": 6.0}
+    state = RunState()
+    state.apply({"doc": "start", "t_s": 0.0, "promised": [band]})
+    press = {"index": 0, "indentor": "bar:3.0", "x_mm": 0.0, "target": "doi_mm", "increments": 1}
+    state.event("indentation_start", {**press, "predicted_force_gwt": 4.0, "predicted_doi_mm": 0.3})
+    state.event("hold_end", {"index": 0, "hold": 1, "force_gwt": 2.0, "doi_mm": 0.3})
+    state.event("indentation_end", {"index": 0})
+    (found,) = state.deviations.values()
+    assert (found.band, found.is_large) == ((1.5, 6.0), False)

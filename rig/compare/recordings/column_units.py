@@ -44,7 +44,7 @@ _OWN = ("a.u.", "au", "arb", "norm", "normalized", "normalised", "%")
 
 
 def is_own_unit(unit: str) -> bool:
-    """Return whether a unit of rates is none in time, such as "a.u."."""
+    """Return whether a unit of rates does not count in time, such as "a.u."."""
     return unit.casefold() in _OWN
 
 

@@ -63,7 +63,7 @@ _START_BYTES = 4096
 
 
 def trouble(path: Path, error: Exception, kind: str) -> RecordingError:
-    """Return the error for a file that HDF5 cannot open or read: it is none, truncated, in use, or damaged.
+    """Return the error for a file that HDF5 cannot open or read: not HDF5, truncated, in use, or damaged.
 
     `kind` is what the file should be, e.g. "an NWB file".
     """

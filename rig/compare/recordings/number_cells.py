@@ -24,7 +24,7 @@ class NumberFormat(NamedTuple):
     ambiguous: frozenset[str] = frozenset()
 
     def number(self, text: str) -> float:
-        """Return the number of a cell, NaN if it is none."""
+        """Return the number of a cell, NaN for a text."""
         text = _minus(text)
         if self.commas and "." in text:  # 1.234,5 or a mixture: which of the two is the decimal sign?
             return math.nan
