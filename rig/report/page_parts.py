@@ -1,15 +1,19 @@
-"""Parts that all reports share: inline figures, one template, one style."""
+"""Parts that all reports share: figures inside the page, one template, one style, the glossary."""
 
 import base64
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 from typing import Any, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from rig.printable import printable
-from rig.report.style import Plot
+from rig.report.glossary import GLOSSARY
+from rig.report.style import Plot, on_dark
 
 Item = TypeVar("Item")
 
@@ -21,6 +25,65 @@ class PageFigure:
     title: str
     plot: Plot
     caption: str
+    message: str = ""
+    """What the figure shows, in a sentence."""
+    charts: tuple["ZoomChart", ...] = ()
+    """The same lines to zoom into on a screen; paper shows the plot."""
+
+    @property
+    def alt(self) -> str:
+        """Text for readers who do not see the figure: its message, axes and ranges."""
+        return f"{self.message} {self.plot.axes_in_words}".strip()
+
+
+@dataclass(frozen=True)
+class ZoomLine:
+    """Line of a chart; None in `y` is a gap."""
+
+    name: str
+    color: str
+    y: Sequence[float | None]
+
+    @property
+    def colors(self) -> tuple[str, str]:
+        """Color on light and on dark pages."""
+        return self.color, on_dark(self.color)
+
+
+@dataclass(frozen=True)
+class ZoomBand:
+    """Intervals in x, shown as a strip below the lines of a chart."""
+
+    name: str
+    color: str
+    spans: Sequence[tuple[float, float]]
+
+    @property
+    def colors(self) -> tuple[str, str]:
+        """Color on light and on dark pages."""
+        return self.color, on_dark(self.color)
+
+
+@dataclass(frozen=True)
+class ZoomChart:
+    """Lines over shared ascending x, with the labels of both axes."""
+
+    x_label: str
+    y_label: str
+    x: Sequence[float]
+    lines: tuple[ZoomLine, ...]
+    bands: tuple[ZoomBand, ...] = ()
+
+    @property
+    def as_data(self) -> dict[str, Any]:
+        """Content for the page's script."""
+        parts = {
+            key: [{"name": one.name, "colors": one.colors} for one in found]
+            for key, found in (("lines", self.lines), ("bands", self.bands))
+        }
+        spans = [band.spans for band in self.bands]
+        labels = {"x_label": self.x_label, "y_label": self.y_label}
+        return {**labels, **parts, "spans": spans, "data": [self.x, *(line.y for line in self.lines)]}
 
 
 @dataclass(frozen=True)
@@ -51,7 +114,7 @@ def figures_of(
 
 def as_svg(figure: PageFigure) -> str:
     """Return a figure for the src of an img on a page."""
-    return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.svg.encode()).decode()
+    return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.page_svg.encode()).decode()
 
 
 def as_png(figure: PageFigure) -> str:
@@ -61,7 +124,41 @@ def as_png(figure: PageFigure) -> str:
 
 def render(template: str, picture: Callable[[PageFigure], str] = as_svg, **about: Any) -> str:
     """Return a self-contained page rendered from a template of this package."""
-    return _templates().get_template(template).render(picture=picture, **about)
+    page = _templates().get_template(template).render(picture=picture, glossary=GLOSSARY, **about)
+    return page.replace(_PAGE_SCRIPT, _zoom_library() + _PAGE_SCRIPT, 1) if _CHART in page else page
+
+
+_CHART, _PAGE_SCRIPT = '<div class="zoom">', '<script type="module">'
+
+
+_QUOTED = re.compile(r"`([^`\n]+)`")
+_SWAPPED = re.compile(r"\b(black|white)\b", re.IGNORECASE)
+
+
+def prose(text: str) -> Markup:
+    """Return a text of a page with commands and names between backticks as code."""
+    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(printable(text)))))
+
+
+def _caption(figure: PageFigure) -> Markup:
+    """Return a caption; black and white change places on dark pages, except over maps of colors."""
+    text = prose(figure.caption)
+    return text if figure.plot.has_map else Markup(_SWAPPED.sub(_swapped, text))
+
+
+def _swapped(word: re.Match[str]) -> str:
+    other = {"black": "white", "white": "black"}[word[0].lower()]
+    return f'<span data-dark="{other.capitalize() if word[0][0].isupper() else other}">{word[0]}</span>'
+
+
+@cache
+def _zoom_library() -> str:
+    """Return the vendored library that plots charts to zoom into."""
+    folder = files("rig") / "panel" / "static" / "vendor" / "uplot"
+    script = (folder / "uPlot.esm.js").read_text(encoding="utf-8")
+    style = (folder / "uPlot.min.css").read_text(encoding="utf-8")
+    start, _, _ = script.rpartition("export {")
+    return f'<style>{style}</style>\n<script type="module">\n{start}globalThis.uPlot = uPlot;\n</script>\n'
 
 
 def _visible(value: Any) -> Any:
@@ -72,7 +169,7 @@ def _visible(value: Any) -> Any:
 @cache
 def _templates() -> Environment:
     """Return the templates; each is compiled once."""
-    return Environment(
+    made = Environment(
         loader=PackageLoader("rig.report"),
         autoescape=True,
         finalize=_visible,
@@ -80,3 +177,5 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    made.filters |= {"prose": prose, "caption": _caption}
+    return made

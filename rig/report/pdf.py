@@ -20,7 +20,7 @@ from rig.report.style import PAGE_IN, PNG_DOTS_PER_INCH
 
 HEADINGS = ("h1", "h2", "h3")
 _TEXTS = (*HEADINGS, "p", "li", "figcaption")
-_SKIPPED = ("style", "nav", "title")
+_SKIPPED = ("style", "script", "nav", "title")
 _CELLS = ("td", "th")
 _SPACES = re.compile(r"[ \t\r\n]+")  # non-breaking spaces stay
 

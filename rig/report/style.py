@@ -1,14 +1,18 @@
 """The style of figures and labels: colors that survive print, the same bytes every time."""
 
 import io
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
 import matplotlib as mpl
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedFormatter
 
 from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
@@ -23,9 +27,21 @@ PAGE_IN = (10.9, 6.3)
 """Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
 down."""
 
+INK, PAPER = "#e6e6e6", "#16181b"
+"""Text and background of dark pages, as in `templates/style.css`."""
+_TOWARDS_WHITE = 0.35
+"""Share of white in colors on dark pages; less would hide the darkest ones."""
+_ON_MAP = "map"
+"""Prefix of the ids of what is plotted over a map of colors, which keeps its colors on dark pages."""
+_COLOR = re.compile(r"(fill|stroke): (#[0-9a-f]{6})")
+
 _ORDERED = mpl.colormaps["viridis"]
 _LIGHTEST = 0.86  # lighter lines fade on paper
 _MOST_TICKS = 9
+_ALIGNED = 0.01
+"""Distance of panels in one row or column, relative to the figure."""
+_MOST_NAMES = 8
+"""Number of names of a legend in the description of a figure."""
 _STYLE: dict[Any, Any] = {
     "font.size": 9,
     "axes.spines.top": False,
@@ -59,22 +75,117 @@ class Plot:
         self._save(content, format="png", dpi=PNG_DOTS_PER_INCH, metadata={"Software": None})
         return content.getvalue()
 
+    @cached_property
+    def page_svg(self) -> str:
+        """Figure as SVG text that follows the page's color scheme."""
+        return self.svg.replace("<defs>", f"<defs>{_dark_rules(self.svg)}", 1)
+
+    @cached_property
+    def has_map(self) -> bool:
+        """Whether the figure contains a map of colors."""
+        return any(_mapped(axes) for axes in self._laid_out.axes)
+
+    @cached_property
+    def axes_in_words(self) -> str:
+        """What is plotted against what, over which ranges, for readers who do not see the figure."""
+        return _in_words(self._laid_out)
+
     def _save(self, target: io.StringIO | io.BytesIO, **options: Any) -> None:
-        with mpl.rc_context():
-            mpl.rcdefaults()  # The user's settings are for other figures.
-            mpl.rcParams.update(_STYLE)
+        with _own_settings():
             self._laid_out.savefig(target, **options)
 
     @cached_property
     def _laid_out(self) -> Figure:
         """Figure laid out once for all formats; saving would render everything again for its layout."""
-        figure = Figure(figsize=self.size, dpi=PNG_DOTS_PER_INCH, layout=self.layout)
-        self.draw(figure)
-        engine = figure.get_layout_engine()
-        if engine is not None:
-            engine.execute(figure)
-            figure.set_layout_engine(None)
+        with _own_settings():
+            figure = Figure(figsize=self.size, dpi=PNG_DOTS_PER_INCH, layout=self.layout)
+            self.draw(figure)
+            engine = figure.get_layout_engine()
+            if engine is not None:
+                engine.execute(figure)
+                figure.set_layout_engine(None)
+        _mark_maps(figure)
         return figure
+
+
+@contextmanager
+def _own_settings() -> Iterator[None]:
+    """Plot without the user's settings, which are for other figures."""
+    with mpl.rc_context():
+        mpl.rcdefaults()
+        mpl.rcParams.update(_STYLE)
+        yield
+
+
+def on_dark(color: str) -> str:
+    """Return a color of a figure on a dark page: black and white change places, hues become lighter."""
+    rgb, (ink, paper) = mpl.colors.to_rgb(color), (mpl.colors.to_rgb(one) for one in (INK, PAPER))
+    if len(set(rgb)) == 1:
+        mixed = [a + (b - a) * rgb[0] for a, b in zip(ink, paper, strict=True)]
+    else:
+        mixed = [value + (1 - value) * _TOWARDS_WHITE for value in rgb]
+    return mpl.colors.to_hex(mixed)
+
+
+def _dark_rules(svg: str) -> str:
+    """Return the style of dark pages for the colors of a figure; matplotlib leaves out black as a fill."""
+    kept = f':not([id^="{_ON_MAP}"] *)'
+    rules = [f"svg{{fill:{INK}}}", f'[id^="{_ON_MAP}"]{{fill:#000}}']
+    rules += [
+        f'[style*="{key}: {c}"]{kept}{{{key}:{on_dark(c)}!important}}' for key, c in sorted(set(_COLOR.findall(svg)))
+    ]
+    return f"<style>@media screen and (prefers-color-scheme: dark){{{''.join(rules)}}}</style>"
+
+
+def _mapped(axes: Axes) -> list[Artist]:
+    """Return the maps of colors in axes, or a color scale of one; scales of lines are not among them."""
+    bar = getattr(axes, "_colorbar", None)
+    if bar is not None and getattr(bar.mappable, "axes", None) is None:
+        return []
+    return [one for one in (*axes.images, *axes.collections) if one.get_array() is not None]
+
+
+def _mark_maps(figure: Figure) -> None:
+    number = 0
+    for axes in figure.axes:
+        if _mapped(axes):
+            for artist in (*axes.images, *axes.collections, *axes.lines, *axes.patches, *axes.texts):
+                artist.set_gid(f"{_ON_MAP}_{number}")
+                number += 1
+
+
+def _in_words(figure: Figure) -> str:
+    panels = [axes for axes in figure.axes if axes.get_visible() and axes.axison and not hasattr(axes, "_colorbar")]
+    pairs = list(
+        dict.fromkeys((_axis_in_words(axes, "y", panels), _axis_in_words(axes, "x", panels)) for axes in panels)
+    )
+    parts = [" against ".join(one for one in pair if one) for pair in pairs if pair[0]]
+    if len(panels) > 1:
+        parts.insert(0, f"{len(panels)} panels")
+    scales = [axes.get_ylabel() or axes.get_xlabel() for axes in figure.axes if hasattr(axes, "_colorbar")]
+    parts += [f"color: {name}" for name in dict.fromkeys(scales) if name]
+    boxes = [*figure.legends, *(box for axes in panels if (box := axes.get_legend()) is not None)]
+    names = list(dict.fromkeys(text.get_text() for box in boxes for text in box.get_texts()))
+    if names:
+        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+        parts.append(f"legend: {', '.join(names[:_MOST_NAMES])}{more}")
+    return " ".join("; ".join(parts).split()) + "."
+
+
+def _axis_in_words(axes: Axes, which: str, panels: Sequence[Axes]) -> str:
+    """Return an axis with its range; panels inside a grid have the label of the outer one."""
+    edge = {"x": "x0", "y": "y0"}[which]
+    aligned = [
+        one for one in panels if abs(getattr(one.get_position(), edge) - getattr(axes.get_position(), edge)) < 0.01
+    ]
+    whole = getattr(axes.figure, f"_sup{which}label", None)
+    labels = [getattr(one, f"get_{which}label")() for one in (axes, *aligned)] + [whole.get_text() if whole else ""]
+    name = next((text for text in labels if text), "")
+    axis = getattr(axes, f"{which}axis")
+    if not name or isinstance(axis.get_major_formatter(), FixedFormatter):
+        return name
+    low, high = sorted(axis.get_view_interval())
+    return f"{name}, {as_number(low)} to {as_number(high)}"
 
 
 def shade(k: int, n: int) -> Any:

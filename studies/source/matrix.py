@@ -102,7 +102,7 @@ def _ratios(axes: Axes, numbers: Sequence[tuple[str, CheckedClaim]]) -> None:
 
 def _names(axes: Axes, names: Sequence[str]) -> None:
     axes.set_yticks(range(len(names)), names, fontsize=7)
-    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.set_ylim(max(len(names), 1) - 0.5, -0.5)
     axes.grid(axis="y", lw=0.3)
 
 

@@ -128,7 +128,7 @@ def test_the_same_input_gives_the_same_bytes(
 ) -> None:
     """As a page and as PDF; the second time everything is in the cache."""
     if drawn == "empty":
-        monkeypatch.setattr(Plot, "_save", lambda plot, target, **options: Figure((1, 1)).savefig(target, **options))
+        monkeypatch.setattr(Plot, "_laid_out", property(lambda plot: Figure((1, 1))))
     run = dry_run_of(BAR, coarse, tmp_path)
     for name in ("a", "b"):
         work.clear()

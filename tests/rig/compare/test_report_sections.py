@@ -19,7 +19,7 @@ X = np.linspace(-4, 3, 25)
 RECEPTORS = np.array([-1.0, 0.0, 1.0])
 STEP = np.exp(-((X[:, None] - RECEPTORS) ** 2)) - 0.4 * np.exp(-((X[:, None] - RECEPTORS + 2) ** 2)) + 0.5
 BAR = np.exp(-((X[:, None] - RECEPTORS - 1) ** 2)) + np.exp(-((X[:, None] - RECEPTORS + 1) ** 2))
-PLOT = Plot((1.0, 1.0), lambda figure: None)
+PLOT = Plot((1.0, 1.0), lambda figure: None, layout=None)
 
 Make = Callable[..., StimulusRow]
 
