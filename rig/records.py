@@ -32,6 +32,8 @@ def grouped(items: Iterable[T], key: Callable[[T], K]) -> dict[K, list[T]]:
     return found
 
 
+SAME_DECIMALS = 6
+"""Decimals to which positions (mm) and targets of repeats are compared; further ones are arithmetic (3 × 0.1)."""
 _FORCE_DIGITS = 6
 
 

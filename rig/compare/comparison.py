@@ -16,6 +16,7 @@ from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.profile_shape_test import THRESHOLD, shape_flags
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import FAMILIES, StimulusRow
+from rig_shared.natural_order import natural_order
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain
 
@@ -137,7 +138,7 @@ class Comparison:
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
         """Overlays grouped by family and condition; each other shape on its own."""
-        ordered = sorted(self.overlays, key=lambda p: _group(p.stimulus))
+        ordered = sorted(self.overlays, key=lambda p: _ordered_group(p.stimulus))
         return tuple(Joint(tuple(group)) for _, group in groupby(ordered, key=lambda p: _group(p.stimulus)))
 
     @property
@@ -218,7 +219,7 @@ def compare(
     """
     if normalise:
         recordings = _normalised(recordings)
-    ordered = tuple(sorted(stimuli, key=lambda s: (*_group(s), s.shape)))
+    ordered = tuple(sorted(stimuli, key=lambda s: (*_ordered_group(s), natural_order(s.shape))))
     _refuse_twins(ordered)
     _refuse_strays(ordered, recordings)
     laid = [(s, recordings.get(f"{s.shape}@{s.condition}", recordings.get(s.shape))) for s in ordered]
@@ -247,8 +248,8 @@ def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Reco
                 "--recorded {shape}: the runs contain no such shape; use one of {names}",
                 code="never_pressed",
                 shape=shape,
-                held=sorted(held),
-                names=", ".join(sorted(held)),
+                held=sorted(held, key=natural_order),
+                names=", ".join(sorted(held, key=natural_order)),
             )
 
 
@@ -264,6 +265,11 @@ def _group(stimulus: StimulusRow) -> tuple[str, str, float]:
     """Return the group of stimuli that are tested together."""
     family = stimulus.family if stimulus.family in FAMILIES else stimulus.shape
     return family, stimulus.kind, stimulus.commanded
+
+
+def _ordered_group(stimulus: StimulusRow) -> tuple[object, ...]:
+    family, kind, commanded = _group(stimulus)
+    return natural_order(family), kind, commanded
 
 
 def _collinear(group: Sequence[StimulusRow]) -> list[list[str]]:

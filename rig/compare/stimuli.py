@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.plan.finger_model import PredictedHold, from_copy, responses
+from rig.records import SAME_DECIMALS
+from rig_shared.natural_order import natural_order
 from rig_shared.user_files import sha256_of
 from sim.contact.patch import X, Z
 from sim.contact.shapes import contents, parse_shape, shape_name
@@ -200,7 +202,8 @@ def stimuli(run: Run, finger: Fingertip) -> list[StimulusRow]:
         return []
     what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
     found = [
-        _stimulus(run.folder.path.name, one, table, [one == other for other in what]) for one in sorted(set(what))
+        _stimulus(run.folder.path.name, one, table, [one == other for other in what])
+        for one in sorted(set(what), key=lambda one: (natural_order(one[0]), *one[1:]))
     ]
     stiffening = finger.config.tissue.stiffening
     return [
@@ -232,7 +235,7 @@ def _table(found: list[PredictedHold]) -> Arrays:
     return {
         "indentor": np.array([response.indentor for response in found]),
         "kind": np.array([response.kind for response in found]),
-        "commanded": np.array([response.commanded for response in found]),
+        "commanded": np.array([round(response.commanded, SAME_DECIMALS) for response in found]),
         "x_mm": np.array([response.hold["x_mm"] for response in found]),
         "doi_mm": np.array([result.doi_mm for result in results]),
         "force_gwt": np.array([result.force_gwt for result in results]),

@@ -91,6 +91,8 @@ _LEADS_TO = {
     **dict.fromkeys(("hold", "vibrate"), "hold"),
     "retract": "lift",
 }
+_INSTANT = ("note", "checkpoint")
+"""Events that take no time: at the same instant, the time before belongs to the other one."""
 _UNTIL_THEN = "paused"  # The time before a pause belongs to the interrupted activity.
 
 
@@ -171,7 +173,7 @@ def _stamps(run: Run) -> Iterator[tuple[float, str]]:
     streams = [*run.events.items(), *run.superseded.items()]
     readings = [_times(found, None) for stream, found in streams if stream.endswith(READING)]
     others = [_times(found, stream) for stream, found in streams if stream in _LEADS_TO or stream == _UNTIL_THEN]
-    return heapq.merge(*readings, *others)
+    return heapq.merge(*readings, *others, key=lambda one: (one[0], one[1] in _INSTANT, one[1]))
 
 
 def _times(events: Iterable[TableRow], kind: str | None) -> Iterator[tuple[float, str]]:

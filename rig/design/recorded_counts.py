@@ -16,6 +16,7 @@ from rig.design.press_times import PressTimes
 from rig.design.presses import PossiblePress
 from rig.design.refined import FEW, best_draws, effective_draws, refined_evidence
 from rig.design.response_table import ResponseTable
+from rig_shared.natural_order import natural_order
 from sim.contact.shapes import shape_name
 
 Array = NDArray[np.float64]
@@ -67,7 +68,8 @@ def read_counts(path: Path, presses: Sequence[PossiblePress]) -> list[CountedPre
             raise row.wrong("count", "no_whole_number", "a whole number of spikes")
         shape = row.cells["shape"].strip()
         if shape not in {one.shape for one in presses} | names:
-            raise row.wrong("shape", "shape_not_designed", "one of {shapes}", shapes=", ".join(sorted(names)))
+            shapes = ", ".join(sorted(names, key=natural_order))
+            raise row.wrong("shape", "shape_not_designed", "one of {shapes}", shapes=shapes)
         at = shape_name(shape), round(x_mm, _DECIMALS), round(target, _DECIMALS)
         if at not in number:
             raise row.wrong("x_mm", "press_not_designed", "that of a possible press of this shape to this target")

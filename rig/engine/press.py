@@ -117,6 +117,11 @@ _MOST_AVERAGED = 25
 _HIGHEST_AIM = 1.02  # Share of the target in a hold; with noise the force must stay below 1.05.
 
 
+def force_tolerance_gwt(target_gwt: float, resolution_gwt: float) -> float:
+    """Return how far a delivered force may be from its target (gwt)."""
+    return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, resolution_gwt)
+
+
 class Press:
     """Press of one indentation, from its touch-off on."""
 
@@ -338,7 +343,7 @@ class Press:
             )
 
     def _tolerance_gwt(self, target_gwt: float) -> float:
-        return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, self._engine.sensing.resolution_gwt)
+        return force_tolerance_gwt(target_gwt, self._engine.sensing.resolution_gwt)
 
     def _averaged(self, to_gwt: float) -> int:
         """Return the number of readings that determine a force to this accuracy (gwt)."""

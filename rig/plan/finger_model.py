@@ -20,6 +20,7 @@ from rig.errors import around
 from rig.plan.finger_file import IdentifiedFinger, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
 from rig.records import Pace, Prediction, PredictionBand, Target
+from rig_shared.natural_order import natural_order
 from rig_shared.user_files import read_bytes
 from sim.config import FingertipConfig
 from sim.contact import shapes
@@ -353,7 +354,7 @@ def responses(run: Run, finger: "Fingertip", *, last_only: bool = False) -> list
 
 def by_group(found: list[PredictedHold]) -> dict[str, list[PredictedHold]]:
     """Return the responses that differ only in position, ordered by x."""
-    ordered = sorted(found, key=lambda r: (r.indentor, r.kind, r.commanded, r.hold["x_mm"]))
+    ordered = sorted(found, key=lambda r: (natural_order(r.indentor), r.kind, r.commanded, r.hold["x_mm"]))
     return {name: list(members) for name, members in groupby(ordered, key=lambda r: r.group)}
 
 

@@ -14,6 +14,7 @@ from rig.data.spike_files import SpikeRecord, SpikeTrain
 from rig.report.page_parts import PageFigure
 from rig.report.run_figures import broken
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
+from rig_shared.natural_order import natural_order
 
 Array = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ def _models(record: SpikeRecord) -> list[str]:
 
 
 def _groups(presses: Sequence[Pressed]) -> list[str]:
-    return list(dict.fromkeys(one.group for one in presses))
+    return sorted({one.group for one in presses}, key=natural_order)
 
 
 def _raster_in(record: SpikeRecord) -> float:

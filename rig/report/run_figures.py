@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.tables import Span, spans
 from rig.plan.finger_model import PredictedHold, by_group, measured
-from rig.report.run_tables import Condition, by_target, conditions, loading, past_touch
+from rig.records import SAME_DECIMALS
+from rig.report.page_parts import ZoomBand, ZoomChart, ZoomLine
+from rig.report.run_tables import Condition, DeliveredPress, by_target, conditions, loading, past_touch
 from rig.report.style import (
     BLUE,
     DOTTED,
@@ -51,6 +53,7 @@ _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _DRAWN = 361
 _ROOM_MM = 0.2
 """Margin between the contact and the edges of its panel (mm)."""
+_AT_A_NODE_MM = 1e-9
 _HIGHEST_MM = 1.3
 """Height above the lowest point (mm) up to which an indentor is plotted."""
 
@@ -125,10 +128,11 @@ def _axes(figure: Figure, k: int, below_in: float, high_in: float) -> Axes:
 
 
 def _skin(axes: Axes, repeats: Sequence[PredictedHold], across: tuple[float, float]) -> None:
-    """Plot the first repeat's indentor and skin; repeats differ by less than the width of a line."""
+    """Plot the skin of all repeats, and the first one's indentor and contact."""
+    for response in repeats:
+        axes.plot(*response.result.skin_profile, color=GREY, lw=1)
     result = repeats[0].result
     (x, y), (undeformed, _) = result.skin_profile, result.pressure_profile
-    axes.plot(x, y, color=GREY, lw=1)
     s = np.linspace(*across, _DRAWN)
     offset = {X: s - result.x_mm, Z: np.full_like(s, result.model.plane_mm - result.z_mm)}
     h = result.indentor.evaluate(np.stack([offset[axis] for axis in result.indentor.axes])).height_mm
@@ -145,9 +149,19 @@ def _skin(axes: Axes, repeats: Sequence[PredictedHold], across: tuple[float, flo
 
 def _pressures(axes: Axes, repeats: Sequence[PredictedHold]) -> None:
     for response in repeats:
-        undeformed, pressure = response.result.pressure_profile_kpa
-        axes.plot(undeformed, pressure, color=BLUE, lw=0.8)
-    axes.fill_between(undeformed, pressure, color=BLUE, alpha=0.25, lw=0)
+        axes.plot(*pressure_in_contact(response.result), color=BLUE, lw=0.8)
+    axes.fill_between(*pressure_in_contact(repeats[0].result), color=BLUE, alpha=0.25, lw=0)
+
+
+def pressure_in_contact(result: IndentationResult) -> tuple[Array, Array]:
+    """Return undeformed x (mm) and pressure (kPa) in the receptor plane, zero beyond the ends of the contact."""
+    undeformed, pressure = result.pressure_profile_kpa
+    x, kpa = [undeformed[:1]], [np.zeros(1)]
+    for low, high in result.contact_regions_mm:
+        inside = (undeformed >= low - _AT_A_NODE_MM) & (undeformed <= high + _AT_A_NODE_MM)
+        x += [np.array([low]), undeformed[inside], np.array([high])]
+        kpa += [np.zeros(1), pressure[inside], np.zeros(1)]
+    return np.concatenate([*x, undeformed[-1:]]), np.concatenate([*kpa, np.zeros(1)])
 
 
 def _title(repeats: Sequence[PredictedHold]) -> str:
@@ -244,6 +258,12 @@ def force_time(run: Run) -> Plot:
     return Plot((_WIDTH_IN, 3.2), lambda figure: _force_time(figure, run), layout=None)
 
 
+def delivered_presses(found: Sequence[DeliveredPress]) -> Plot:
+    """Plot the delivered and commanded quantity of each press, above their difference and its tolerance."""
+    columns = len({one.key for one in found})
+    return Plot((_WIDTH_IN, 3.4), lambda figure: _delivered(figure, found, columns), layout=None)
+
+
 def presses(run: Run) -> Plot:
     """Plot force from the start of each press, and force in its holds relative to their start."""
     groups = by_target(conditions(run))
@@ -262,6 +282,90 @@ def force_depth(run: Run) -> Plot:
 def has_repeats(run: Run) -> bool:
     """Return whether a condition was pressed more than once, so that repeats have a spread."""
     return any(len(condition.indices) > 1 for condition in conditions(run))
+
+
+_NAMES = {"force_gwt": ("force", "gwt"), "doi_mm": ("DOI", "mm")}
+_MANY = 60
+"""Number of presses above which markers are small."""
+
+
+_MOST_POINTS_OF_A_CHART = 100_000
+_TIME_DECIMALS, _FORCE_DECIMALS = 3, 4
+
+
+def force_charts(run: Run) -> tuple[ZoomChart, ...]:
+    """Return force against time with the phases, a chart for each part of the run."""
+    charts = (_force_chart(run, *part) for part in run.parts or [(run.start["t_s"], run.end_s)])
+    return tuple(one for one in charts if one is not None)
+
+
+def _force_chart(run: Run, begin_s: float, end_s: float) -> ZoomChart | None:
+    colors = {"data": BLUE, "presses that are not data": GREY}
+    readings: dict[str, list[dict[str, Any]]] = {name: [] for name in colors}
+    for stream in SAMPLES:
+        name = "data" if stream == "sample" else "presses that are not data"
+        readings[name] += [one for one in run.stream(stream) if begin_s <= one["t_s"] <= end_s]
+    read = {name: sorted(found, key=lambda one: one["t_s"]) for name, found in readings.items() if found}
+    if not read:
+        return None
+    curves = {name: _gapless(*broken(found, run, _MOST_POINTS_OF_A_CHART)) for name, found in read.items()}
+    t = np.concatenate([curve[0] for curve in curves.values()])
+    order, first = np.argsort(t, kind="stable"), 0
+    lines = []
+    for name, (_, force) in curves.items():
+        y = np.full(len(t), np.nan)
+        y[first : first + len(force)] = force
+        first += len(force)
+        lines.append(ZoomLine(name, colors[name], _or_none(y[order], _FORCE_DECIMALS)))
+    there = [one for one in spans(run) if begin_s <= one.begin_s < one.end_s <= end_s]
+    bands = [
+        ZoomBand(what, color, [(one.begin_s, one.end_s) for one in there if one.what == what])
+        for what, color in PHASES.items()
+    ]
+    x = t[order].round(_TIME_DECIMALS).tolist()
+    return ZoomChart("time since the start of the run (s)", "force (gwt)", x, tuple(lines), tuple(bands))
+
+
+def _gapless(t: Array, force: Array) -> tuple[Array, Array]:
+    """Return times without gaps: a gap is at the time of the reading after it."""
+    missing = np.flatnonzero(np.isnan(t))
+    t = t.copy()
+    t[missing] = t[missing + 1]
+    return t, force
+
+
+def _or_none(values: Array, decimals: int) -> list[float | None]:
+    return [None if math.isnan(value) else value for value in values.round(decimals).tolist()]
+
+
+def _delivered(figure: Figure, found: Sequence[DeliveredPress], columns: int) -> None:
+    room = Room(left=0.75, bottom=0.85, top=0.1, columns=0.8, rows=0.12)
+    panels = room.panels(figure, 2, columns, sharex="col", height_ratios=(3, 2))
+    kinds = [key for key in _NAMES if any(one.key == key for one in found)]
+    handles: dict[str, Artist] = {}
+    for key, (above, below) in zip(kinds, panels.T, strict=True):
+        mine, (name, unit_) = [one for one in found if one.key == key], _NAMES[key]
+        index, asked, got, sd, allowed = (
+            np.array([getattr(one, field) for one in mine], dtype=float)
+            for field in ("index", "asked", "delivered", "sd", "tolerance")
+        )
+        size, within = (3 if len(mine) < _MANY else 1.5), np.array([one.is_within for one in mine])
+        above.hlines(asked, index - 0.45, index + 0.45, color="black", lw=1.2, label="asked")
+        edges, widths = np.column_stack([index - 0.5, index + 0.5]).ravel(), np.repeat(allowed, 2)
+        below.fill_between(edges, -widths, widths, color=GREEN, alpha=0.3, lw=0, label="tolerance")
+        below.axhline(0.0, color="black", lw=0.8)
+        for kept, color, words in ((within, BLUE, "delivered"), (~within, ORANGE, "delivered outside the tolerance")):
+            if kept.any():
+                above.plot(index[kept], got[kept], "o", ms=size, color=color, label=words)
+                below.errorbar(index[kept], (got - asked)[kept], sd[kept], fmt="o", ms=size, lw=0.8, color=color)
+        above.set(ylabel=f"{name} ({unit_})", ylim=(0, 1.1 * max(asked.max(), got.max())))
+        reach = 1.15 * max(np.abs(got - asked + sd).max(), np.abs(got - asked - sd).max(), allowed.max(), 1e-9)
+        below.set(ylabel=f"difference ({unit_})", xlabel="press, by index (1)", ylim=(-reach, reach))
+        below.set_xlim(index.min() - 0.6, index.max() + 0.6)
+        below.xaxis.set_major_locator(MaxNLocator(integer=True))
+        for axes in (above, below):
+            handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    figure.legend(list(handles.values()), list(handles), loc="lower center", ncols=_NAMES_A_LINE, fontsize=8)
 
 
 def _force_time(figure: Figure, run: Run) -> None:
@@ -349,26 +453,26 @@ def _strip(axes: Axes, found: Sequence[Span], per: float) -> None:
         axes.broken_barh(bars, (0, 1), color=color, lw=0)
 
 
-def broken(samples: Iterable[dict[str, Any]], run: Run) -> tuple[Array, Array]:
+_MOST_POINTS = 20_000
+"""Points of a line, several for each dot of a printed page."""
+
+
+def broken(samples: Iterable[dict[str, Any]], run: Run, most: int = _MOST_POINTS) -> tuple[Array, Array]:
     """Return times and forces with a gap between indentations, and where the run was resumed."""
     rows = ((sample["index"], sample["t_s"], _force_gwt(sample)) for sample in samples)
     index, t, force = np.fromiter(rows, dtype=np.dtype((float, 3))).reshape(-1, 3).T
     part = np.searchsorted([begin_s for begin_s, _ in run.parts[1:]], t, side="right")
     at = np.flatnonzero((np.diff(index) != 0) | (np.diff(part) != 0)) + 1
-    return _thinned(np.insert(t, at, np.nan), np.insert(force, at, np.nan))
+    return _thinned(np.insert(t, at, np.nan), np.insert(force, at, np.nan), most)
 
 
 def _force_gwt(sample: dict[str, Any]) -> float:
     return math.nan if sample["force_gwt"] is None else float(sample["force_gwt"])
 
 
-_MOST_POINTS = 20_000
-"""Points of a line, several for each dot of a printed page."""
-
-
-def _thinned(t: Array, y: Array) -> tuple[Array, Array]:
+def _thinned(t: Array, y: Array, most: int = _MOST_POINTS) -> tuple[Array, Array]:
     """Return the gaps of a long line, and the lowest and highest point of each of many equal pieces."""
-    each = -(-2 * len(t) // _MOST_POINTS)
+    each = -(-2 * len(t) // most)
     if each <= 2:
         return t, y
     begins = np.arange(0, len(t), each)
@@ -497,7 +601,7 @@ def _ssrps(figure: Figure, found: list[PredictedHold], measure: str) -> None:
 
 def _over_repeats(x_mm: Array, values: Array) -> tuple[Array, Array]:
     """Return each position once (n,), with the mean of its repeats (n, receptors)."""
-    places, back = np.unique(x_mm, return_inverse=True)
+    places, back = np.unique(x_mm.round(SAME_DECIMALS), return_inverse=True)
     return places, np.stack([values[back == k].mean(axis=0) for k in range(len(places))])
 
 

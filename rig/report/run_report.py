@@ -19,6 +19,7 @@ from rig.plan.finger_file import TISSUE, Draw
 from rig.plan.finger_model import PredictedHold, by_group, responses
 from rig.plan.finger_update import learned
 from rig.plan.plan import PredictionCheck, found
+from rig.records import grouped
 from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
 from rig.report.nerve_figures import nerve_figures
@@ -105,9 +106,10 @@ def _write_page(
     text = render(
         "run.html.j2",
         run=run,
+        message=run_tables.message(run, run_tables.delivered(run)),
         found=run_tables.one_by_one(run, found),
         scheduled=run_tables.scheduled(run),
-        conditions=run_tables.condition_rows(run, found),
+        conditions=grouped(run_tables.condition_rows(run, found), key=lambda row: row.group),
         figures=run_page_figures(run, found),
         choices=choice_rows(run),
         verdict=verdict_of(run),
@@ -133,13 +135,29 @@ def _write_page(
 def run_page_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     """Return the figures of the page, in its order."""
     read = any(run.stream(stream) for stream in run_figures.SAMPLES)
-    over_time = [*choice_figures(run), *([_over_time(run)] if read else [])]
+    over_time = [*_delivered_figure(run), *choice_figures(run), *([_over_time(run)] if read else [])]
     if not found:
         return over_time
     moved = any(len(members) > 1 for members in by_group(found).values())
     pressed = [*over_time, *_press_figures(run), *_contact_figures(run, found)]
     spikes = read_spikes(run.folder)
     return [*pressed, *(_ssrp_figures(found) if moved else ()), *(nerve_figures(run, spikes) if spikes else ())]
+
+
+def _delivered_figure(run: Run) -> list[PageFigure]:
+    found = run_tables.delivered(run)
+    if not found:
+        return []
+    return [
+        PageFigure(
+            "Delivered against asked",
+            run_figures.delivered_presses(found),
+            "Mean of the last hold of each press. Above: delivered and asked. Below: delivered minus asked; bars: "
+            "the standard deviation of the readings in the hold; shaded: the tolerance. A finger relaxes, so the "
+            "mean of a hold may be lower than the force at its start. Data: hold_end.csv.",
+            message=run_tables.message(run, found),
+        )
+    ]
 
 
 def _small_strain(found: Sequence[PredictedHold]) -> str:
@@ -155,6 +173,7 @@ def _over_time(run: Run) -> PageFigure:
         run_figures.force_time(run),
         "All readings of the run; gray: presses that are not data. Below: the phases of the run; white: "
         f"lateral moves, rests, zeroing and waits.{cut} Data: sample.csv.",
+        charts=run_figures.force_charts(run),
     )
 
 

@@ -15,10 +15,13 @@ from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
 from rig.data.tables import booked_s, motions_in_contact, sine_in_words, tables
+from rig.engine.press import force_tolerance_gwt
 from rig.plan.finger_model import PredictedHold
-from rig.records import grouped
+from rig.records import SAME_DECIMALS, grouped
 from rig.report.style import as_number, signed
 from rig.settings import limits_in_kpa
+from rig_shared.natural_order import natural_order
+from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
 from sim.measures.measures import MEASURES
 from sim.units import GWT_N
@@ -85,7 +88,7 @@ def _digits(value: float) -> str:
 
 Array = NDArray[np.float64]
 
-_UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
+UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
 _DEPTHS = 60
 
 
@@ -107,7 +110,7 @@ class Condition:
     def group(self) -> str:
         """Label that conditions at other positions share, e.g. "step:1 to 2.33 gwt"."""
         motion = f" {self.motion}" if self.motion else ""
-        return f"{self.indentor} to {self.value:g} {_UNITS[self.target]}{motion}"
+        return f"{self.indentor} to {self.value:g} {UNITS[self.target]}{motion}"
 
     @property
     def place(self) -> str:
@@ -130,12 +133,17 @@ def conditions(run: Run) -> list[Condition]:
     motions |= {event["index"]: sine_in_words(event) for event in run.stream("vibrate")}
 
     def alike(start: dict[str, Any]) -> tuple[str, str, float, str, float]:
-        return start["indentor"], start["target"], start["value"], motions.get(start["index"], ""), start["x_mm"]
+        value, x_mm = (round(start[key], SAME_DECIMALS) + 0.0 for key in ("value", "x_mm"))
+        return start["indentor"], start["target"], value, motions.get(start["index"], ""), x_mm
+
+    def order(one: tuple[tuple[str, str, float, str, float], object]) -> tuple[object, ...]:
+        indentor, target, value, motion, x_mm = one[0]
+        return natural_order(indentor), target, value, natural_order(motion), x_mm
 
     begun = [event for event in run.stream("indentation_start") if event["index"] in run.done]
     return [
         Condition(indentor, x_mm, target, value, motion, tuple(event["index"] for event in same))
-        for (indentor, target, value, motion, x_mm), same in sorted(grouped(begun, key=alike).items())
+        for (indentor, target, value, motion, x_mm), same in sorted(grouped(begun, key=alike).items(), key=order)
     ]
 
 
@@ -180,6 +188,92 @@ _LIMITS = (
     "max_press_speed_mm_s",
     "max_contact_s",
 )
+
+
+@dataclass(frozen=True)
+class DeliveredPress:
+    """Commanded and delivered quantity of a press in its last hold, with the tolerance of the program."""
+
+    index: int
+    key: str  # force_gwt or doi_mm
+    asked: float
+    delivered: float
+    sd: float
+    tolerance: float
+
+    @property
+    def is_within(self) -> bool:
+        """Whether the delivered mean lies within the tolerance."""
+        return abs(self.delivered - self.asked) <= self.tolerance * (1 + _ROUNDING)
+
+    @property
+    def words(self) -> str:
+        """Deviation with its sign and unit."""
+        return f"{signed(self.delivered - self.asked, 3)} {UNITS[self.key]}"
+
+
+_ROUNDING = 1e-6
+
+
+def delivered(run: Run) -> list[DeliveredPress]:
+    """Return the finished presses in order; a depth has the tolerance of one step of the stage."""
+    settings = toml_of(read_text(run.folder.config))
+    step_mm = settings.get("stage", {}).get("resolution_mm", 0.0)
+    step_gwt = settings.get("force", {}).get("resolution_gwt", 0.0)
+    found = []
+    starts = {event["index"]: event for event in run.stream("indentation_start")}
+    for index, holds in sorted(run.done.items()):
+        last, key = holds[-1], starts[index]["target"]
+        asked = float(last.get("commanded", starts[index]["value"]))
+        tolerance = step_mm if key == "doi_mm" else force_tolerance_gwt(asked, step_gwt)
+        sd = last.get({"doi_mm": "doi_sd_mm", "force_gwt": "force_sd_gwt"}[key]) or 0.0
+        found.append(DeliveredPress(index, key, asked, float(last[key]), float(sd), tolerance))
+    return found
+
+
+_MOST_LISTED = 4
+
+
+def message(run: Run, found: Sequence[DeliveredPress]) -> str:
+    """Return what was done, and whether it was delivered as asked."""
+    where = " on the virtual bench" if run.start.get("virtual") else ""
+    if not found:
+        return f"No press was finished{where}."
+    members = conditions(run)
+    shapes = listed(list(dict.fromkeys(one.indentor for one in members)), "indentors")
+    places = {one.x_mm for one in members}
+    at = f"at x = {signed(places.pop())} mm" if len(places) == 1 else f"at {number_of(len(places), 'positions')}"
+    targets = " and ".join(_targets(found, key) for key in UNITS if any(one.key == key for one in found))
+    planned = int(run.start["planned_indentations"])
+    done = number_of(len(found), "presses") if planned <= len(found) else f"{len(found)} of {planned} presses"
+    return f"{done} of {shapes} to {targets} {at}{where}: {_delivered_in_words(found)}"
+
+
+def _targets(found: Sequence[DeliveredPress], key: str) -> str:
+    values = sorted({round(one.asked, SAME_DECIMALS) for one in found if one.key == key})
+    if len(values) > _MOST_LISTED:
+        return f"{values[0]:g} to {values[-1]:g} {UNITS[key]}"
+    return f"{listed([f'{value:g}' for value in values], 'targets')} {UNITS[key]}"
+
+
+def listed(names: Sequence[str], noun: str) -> str:
+    """Return names as a list in words, or their number if there are many."""
+    if len(names) > _MOST_LISTED:
+        return number_of(len(names), noun)
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+
+
+def _delivered_in_words(found: Sequence[DeliveredPress]) -> str:
+    outside = [one for one in found if not one.is_within]
+    rules = {"force_gwt": "0.05 gwt or 1 %", "doi_mm": "one step of the stage"}
+    within = " and ".join(rule for key, rule in rules.items() if any(one.key == key for one in found))
+    if not outside:
+        return f"{'all' if len(found) > 1 else 'it was'} delivered as asked, within {within}."
+    worst = max(outside, key=lambda one: abs(one.delivered - one.asked) / (one.tolerance or 1.0))
+    return (
+        f"{len(found) - len(outside)} of {len(found)} delivered as asked, within {within}; the largest deviation "
+        f"is {worst.words}, at press {worst.index}."
+    )
 
 
 @dataclass(frozen=True)

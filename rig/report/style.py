@@ -40,6 +40,8 @@ _LIGHTEST = 0.86  # lighter lines fade on paper
 _MOST_TICKS = 9
 _ALIGNED = 0.01
 """Distance of panels in one row or column, relative to the figure."""
+_ALIGNED = 0.01
+"""Distance of panels in one row or column, relative to the figure."""
 _MOST_NAMES = 8
 """Number of names of a legend in the description of a figure."""
 _STYLE: dict[Any, Any] = {
@@ -156,10 +158,7 @@ def _mark_maps(figure: Figure) -> None:
 
 def _in_words(figure: Figure) -> str:
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.axison and not hasattr(axes, "_colorbar")]
-    pairs = list(
-        dict.fromkeys((_axis_in_words(axes, "y", panels), _axis_in_words(axes, "x", panels)) for axes in panels)
-    )
-    parts = [" against ".join(one for one in pair if one) for pair in pairs if pair[0]]
+    parts = _axes_in_words(panels)
     if len(panels) > 1:
         parts.insert(0, f"{len(panels)} panels")
     scales = [axes.get_ylabel() or axes.get_xlabel() for axes in figure.axes if hasattr(axes, "_colorbar")]
@@ -172,19 +171,48 @@ def _in_words(figure: Figure) -> str:
     return " ".join("; ".join(parts).split()) + "."
 
 
-def _axis_in_words(axes: Axes, which: str, panels: Sequence[Axes]) -> str:
-    """Return an axis with its range; panels inside a grid have the label of the outer one."""
-    edge = {"x": "x0", "y": "y0"}[which]
-    aligned = [
-        one for one in panels if abs(getattr(one.get_position(), edge) - getattr(axes.get_position(), edge)) < 0.01
-    ]
+Limits = tuple[float, float] | None
+
+
+def _axes_in_words(panels: Sequence[Axes]) -> list[str]:
+    """Return each pair of axes once, with the range over all of its panels."""
+    ranges: dict[tuple[str, str], list[tuple[Limits, Limits]]] = {}
+    for axes in panels:
+        names = _label_of(axes, "y", panels), _label_of(axes, "x", panels)
+        ranges.setdefault(names, []).append((_limits(axes, "y"), _limits(axes, "x")))
+    found = []
+    for names, limits in ranges.items():
+        both = [_with_range(name, ends) for name, ends in zip(names, zip(*limits, strict=True), strict=True) if name]
+        found += [" against ".join(both)] if both else []
+    return found
+
+
+def _label_of(axes: Axes, which: str, panels: Sequence[Axes]) -> str:
+    """Return the label of an axis; panels inside a grid have that of the outer one."""
+
+    def edge(one: Axes) -> float:
+        return float(getattr(one.get_position(), f"{which}0"))
+
+    aligned = [one for one in panels if abs(edge(one) - edge(axes)) < _ALIGNED]
     whole = getattr(axes.figure, f"_sup{which}label", None)
     labels = [getattr(one, f"get_{which}label")() for one in (axes, *aligned)] + [whole.get_text() if whole else ""]
-    name = next((text for text in labels if text), "")
+    return next((text for text in labels if text), "")
+
+
+def _limits(axes: Axes, which: str) -> Limits:
+    """Return the ends of an axis; None if its ticks are names."""
     axis = getattr(axes, f"{which}axis")
-    if not name or isinstance(axis.get_major_formatter(), FixedFormatter):
-        return name
+    if isinstance(axis.get_major_formatter(), FixedFormatter):
+        return None
     low, high = sorted(axis.get_view_interval())
+    return float(low), float(high)
+
+
+def _with_range(name: str, limits: Iterable[Limits]) -> str:
+    known = [ends for ends in limits if ends is not None]
+    if not known:
+        return name
+    low, high = min(one[0] for one in known), max(one[1] for one in known)
     return f"{name}, {as_number(low)} to {as_number(high)}"
 
 
@@ -199,9 +227,9 @@ def shade_of(value: float, values: Sequence[float]) -> Any:
     return shade(ranked.index(value), len(ranked))
 
 
-def signed(x_mm: float) -> str:
-    """Format with two decimals, a typographic minus and no negative zero."""
-    return f"{round(x_mm, 2) + 0.0:.2f}".replace("-", "−")
+def signed(x_mm: float, decimals: int = 2) -> str:
+    """Format with a typographic minus and no negative zero."""
+    return f"{round(x_mm, decimals) + 0.0:.{decimals}f}".replace("-", "−")
 
 
 def some_of(n: int, most: int) -> list[int]:

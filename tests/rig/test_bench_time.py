@@ -48,6 +48,13 @@ def _run(*events: Event, superseded: tuple[Event, ...] = ()) -> Run:
           (110.0, "sample", "press"), (115.0, "hold_start", None), (117.0, "sample", "hold"),
           (117.0, "hold_end", None), (120.0, "retract", None), (120.0, "indentation_end", None)],
          {"approach": 1.0, "touch-off": 5.0, "press and seek": 4.0, "hold": 7.0, "lift": 3.0}),
+        # a script that notes or checks something right after a press: the lift took the time
+        ([(117.0, "sample", "hold"), (120.0, "note", None), (120.0, "retract", None)], {"hold": 17.0, "lift": 3.0}),
+        ([(117.0, "sample", "hold"), (120.0, "checkpoint", None), (120.0, "retract", None)],
+         {"hold": 17.0, "lift": 3.0}),
+        # and after a rest or a move
+        ([(117.0, "rest", None), (120.0, "checkpoint", None), (120.0, "rest", None)], {"rest": 20.0}),
+        ([(117.0, "move", None), (120.0, "note", None), (120.0, "move", None)], {"lateral moves": 20.0}),
         # presses that are no data are no lift
         ([(101.0, "reference_sample", "approach"), (104.0, "precondition_sample", "hold"),
           (110.0, "find_sample", "touch"), (111.0, "retract", None)],

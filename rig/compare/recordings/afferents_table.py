@@ -18,6 +18,7 @@ from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.errors import code_of
+from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 
 REQUIRED = ("afferent", "shape", "file")
@@ -117,7 +118,7 @@ def _refuse(
             "{shape} was pressed to {conditions}; state depth_mm or force_gwt",
             code="several_conditions",
             shape=shape,
-            conditions=" and ".join(sorted(conditions)),
+            conditions=" and ".join(sorted(conditions, key=natural_order)),
         )
     if key in found.get(one.afferent, {}):
         raise RecordingError(

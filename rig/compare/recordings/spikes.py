@@ -26,6 +26,7 @@ from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
+from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
@@ -277,7 +278,7 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
         and hold["hold"] == asked[hold["index"]]["increments"]
         and shape_name(asked[hold["index"]]["indentor"]) == meant.shape
     ]
-    told = sorted({condition for condition, *_ in found})
+    told = sorted({condition for condition, *_ in found}, key=natural_order)
     if not meant.condition and len(told) > 1:
         raise RecordingError(
             "{file}: {shape} was pressed to {conditions}; name one, e.g. --recorded '{shape}@{first}={file}'",

@@ -1,7 +1,7 @@
 /** Figures can be enlarged and saved; charts follow the data and the color scheme, and are zoomed by dragging. */
 
 const dark = matchMedia("(prefers-color-scheme: dark)");
-const HEIGHT_PX = 260, BAND_PX = 10, STEP = 1.5, LARGEST = 8;
+const HEIGHT_PX = 260, BAND_PX = 10, ROOM = 0.12, STEP = 1.5, LARGEST = 8;
 
 function action(words, does) {
   const button = Object.assign(document.createElement("button"), { type: "button", textContent: words, onclick: does });
@@ -58,7 +58,7 @@ function chart(frame) {
   };
   const series = [{ label: x_label }, ...lines.map((line) => ({ label: line.name, stroke: () => of(line), width: 1.5, spanGaps: false, points: { show: false } }))];
   const plot = new uPlot({
-    width: frame.clientWidth, height: HEIGHT_PX, series, axes: [axis(x_label), axis(y_label)], scales: { x: { time: false } }, hooks: { draw: [strip] },
+    width: frame.clientWidth, height: HEIGHT_PX, series, axes: [axis(x_label), axis(y_label)], scales: { x: { time: false }, y: { range: (_, low, high) => uPlot.rangeNum(low - (bands.length ? ROOM * (high - low) : 0), high, 0.05, true) } }, hooks: { draw: [strip] },
   }, data, frame);
   const key = document.createElement("p");
   for (const band of bands) {
@@ -68,8 +68,8 @@ function chart(frame) {
     dark.addEventListener("change", paint);
     key.append(swatch, `${band.name} `);
   }
-  key.append("Drag over the chart to zoom in; double-click to zoom out.");
-  frame.append(key);
+  const hint = Object.assign(document.createElement("p"), { textContent: "Drag over the chart to zoom in; double-click to zoom out." });
+  frame.append(key, hint);
   new ResizeObserver(() => plot.setSize({ width: frame.clientWidth, height: HEIGHT_PX })).observe(frame);
   dark.addEventListener("change", () => plot.redraw());
 }
