@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from rig.data import Run
 from rig.data.spike_files import SpikeRecord, SpikeTrain
-from rig.report.page_parts import PageFigure
+from rig.report.page_parts import PageFigure, figures_of
 from rig.report.run_figures import broken
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed, wrapped
 from rig_shared.natural_order import natural_order
 
 Array = NDArray[np.float64]
@@ -23,6 +23,8 @@ _OTHER_COLORS = (PURPLE, YELLOW, GREY)
 _BIN_S = 0.05
 _BEFORE_S, _ROOM_S = 0.5, 3.0
 _MOST_LABELS = 25
+_TITLE_CHARACTERS = 140
+"""Number of characters of titles side by side."""
 
 
 @dataclass(frozen=True)
@@ -85,18 +87,14 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
         ),
     ]
     if len({round(one.x_mm, 3) for one in presses}) > 1:
-        figures.append(
-            PageFigure(
-                "Simulated rate against position",
-                Plot(
-                    (9.6, 0.8 + 3.6 * len(_groups(presses))),
-                    lambda figure: _against_position(figure, record, presses),
-                    layout=None,
-                ),
-                "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), "
-                "against the position of the indentor; mean of repeats. "
-                f"Black: mean of the class. {about}",
-            )
+        figures += figures_of(
+            "Simulated rate against position",
+            [[one for one in presses if one.group == group] for group in _groups(presses)],
+            1,
+            lambda part: Plot((9.6, 4.4), lambda figure: _against_position(figure, record, part[0]), layout=None),
+            "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), "
+            "against the position of the indentor; mean of repeats. "
+            f"Black: mean of the class. {about}",
         )
     return figures
 
@@ -164,24 +162,21 @@ def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, pre
     right.legend(fontsize=8, loc="upper right")
 
 
-def _against_position(figure: Figure, record: SpikeRecord, presses: Sequence[Pressed]) -> None:
-    groups, models = _groups(presses), _models(record)
-    panels = Room(left=0.7, right=0.2, columns=0.6, rows=0.6).panels(
-        figure, 2 * len(groups), len(models), sharex=True
-    )
-    for k, group in enumerate(groups):
-        mine = [one for one in presses if one.group == group]
-        places = np.array([round(one.x_mm, 3) for one in mine])
-        windows = {
-            "press": [(one.touch_s, one.hold_s) for one in mine],
-            "hold": [(one.hold_s, one.hold_end_s) for one in mine],
-        }
-        for row, (name, window) in zip(panels[2 * k : 2 * k + 2], windows.items(), strict=True):
-            for axes, model in zip(row, models, strict=True):
-                trains = [train for train in record.trains if train.model == model]
-                _rates(axes, trains, window, places, _color(record, model))
-                axes.set_title(f"{model}, {group}, {name}", fontsize=8)
-            row[0].set_ylabel("rate (impulses/s)")
+def _against_position(figure: Figure, record: SpikeRecord, mine: Sequence[Pressed]) -> None:
+    """Plot the rates of presses to one depth or force."""
+    group, models = mine[0].group, _models(record)
+    panels = Room(left=0.7, right=0.2, top=0.45, rows=0.6).panels(figure, 2, len(models), sharex=True)
+    places = np.array([round(one.x_mm, 3) for one in mine])
+    windows = {
+        "press": [(one.touch_s, one.hold_s) for one in mine],
+        "hold": [(one.hold_s, one.hold_end_s) for one in mine],
+    }
+    for row, (name, window) in zip(panels, windows.items(), strict=True):
+        for axes, model in zip(row, models, strict=True):
+            trains = [train for train in record.trains if train.model == model]
+            _rates(axes, trains, window, places, _color(record, model))
+            axes.set_title(wrapped(f"{model}, {name}, {group}", _TITLE_CHARACTERS // len(models)), fontsize=8)
+        row[0].set_ylabel("rate (impulses/s)")
     for axes in panels[-1]:
         axes.set_xlabel("indentor x (mm)")
 

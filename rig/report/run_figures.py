@@ -1,8 +1,7 @@
 """Figures of a run: force, contact, and receptor responses according to the finger model."""
 
 import math
-from collections.abc import Iterable, Sequence
-from textwrap import wrap
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,7 @@ from rig.data.tables import Span, spans
 from rig.plan.finger_model import PredictedHold, by_group, measured
 from rig.records import SAME_DECIMALS
 from rig.report.page_parts import ZoomBand, ZoomChart, ZoomLine
-from rig.report.run_tables import Condition, DeliveredPress, by_target, conditions, loading, past_touch
+from rig.report.run_tables import Condition, DeliveredPress, conditions, loading, past_touch
 from rig.report.style import (
     BLUE,
     DOTTED,
@@ -32,10 +31,12 @@ from rig.report.style import (
     Room,
     label,
     position_scale,
+    row_title,
     shade,
     shade_of,
     signed,
     unit,
+    wrapped,
 )
 from sim.contact.indentor import BOTH, Indentor, Revolved
 from sim.contact.patch import X, Z
@@ -53,7 +54,6 @@ _CONTACT_ROW_IN = _TITLE_IN + _SKIN_IN + _PRESSURE_IN
 _DRAWN = 361
 _ROOM_MM = 0.2
 """Margin between the contact and the edges of its panel (mm)."""
-_AT_A_NODE_MM = 1e-9
 _HIGHEST_MM = 1.3
 """Height above the lowest point (mm) up to which an indentor is plotted."""
 
@@ -149,19 +149,11 @@ def _skin(axes: Axes, repeats: Sequence[PredictedHold], across: tuple[float, flo
 
 def _pressures(axes: Axes, repeats: Sequence[PredictedHold]) -> None:
     for response in repeats:
-        axes.plot(*pressure_in_contact(response.result), color=BLUE, lw=0.8)
-    axes.fill_between(*pressure_in_contact(repeats[0].result), color=BLUE, alpha=0.25, lw=0)
-
-
-def pressure_in_contact(result: IndentationResult) -> tuple[Array, Array]:
-    """Return undeformed x (mm) and pressure (kPa) in the receptor plane, zero beyond the ends of the contact."""
-    undeformed, pressure = result.pressure_profile_kpa
-    x, kpa = [undeformed[:1]], [np.zeros(1)]
-    for low, high in result.contact_regions_mm:
-        inside = (undeformed >= low - _AT_A_NODE_MM) & (undeformed <= high + _AT_A_NODE_MM)
-        x += [np.array([low]), undeformed[inside], np.array([high])]
-        kpa += [np.zeros(1), pressure[inside], np.zeros(1)]
-    return np.concatenate([*x, undeformed[-1:]]), np.concatenate([*kpa, np.zeros(1)])
+        axes.plot(*response.result.pressure_profile_kpa, color=BLUE, lw=0.8)
+    undeformed, pressure = repeats[0].result.pressure_profile_kpa
+    for low, high in repeats[0].result.contact_regions_mm:  # nodes beyond it share the force of a point between nodes
+        x = np.r_[low, undeformed[(undeformed > low) & (undeformed < high)], high]
+        axes.fill_between(x, np.interp(x, undeformed, pressure), color=BLUE, alpha=0.25, lw=0)
 
 
 def _title(repeats: Sequence[PredictedHold]) -> str:
@@ -185,7 +177,7 @@ def is_relief(indentor: Indentor) -> bool:
 def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str]) -> Plot:
     """Plot each contact from below, with the fingertip upwards."""
     rows, columns = -(-len(found) // _PICTURE_COLUMNS), min(len(found), _PICTURE_COLUMNS)
-    return Plot((0.4 + 3.2 * columns, 0.4 + 3.0 * rows), lambda figure: _draw(figure, found, titles))
+    return Plot((0.4 + 3.2 * columns, 0.3 + 3.0 * rows), lambda figure: _draw(figure, found, titles))
 
 
 def _draw(figure: Figure, found: Sequence[IndentationResult], titles: Sequence[str]) -> None:
@@ -196,7 +188,7 @@ def _draw(figure: Figure, found: Sequence[IndentationResult], titles: Sequence[s
         axes.set_visible(False)
     for axes, result, title in zip(panels.ravel(), found, titles, strict=False):
         drawn = _panel(axes, result, top)
-        axes.set_title("\n".join(wrap(title, _TITLE_WIDTH)), fontsize=8)
+        axes.set_title(wrapped(title, _TITLE_WIDTH), fontsize=8)
     for axes in panels[:, 0]:
         axes.set_ylabel("along the finger, z (mm)")
     for axes in panels.ravel()[: len(found)]:
@@ -208,7 +200,7 @@ def _panel(axes: Axes, result: IndentationResult, top: float) -> QuadMesh:
     patch = result.model.patch
     x, z = (patch.position_mm[:, axis].reshape(patch.shape) for axis in (X, Z))
     pressure = result.kpa_per_pseudo * result.nodal_pressure_pseudo.reshape(patch.shape)
-    drawn = axes.pcolormesh(x, z, pressure, shading="gouraud", cmap="Blues", vmin=0, vmax=top)
+    drawn = axes.pcolormesh(x, z, pressure, shading="gouraud", cmap="Blues", vmin=0, vmax=top, rasterized=True)
     _relief(axes, result)
     at = result.state.held.on(patch).interpolate(patch.position_mm.T)
     axes.plot(at[X], at[Z], ".", ms=2, color=ORANGE)
@@ -237,6 +229,8 @@ PHASES = {
 }
 """Phases with a color of their own in the strip; all others are white."""
 
+GROUPS_A_PAGE = 2
+
 SAMPLES = ("sample", "precondition_sample", "reference_sample", "find_sample")
 _MINUTES_FROM_S = 600.0
 _LONG_GAP = 0.1
@@ -244,7 +238,9 @@ _LONG_GAP = 0.1
 _GAP_WIDTH, _TICKS = 0.07, 8
 """Width of each cut relative to the duration of the run, and number of ticks."""
 _WIDTH_IN = 9.6
-_ROW_IN = 2.3
+_ROW_IN = 2.4
+_TITLES_IN = 0.45
+"""Height of a title of two lines above the first row."""
 _LEAST_RELATIVE = 0.1
 """Half-height of the panel of relative forces: less would magnify the steps of the readings."""
 _LEAST_SD_GWT = 0.05
@@ -264,16 +260,18 @@ def delivered_presses(found: Sequence[DeliveredPress]) -> Plot:
     return Plot((_WIDTH_IN, 3.4), lambda figure: _delivered(figure, found, columns), layout=None)
 
 
-def presses(run: Run) -> Plot:
+Groups = Mapping[str, list[Condition]]
+"""Conditions under the label that they share."""
+
+
+def presses(run: Run, groups: Groups) -> Plot:
     """Plot force from the start of each press, and force in its holds relative to their start."""
-    groups = by_target(conditions(run))
     height = 0.5 + _ROW_IN * len(groups)
     return Plot((_WIDTH_IN, height), lambda figure: _presses(figure, groups, run), layout=None)
 
 
-def force_depth(run: Run) -> Plot:
+def force_depth(run: Run, groups: Groups) -> Plot:
     """Plot the mean force of each condition against depth, and the spread of its repeats if there are any."""
-    groups = by_target(conditions(run))
     height, spread = 0.5 + _ROW_IN * len(groups), has_repeats(run)
     width = _WIDTH_IN if spread else 0.55 * _WIDTH_IN
     return Plot((width, height), lambda figure: _force_depth(figure, groups, run, spread), layout=None)
@@ -339,7 +337,7 @@ def _or_none(values: Array, decimals: int) -> list[float | None]:
 
 
 def _delivered(figure: Figure, found: Sequence[DeliveredPress], columns: int) -> None:
-    room = Room(left=0.75, bottom=0.85, top=0.1, columns=0.8, rows=0.12)
+    room = Room(left=0.9, bottom=0.85, top=0.1, columns=0.9, rows=0.12)
     panels = room.panels(figure, 2, columns, sharex="col", height_ratios=(3, 2))
     kinds = [key for key in _NAMES if any(one.key == key for one in found)]
     handles: dict[str, Artist] = {}
@@ -350,7 +348,8 @@ def _delivered(figure: Figure, found: Sequence[DeliveredPress], columns: int) ->
             for field in ("index", "asked", "delivered", "sd", "tolerance")
         )
         size, within = (3 if len(mine) < _MANY else 1.5), np.array([one.is_within for one in mine])
-        above.hlines(asked, index - 0.45, index + 0.45, color="black", lw=1.2, label="asked")
+        ends = np.column_stack([index - 0.45, index + 0.45, np.full(len(index), np.nan)]).ravel()
+        above.plot(ends, np.repeat(asked, 3), color="black", lw=1.2, label="asked")
         edges, widths = np.column_stack([index - 0.5, index + 0.5]).ravel(), np.repeat(allowed, 2)
         below.fill_between(edges, -widths, widths, color=GREEN, alpha=0.3, lw=0, label="tolerance")
         below.axhline(0.0, color="black", lw=0.8)
@@ -482,7 +481,7 @@ def _thinned(t: Array, y: Array, most: int = _MOST_POINTS) -> tuple[Array, Array
     return t[kept], y[kept]
 
 
-def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> None:
+def _presses(figure: Figure, groups: Groups, run: Run) -> None:
     panels = _panels(figure, len(groups))
     for (name, members), (left, right) in zip(groups.items(), panels, strict=True):
         xs = [condition.x_mm for condition in members]
@@ -492,10 +491,11 @@ def _presses(figure: Figure, groups: dict[str, list[Condition]], run: Run) -> No
                 left.plot(*_thinned(*_since_press(readings)), lw=0.8, color=color)
                 for t, ratio in _in_holds(readings):
                     right.plot(*_thinned(t, ratio), lw=0.8, color=color)
-        left.set(title=name, ylabel="force (gwt)", xlabel="time since the start of the press (s)")
+        left.set(ylabel="force (gwt)", xlabel="time since the start of the press (s)")
+        row_title(left, name)
         low, high = right.get_ylim()
         right.set_ylim(min(low, 1 - _LEAST_RELATIVE), max(high, 1 + _LEAST_RELATIVE))
-        right.set(title=name, ylabel="force relative to first (1)", xlabel="time in the hold (s)")
+        right.set(ylabel="force relative to first (1)", xlabel="time in the hold (s)")
         position_scale(right, xs)
 
 
@@ -514,7 +514,7 @@ def _in_holds(samples: Sequence[dict[str, Any]]) -> list[tuple[Array, Array]]:
     return [(t[a:b] - t[a], force[a:b] / force[a]) for a, b in parts if force[a] > 0]
 
 
-def _force_depth(figure: Figure, groups: dict[str, list[Condition]], run: Run, spread: bool) -> None:
+def _force_depth(figure: Figure, groups: Groups, run: Run, spread: bool) -> None:
     panels = _panels(figure, len(groups), 2 if spread else 1)
     for (name, members), (left, *right) in zip(groups.items(), panels, strict=True):
         xs = [condition.x_mm for condition in members]
@@ -524,9 +524,10 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], run: Run, s
                 left.plot(found.doi_mm, found.mean_gwt, lw=1, color=color)
                 for axes in right:
                     axes.plot(found.doi_mm, found.sd_gwt, lw=1, color=color)
-        left.set(title=name, ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
+        left.set(ylabel="mean force (gwt)", xlabel="depth of indentation (mm)")
+        row_title(left, name)
         for axes in right:
-            axes.set(title=name, ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
+            axes.set(ylabel="sd over repeats (gwt)", xlabel="depth of indentation (mm)")
             axes.set_ylim(-0.05 * _LEAST_SD_GWT, max(axes.get_ylim()[1], _LEAST_SD_GWT))
             if all(len(condition.indices) == 1 for condition in members):
                 axes.text(0.5, 0.5, "no repeats, hence no spread", transform=axes.transAxes, ha="center", color=GREY)
@@ -536,16 +537,24 @@ def _force_depth(figure: Figure, groups: dict[str, list[Condition]], run: Run, s
 
 def _panels(figure: Figure, rows: int, columns: int = 2) -> Any:
     """Return (rows, columns) axes with room for a scale of positions beside them."""
-    return Room(right=1.0, columns=0.8, rows=0.85).panels(figure, rows, columns)
+    return Room(right=1.0, top=_TITLES_IN, columns=0.8, rows=0.85).panels(figure, rows, columns)
 
 
 _LEGEND_IN = 0.2  # height of one line of a legend
 _NAMES_A_LINE = 4
+_HANDLE_IN, _CHARACTER_IN = 0.6, 0.07
+"""Width of a line of a legend beside its name, and of a character of the name."""
 
 
 def population_responses(found: list[PredictedHold]) -> Plot:
-    """Plot ep1 and SED at all receptors, one line for each indentor position."""
-    return Plot((9.6, 3.6), lambda figure: _population(figure, found), layout=None)
+    """Plot ep1 and SED at all receptors, one line for each indentor position; a row for each depth or force."""
+    height = 0.3 + 2.9 * len(by_group(found)) if has_moved(found) else 3.6
+    return Plot((9.6, height), lambda figure: _population(figure, found), layout=None)
+
+
+def has_moved(found: Sequence[PredictedHold]) -> bool:
+    """Return whether the indentor pressed at several positions."""
+    return len({response.hold["x_mm"] for response in found}) > 1
 
 
 def ssrps(found: list[PredictedHold], measure: str) -> Plot:
@@ -555,27 +564,28 @@ def ssrps(found: list[PredictedHold], measure: str) -> Plot:
 
 def _population(figure: Figure, found: list[PredictedHold]) -> None:
     """Plot lines colored by position if the indentor moved, else by commanded depth or force."""
-    receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = by_group(found)
-    moved = len({response.hold["x_mm"] for response in found}) > 1
-    name, chosen = list(groups.items())[-1]
-    lines = [(r.hold["x_mm"], r) for r in chosen] if moved else [(k, m[0]) for k, m in enumerate(groups.values())]
-    shades = [value for value, _ in lines]
-    room = (
-        Room(left=0.75, right=0.9, columns=0.9)
-        if moved
-        else Room(0.75, bottom=0.6 + _legend_in(len(lines)), columns=0.9)
-    )
-    panels = room.panels(figure, 1, 2).ravel()
+    if has_moved(found):
+        room = Room(left=0.75, right=0.9, top=_TITLES_IN, columns=0.9, rows=0.85)
+        panels = room.panels(figure, len(groups), 2)
+        for row, (name, members) in zip(panels, groups.items(), strict=True):
+            _population_row(row, [(response.hold["x_mm"], response) for response in members])
+            row_title(row[0], name)
+            position_scale(row[-1], [response.hold["x_mm"] for response in members])
+        return
+    lines = [(k, members[0]) for k, members in enumerate(groups.values())]
+    (row,) = Room(0.75, bottom=0.6 + _legend_in(list(groups)), columns=0.9).panels(figure, 1, 2)
+    _population_row(row, lines)
+    _legend(figure, *row[0].get_legend_handles_labels())
+
+
+def _population_row(panels: Sequence[Axes], lines: Sequence[tuple[float, PredictedHold]]) -> None:
+    receptor_x, shades = lines[0][1].result.model.receptors.position_mm[:, 0], [value for value, _ in lines]
     for axes, measure in zip(panels, ("ep1", "sed"), strict=True):
         for value, response in lines:
             row = shown(measure, measured([response], measure)[1][0])
             axes.plot(receptor_x, row, "-o", ms=2.5, lw=1, color=shade_of(value, shades), label=response.group)
-        axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})", title=name if moved else "")
-    if moved:
-        position_scale(panels[-1], shades)
-    else:
-        _legend(figure, *panels[0].get_legend_handles_labels())
+        axes.set(xlabel="receptor x (mm)", ylabel=f"{label(measure)} ({unit(measure)})")
 
 
 def _ssrps(figure: Figure, found: list[PredictedHold], measure: str) -> None:
@@ -583,7 +593,7 @@ def _ssrps(figure: Figure, found: list[PredictedHold], measure: str) -> None:
     receptor_x = found[0].result.model.receptors.position_mm[:, 0]
     groups = {name: members for name, members in by_group(found).items() if len(members) > 1}
     columns = -(-len(receptor_x) // 2)
-    room = Room(0.75, bottom=0.6 + _legend_in(len(groups)), columns=0.12, rows=0.35)
+    room = Room(0.75, bottom=0.6 + _legend_in(list(groups)), columns=0.12, rows=0.35)
     panels = room.panels(figure, 2, columns, sharex=True, sharey=True)
     for k, (name, members) in enumerate(groups.items()):
         positions, values = _over_repeats(*measured(members, measure))
@@ -605,9 +615,16 @@ def _over_repeats(x_mm: Array, values: Array) -> tuple[Array, Array]:
     return places, np.stack([values[back == k].mean(axis=0) for k in range(len(places))])
 
 
-def _legend_in(names: int) -> float:
-    return _LEGEND_IN * -(-names // _NAMES_A_LINE)
+def _legend_in(names: Sequence[str]) -> float:
+    """Return the height of a legend (in)."""
+    return _LEGEND_IN * -(-len(names) // _columns(names))
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Return the number of names that fit in one line of a legend."""
+    widest_in = _HANDLE_IN + _CHARACTER_IN * max(len(name) for name in names)
+    return min(max(int(_WIDTH_IN / widest_in), 1), _NAMES_A_LINE)
 
 
 def _legend(figure: Figure, handles: list[Artist], labels: list[str]) -> None:
-    figure.legend(handles, labels, loc="lower center", ncols=_NAMES_A_LINE, fontsize=8)
+    figure.legend(handles, labels, loc="lower center", ncols=_columns(labels), fontsize=8)

@@ -153,7 +153,7 @@ def _delivered_figure(run: Run) -> list[PageFigure]:
             "Delivered against asked",
             run_figures.delivered_presses(found),
             "Mean of the last hold of each press. Above: delivered and asked. Below: delivered minus asked; bars: "
-            "the standard deviation of the readings in the hold; shaded: the tolerance. A finger relaxes, so the "
+            "the standard deviation of the readings in the hold; green: the tolerance. A finger relaxes, so the "
             "mean of a hold may be lower than the force at its start. Data: hold_end.csv.",
             message=run_tables.message(run, found),
         )
@@ -178,44 +178,41 @@ def _over_time(run: Run) -> PageFigure:
 
 
 def _press_figures(run: Run) -> list[PageFigure]:
+    groups = list(by_target(conditions(run)).items())
+    spread = (
+        "Left: the mean over repeats of each condition, at depths that all repeats reached. Right: their standard "
+        "deviation. "
+        if run_figures.has_repeats(run)
+        else "No condition was repeated. "
+    )
     return [
-        PageFigure(
+        *figures_of(
             "Press, hold and relaxation",
-            run_figures.presses(run),
+            groups,
+            run_figures.GROUPS_A_PAGE,
+            lambda part: run_figures.presses(run, dict(part)),
             "Left: force from the start of each press, all repeats. Right: force in each hold relative to "
             "its first reading. Color: position of the indentor. Data: sample.csv.",
         ),
-        PageFigure(
+        *figures_of(
             "Force against depth",
-            run_figures.force_depth(run),
+            groups,
+            run_figures.GROUPS_A_PAGE,
+            lambda part: run_figures.force_depth(run, dict(part)),
             "Force while pressing, against the depth from the contact fitted at each touch-off. "
-            + (
-                "Left: the mean over repeats of each condition, at depths that all repeats reached. Right: their "
-                "standard deviation. "
-                if run_figures.has_repeats(run)
-                else "No condition was repeated. "
-            )
-            + "Color: position of the indentor. Data: sample.csv.",
+            f"{spread}Color: position of the indentor. Data: sample.csv.",
         ),
     ]
-
-
-def _population_lines(found: list[PredictedHold]) -> str:
-    """Return the description of the lines of the population responses, and of those left out."""
-    if len({response.hold["x_mm"] for response in found}) == 1:
-        return "One line per depth or force (first repeat)."
-    *others, shown = by_group(found)
-    more = f"; the figure leaves out {', '.join(others)}" if others else ""
-    return f"One line per hold of {shown}{more}."
 
 
 def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
     last = [response for response in found if response.last]
     top = run_figures.highest_pressure(last)
     caption = (
-        "Black: the indentor. Gray: the deformed skin in the receptor plane. Orange: contact regions. Blue: "
-        "nodal pressure against undeformed x, unfiltered. Repeats are superimposed. The last hold of each "
-        "indentation. Data: model_contact.csv, model_pressure.csv."
+        "Black: the indentor. Gray: the deformed skin in the receptor plane. Orange: contact regions. Blue: nodal "
+        "pressure against undeformed x, unfiltered, filled where the skin touches; a node beside a contact shares "
+        "the force of its edge. Repeats are superimposed. The last hold of each indentation. Data: "
+        "model_contact.csv, model_pressure.csv."
     )
     return [
         *(
@@ -237,14 +234,21 @@ def _contact_figures(run: Run, found: list[PredictedHold]) -> list[PageFigure]:
             "Nodal pressure over x and z, fingertip up. Gray: contours of the indentor's height. Orange: "
             "contact. Dotted: the receptor plane. The last hold of each indentation.",
         ),
-        PageFigure(
-            "Population responses",
-            run_figures.population_responses(found),
-            "−ep1 (compression is positive) and strain energy density at the receptors, "
-            f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. {_population_lines(found)} Data: "
-            "model_measures.csv.",
-        ),
+        *_population_figures(found),
     ]
+
+
+def _population_figures(found: list[PredictedHold]) -> list[PageFigure]:
+    moved, groups = run_figures.has_moved(found), by_group(found)
+    lines = "One line per hold; color: position." if moved else "One line per depth or force (first repeat)."
+    return figures_of(
+        "Population responses",
+        list(groups.values()),
+        run_figures.GROUPS_A_PAGE if moved else len(groups),
+        lambda part: run_figures.population_responses([response for members in part for response in members]),
+        "−ep1 (compression is positive) and strain energy density at the receptors, "
+        f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. {lines} Data: model_measures.csv.",
+    )
 
 
 def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> list[list[PredictedHold]]:

@@ -11,8 +11,8 @@ from typing import Any, Literal
 import matplotlib as mpl
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FixedFormatter
 
 from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
 
@@ -42,6 +42,7 @@ _ALIGNED = 0.01
 """Distance of panels in one row or column, relative to the figure."""
 _ALIGNED = 0.01
 """Distance of panels in one row or column, relative to the figure."""
+_UPRIGHT = 90.0
 _MOST_NAMES = 8
 """Number of names of a legend in the description of a figure."""
 _STYLE: dict[Any, Any] = {
@@ -158,7 +159,7 @@ def _mark_maps(figure: Figure) -> None:
 
 def _in_words(figure: Figure) -> str:
     panels = [axes for axes in figure.axes if axes.get_visible() and axes.axison and not hasattr(axes, "_colorbar")]
-    parts = _axes_in_words(panels)
+    parts = [*_axes_in_words(panels), *_names_of_ticks(panels)]
     if len(panels) > 1:
         parts.insert(0, f"{len(panels)} panels")
     scales = [axes.get_ylabel() or axes.get_xlabel() for axes in figure.axes if hasattr(axes, "_colorbar")]
@@ -166,8 +167,7 @@ def _in_words(figure: Figure) -> str:
     boxes = [*figure.legends, *(box for axes in panels if (box := axes.get_legend()) is not None)]
     names = list(dict.fromkeys(text.get_text() for box in boxes for text in box.get_texts()))
     if names:
-        more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
-        parts.append(f"legend: {', '.join(names[:_MOST_NAMES])}{more}")
+        parts.append(f"legend: {_some(names)}")
     return " ".join("; ".join(parts).split()) + "."
 
 
@@ -187,6 +187,27 @@ def _axes_in_words(panels: Sequence[Axes]) -> list[str]:
     return found
 
 
+def _names_of_ticks(panels: Sequence[Axes]) -> list[str]:
+    """Return the names beside rows and columns, each list once."""
+    found = []
+    for which, what in (("y", "rows"), ("x", "columns")):
+        for axes in panels:
+            if names := _names(getattr(axes, f"{which}axis")):
+                found.append(f"{what}: {_some(names)}")
+    return list(dict.fromkeys(found))
+
+
+def _names(axis: Axis) -> list[str]:
+    """Return the labels of an axis whose ticks are names and not numbers."""
+    found = [tick.get_text() for tick in axis.get_ticklabels()]
+    return found if any(re.search(r"[^\W\d_]", text) and "$" not in text for text in found) else []
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMES} more" if len(names) > _MOST_NAMES else ""
+    return ", ".join(names[:_MOST_NAMES]) + more
+
+
 def _label_of(axes: Axes, which: str, panels: Sequence[Axes]) -> str:
     """Return the label of an axis; panels inside a grid have that of the outer one."""
 
@@ -194,15 +215,18 @@ def _label_of(axes: Axes, which: str, panels: Sequence[Axes]) -> str:
         return float(getattr(one.get_position(), f"{which}0"))
 
     aligned = [one for one in panels if abs(edge(one) - edge(axes)) < _ALIGNED]
-    whole = getattr(axes.figure, f"_sup{which}label", None)
-    labels = [getattr(one, f"get_{which}label")() for one in (axes, *aligned)] + [whole.get_text() if whole else ""]
+    figure: Any = axes.figure
+    whole = getattr(figure, f"_sup{which}label")
+    loose = [text for text in figure.texts if (text.get_rotation() == _UPRIGHT) == (which == "y")]
+    labels = [getattr(one, f"get_{which}label")() for one in (axes, *aligned)]
+    labels += [text.get_text() for text in (whole, *loose) if text is not None and text is not figure._suptitle]
     return next((text for text in labels if text), "")
 
 
 def _limits(axes: Axes, which: str) -> Limits:
     """Return the ends of an axis; None if its ticks are names."""
     axis = getattr(axes, f"{which}axis")
-    if isinstance(axis.get_major_formatter(), FixedFormatter):
+    if _names(axis):
         return None
     low, high = sorted(axis.get_view_interval())
     return float(low), float(high)
@@ -252,6 +276,29 @@ def position_scale(axes: Axes, positions: Sequence[float]) -> None:
     ticks = some_of(n, _MOST_TICKS)
     bar = figure.colorbar(scale, label="indentor x (mm)", ticks=ticks, cax=beside)
     bar.ax.set_yticklabels([signed(ranked[k]) for k in ticks], fontsize=8)
+
+
+_POINTS_A_CHARACTER = 0.55
+"""Mean width of a character relative to the size of the font."""
+_TITLE_POINTS = 9
+
+
+def wrapped(text: str, most: int) -> str:
+    """Break a title into lines of at most `most` characters, after spaces and commas."""
+    lines = [""]
+    for part in re.findall(r"[^\s,]+[\s,]*", text):
+        if lines[-1] and len(lines[-1] + part.rstrip()) > most:
+            lines.append("")
+        lines[-1] += part
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def row_title(axes: Axes, text: str) -> None:
+    """Write a title from the left edge of a panel to the right edge of the figure, for the whole row."""
+    figure: Any = axes.figure
+    room_in = (1 - axes.get_position().x0) * figure.get_size_inches()[0]
+    most = int(72 * room_in / (_POINTS_A_CHARACTER * _TITLE_POINTS))
+    axes.set_title(wrapped(text, most), loc="left", fontsize=_TITLE_POINTS)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ import pytest
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, LineCollection, PathCollection, QuadMesh
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
@@ -53,7 +53,7 @@ from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
 from rig.report.run_tables import conditions, loading
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PURPLE, YELLOW, Plot, label
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PAPER, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
 from sim.coding.point_spread import Judged, PointSpread, Sheet
@@ -349,6 +349,22 @@ def _force_time_cut(world: World, figure: Figure) -> Shown:
     yield len(hatched), 2
 
 
+def _delivered(world: World, figure: Figure) -> Shown:
+    above, below = _panels(figure)
+    holds = {index: found[-1] for index, found in world.run.done.items()}
+    asked = np.array([0.4 for _ in holds])  # in two increments, to a depth
+    got = np.array([one["doi_mm"] for one in holds.values()])
+    (lines,) = _lines(above, colour="black", ls="-")
+    yield lines[1, ::3], asked
+    drawn = np.sort(np.concatenate([line[1] for line in _lines(above, marker="o")]))
+    yield drawn, np.sort(got)
+    drawn = np.sort(np.concatenate([line[1] for line in _lines(below, marker="o")]))
+    yield drawn, np.sort(got - asked)
+    (tolerance,) = [one for one in below.collections if one.get_label() == "tolerance"]
+    (band,) = [path.vertices for path in tolerance.get_paths()]
+    yield (band[:, 1].min(), band[:, 1].max()), (-0.0025, 0.0025)  # a step of the stage
+
+
 def _presses(world: World, figure: Figure) -> Shown:
     left, right = _panels(figure)
     wanted = []
@@ -387,8 +403,11 @@ def _contact(world: World, figure: Figure, found: Sequence[PredictedHold] | None
     for skin, pressure, repeats in zip(above, below, repeated, strict=True):
         result = repeats[0].result
         yield _lines(skin, colour=GREY)[0], result.skin_profile
-        (_, *_), (x, pseudo) = result.skin_profile, result.pressure_profile
+        x, pseudo = result.pressure_profile
         yield _lines(pressure, colour=BLUE)[0], (x, pseudo * result.e_epidermis_mpa / 10)
+        filled = [one for one in pressure.collections if not isinstance(one, LineCollection)]
+        ends = [path.vertices[:, 0] for one in filled for path in one.get_paths()]
+        yield [(at.min(), at.max()) for at in ends], result.contact_regions_mm  # and nothing beyond the contact
         yield len(_lines(skin, colour=ORANGE)), len(result.contact_regions_mm)
         caps = {str(line.get_solid_capstyle()) for line in skin.lines if _is(line, colour=ORANGE)}
         yield caps, {"butt"}  # others would lengthen the region
@@ -410,8 +429,10 @@ def _below(world: World, figure: Figure) -> Shown:
 
 
 def _population(world: World, figure: Figure) -> Shown:
-    chosen = [one for one in world.found if one.group == list({r.group: 0 for r in world.found})[-1]]
-    for axes, measure in zip(_panels(figure), ("ep1", "sed"), strict=True):
+    groups = sorted({one.group for one in world.found})  # a row each
+    rows = [(group, measure) for group in groups for measure in ("ep1", "sed")]
+    for axes, (group, measure) in zip(_panels(figure), rows, strict=True):
+        chosen = [one for one in world.found if one.group == group]
         table = [shown(measure, one.result.receptor_measures[measure]) for one in chosen]
         yield sorted(line[1].tolist() for line in _lines(axes)), sorted(values.tolist() for values in table)
         yield _lines(axes)[0][0], chosen[0].result.model.receptors.position_mm[:, 0]
@@ -822,6 +843,7 @@ FIGURES: dict[str, Row] = {
     "run_figures.force_time, resumed": Row(
         _titled("Force against time", lambda world: run_page_figures(_resumed(world.run), [])), _force_time_cut
     ),
+    "run_figures.delivered_presses": Row(_run("Delivered"), _delivered),
     "run_figures.presses": Row(_run("Press, hold"), _presses),
     "run_figures.force_depth": Row(_run("Force against depth"), _force_depth),
     "run_figures.contact_panels": Row(_run("Contact, "), _contact),
@@ -995,6 +1017,42 @@ def test_nothing_lies_beyond_the_axes(name: str, drawn: Drawn) -> None:
             assert ((y >= low - 1e-6) & (y <= high + 1e-6)).all(), (axes.get_title(), low, high, y)
 
 
+@pytest.mark.parametrize("name", FIGURES)
+def test_who_does_not_see_it_is_told_axes_and_ranges(name: str, drawn: Drawn) -> None:
+    """The text is not the title, which stands above the figure, and has every label with the ends of its axis."""
+    page, figure = drawn(name)
+    assert page.title not in page.alt or not page.title
+    for axes in _panels(figure):
+        for text in filter(None, (axes.get_xlabel(), axes.get_ylabel())):
+            assert " ".join(text.split()) in page.alt
+    assert re.search(r"−?[\d.]+ to −?[\d.]+|rows: \w+, \w+", page.alt)
+
+
+@pytest.mark.parametrize("name", FIGURES)
+def test_it_can_be_read_on_a_dark_page(name: str, drawn: Drawn) -> None:
+    """Every color has a contrast of 3 : 1 (WCAG 2.1, 1.4.11), or that which it has on paper, as grids and shades."""
+    plot = drawn(name)[0].plot
+    rules = dict(re.findall(r'\[style\*="(\w+: #\w{6})"\][^{]*\{\w+:(#\w{6})!', plot.page_svg))
+    used = {"".join(found) for found in re.findall(r"((?:fill|stroke): )(#\w{6})", plot.svg)}
+    assert used == set(rules)
+    for color, shown_ in rules.items():
+        assert _contrast(shown_, PAPER) >= min(LEAST_CONTRAST, 0.99 * _contrast(color[-7:], "#ffffff")), color
+    assert rules["fill: #ffffff"] == PAPER
+
+
+LEAST_CONTRAST = 3.0
+
+
+def _contrast(one: str, other: str) -> float:
+    def luminance(color: str) -> float:
+        srgb = np.array(to_rgb(color))
+        linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+        return float(linear @ [0.2126, 0.7152, 0.0722])
+
+    low, high = sorted((luminance(one), luminance(other)))
+    return (high + 0.05) / (low + 0.05)
+
+
 PROFILES = ("verdict_figures.the_answer", "verdict_figures.profiles", "verdict_figures.residuals",
             "recording_sections.overlays")  # fmt: skip
 
@@ -1067,8 +1125,8 @@ def test_the_line_of_a_fit_is_the_fit_also_between_the_points(world: World, satu
 
 
 def test_it_is_printed_at_its_own_size_and_can_be_read(drawn: Drawn) -> None:
-    """Of a comparison: an A4 page would shrink a larger one, with its letters."""
-    for name in (one for one in FIGURES if one.startswith(("profile_figures.", "verdict_figures."))):
+    """Of a run and of a comparison: an A4 page would shrink a larger one, with its letters."""
+    for name in (one for one in FIGURES if one.startswith(("run_figures.", "profile_figures.", "verdict_figures."))):
         page, figure = drawn(name)
         width, height = page.plot.size
         assert (width <= PAGE_IN[0]) & (height <= PAGE_IN[1]), name

@@ -11,6 +11,7 @@ from matplotlib.figure import Figure
 from rig.data import Run, RunFolder
 from rig.plan.finger_model import PredictedHold, responses
 from rig.report.run_figures import contact_panels, force_depth, highest_pressure, presses
+from rig.report.run_tables import by_target, conditions
 from rig.report.style import ORANGE
 from sim.models.fingertip import Fingertip
 
@@ -68,7 +69,7 @@ def _pressed(times: int) -> Run:
 @pytest.mark.parametrize("times", [1, 2])
 def test_only_repeats_have_a_panel_of_their_spread(times: int) -> None:
     figure = Figure()
-    force_depth(_pressed(times)).draw(figure)
+    force_depth(run := _pressed(times), by_target(conditions(run))).draw(figure)
     panels = [axes for axes in figure.axes if axes.get_xlabel()]
     assert len(panels) == times
     for axes in panels:
@@ -77,7 +78,7 @@ def test_only_repeats_have_a_panel_of_their_spread(times: int) -> None:
 
 def test_steps_of_a_reading_do_not_fill_the_panel_of_relative_forces() -> None:
     figure = Figure()
-    presses(_pressed(1)).draw(figure)
+    presses(run := _pressed(1), by_target(conditions(run))).draw(figure)
     right = next(axes for axes in figure.axes if axes.get_xlabel() == "time in the hold (s)")
     low, high = right.get_ylim()
     drawn_y = np.concatenate([np.asarray(line.get_ydata(), dtype=float) for line in right.lines])

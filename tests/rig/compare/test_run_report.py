@@ -14,9 +14,9 @@ import pytest
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.tables import booked_s, spans
-from rig.plan.finger_model import PredictedHold, responses
+from rig.plan.finger_model import responses
 from rig.report.run_figures import PHASES
-from rig.report.run_report import _population_lines, write_report
+from rig.report.run_report import write_report
 from rig.report.run_tables import (
     COLUMNS,
     by_target,
@@ -90,25 +90,6 @@ def test_each_target_has_all_of_its_places_in_whatever_order_they_were_pressed(o
     assert {name: [condition.x_mm for condition in members] for name, members in found.items()} == {
         f"{shape} to {depth:g} mm": list(places) for shape in shapes for depth in depths
     }
-
-
-@pytest.mark.parametrize(
-    ("places", "values", "said"),
-    [
-        ((-1.0, 1.0), (0.3,), "One line per hold of bar:3.0 at 0.3 mm."),
-        ((-1.0, 1.0), (0.3, 0.5), "One line per hold of bar:3.0 at 0.5 mm; the figure leaves out bar:3.0 at 0.3 mm."),
-        ((1.0,), (0.3, 0.5), "One line per depth or force (first repeat)."),
-    ],
-)
-def test_population_responses_say_what_they_leave_out(
-    places: tuple[float, ...], values: tuple[float, ...], said: str
-) -> None:
-    held = [
-        PredictedHold(0, "bar:3.0", "doi_mm", value, True, {"x_mm": x}, {}, None)  # type: ignore[arg-type]
-        for x in places
-        for value in values
-    ]
-    assert _population_lines(held) == said
 
 
 def test_what_is_not_done_is_no_condition() -> None:

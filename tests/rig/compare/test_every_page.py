@@ -1,0 +1,57 @@
+"""What every page has, whatever it reports: the glossary, figures by one template, prose without backticks."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from rig.report.glossary import GLOSSARY
+from rig.report.page_parts import PageFigure, Section, prose, render
+from rig.report.style import Plot
+
+TEMPLATES = Path(__file__).parents[3] / "rig" / "report" / "templates"
+PARTS = ("page.html.j2", "figure.html.j2", "section.html.j2")
+PAGES = sorted(path.name for path in TEMPLATES.glob("*.html.j2") if path.name not in PARTS)
+PLOT = Plot((1.0, 1.0), lambda figure: figure.subplots().set(xlabel="x (mm)", ylabel="y (mm)"), layout=None)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_made_of_the_shared_parts(name: str) -> None:
+    """Its head, glossary and script are the base's; its figures that of one macro, which has the alt text."""
+    text = (TEMPLATES / name).read_text(encoding="utf-8")
+    assert text.startswith('{% extends "page.html.j2" %}')
+    assert not re.search(r"<img|<figure|<head|<script", text)
+
+
+def test_the_glossary_is_one_click_away_and_has_the_words_of_the_pages() -> None:
+    page = render("identification.html.j2", title="t", about="", sections=[])
+    assert page.index('href="#glossary"') < page.index("<h1>")
+    assert '<h2 id="glossary">' in page
+    assert {"gwt", "DOI", "SED", "ep1", "SSRP"} <= set(GLOSSARY)
+    assert list(GLOSSARY) == sorted(GLOSSARY, key=str.lower)
+    assert all(f"<td>{word}</td>" in page for word in GLOSSARY)
+
+
+@pytest.mark.parametrize(
+    "where",
+    [
+        lambda text: Section("T", text),
+        lambda text: Section("T", "", points=(text,)),
+        lambda text: Section("T", "", ("h",), ((text,),)),
+        lambda text: Section("T", "", figures=(PageFigure("F", PLOT, text),)),
+    ],
+    ids=["paragraph", "list", "cell", "caption"],
+)
+def test_a_command_between_backticks_is_code_wherever_it_stands(where: object) -> None:
+    page = render("identification.html.j2", title="t", about="", sections=[where("Run `rig check <x>` first.")])  # type: ignore[operator]
+    assert "Run <code>rig check &lt;x&gt;</code> first." in page
+
+
+def test_one_backtick_is_no_code() -> None:
+    assert str(prose("a ` b <c>")) == "a ` b &lt;c&gt;"
+
+
+def test_a_caption_changes_black_and_white_on_a_dark_page() -> None:
+    figure = PageFigure("F", PLOT, "Black: the indentor; white: rests.")
+    page = render("identification.html.j2", title="t", about="", sections=[Section("T", "", figures=(figure,))])
+    assert '<span data-dark="White">Black</span>: the indentor; <span data-dark="black">white</span>: rests.' in page
