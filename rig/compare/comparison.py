@@ -132,7 +132,7 @@ class Comparison:
     def small_strain(self) -> SmallStrain:
         """Difference between finite strain and small strain at the deepest press."""
         pressed = [(float(np.max(s.doi_mm)), s.stiffening) for s in self.stimuli]
-        return small_strain("finger", *max(pressed, default=(0.0, 0.0)))
+        return small_strain("finger", *max(pressed, default=(0.0, None), key=lambda press: press[0]))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

@@ -136,9 +136,9 @@ class Case:
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
-    def stiffening(self) -> float:
-        """Stiffening of the tissue."""
-        return FingertipConfig.model_validate_json(self.config_json).tissue.stiffening
+    def stiffening(self) -> float | None:
+        """Stiffening of the tissue; None at small strain."""
+        return FingertipConfig.model_validate_json(self.config_json).tissue.finite_stiffening
 
     @property
     def shapes(self) -> tuple[str, ...]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
-from sim.contact.map_files import read_height_map
+from sim.contact.map_files import raised_in_words, read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
 from sim.errors import ArgumentError, SimError
@@ -89,10 +89,11 @@ def shape_name(text: str) -> str:
 def shape_size(text: str) -> str:
     """Return the size of a shape in words, with radius and width where it is round; empty where its name says all.
 
-    Raises ShapeError.
+    Of a file: which side is up. Raises ShapeError.
     """
-    if named_file(text) is not None:
-        return ""
+    file = _FILE.fullmatch(text)
+    if file is not None:
+        return raised_in_words(file[2], file[3]) if file[1] == "heightmap" else "the lowest touches first"
     match parse_shape(text):
         case Prismatic(profile=Cylinder(diameter_mm=wide)) | Revolved(profile=Cylinder(diameter_mm=wide)):
             return f"radius {wide / 2:g} mm, {wide:g} mm wide"
@@ -131,6 +132,14 @@ def with_file(text: str, file: str) -> str:
     """Return the name of the same shape, read from another file."""
     found = _FILE.fullmatch(text)
     return f"{found[1]}:{file}{found[3]}" if found else text
+
+
+def with_raised_side(text: str) -> str:
+    """Return the name of a height map of numbers with the side that is raised: of earlier versions, the lowest."""
+    found = _FILE.fullmatch(text)
+    if found is None or found[1] != "heightmap" or found[2].lower().endswith(".png") or ",raised=" in found[3]:
+        return text
+    return f"{text},raised=low"
 
 
 def _turned(text: str, shape: str, turn: str | None) -> Indentor:

@@ -440,14 +440,14 @@ READERS: dict[str, Reader] = {
         "a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path},linear")
     ),
     "height map of points": Reader(
-        "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5")
+        "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5,raised=low")
     ),
     "height map of rows": Reader(
-        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
         in_suite=200,
     ),
     "height map, NumPy": Reader(
-        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
         in_suite=400,
     ),
     "height map, picture": Reader(

@@ -105,9 +105,9 @@ NAMING = [
     "profile:{}.csv,across",
     "profile:{}.csv,linear,turn_deg=30",
     "heightmap:{}.png,width_mm=3,height_mm=0.5",
-    "heightmap:{}.npy,spacing_mm=0.1,edge_mm=0.2,turn_deg=-20",
-    "heightmap:{}.csv",
-    "heightmap:{}.csv,across,edge_mm=0.1",
+    "heightmap:{}.npy,spacing_mm=0.1,edge_mm=0.2,raised=low,turn_deg=-20",
+    "heightmap:{}.csv,raised=high",
+    "heightmap:{}.csv,across,edge_mm=0.1,raised=low",
     "heightmap:{}.png,width_mm=3,height_mm=0.5,raised=light",
 ]
 
@@ -124,6 +124,12 @@ def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path
         assert from_copy(run, text) == text, "there is none yet"
         (run / copy_name(name)).write_bytes(b"kept")
         assert from_copy(run, text) == text.replace(name, str(run / copy_name(name)))
+
+
+def test_a_copy_in_a_run_of_an_earlier_version_keeps_its_lowest_number_first(tmp_path: Path) -> None:
+    (tmp_path / copy_name("a.npy")).write_bytes(b"kept")
+    found = from_copy(tmp_path, "heightmap:a.npy,spacing_mm=0.1")
+    assert found == f"heightmap:{tmp_path / copy_name('a.npy')},spacing_mm=0.1,raised=low"
 
 
 def test_a_shape_that_names_no_file_is_left_alone(tmp_path: Path) -> None:
