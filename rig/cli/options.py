@@ -74,6 +74,8 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
         try:
             first, *rest = map(float, part.split(":"))
             found += _range(first, *rest) if rest else [first]
+            if not all(map(math.isfinite, found)):
+                raise ValueError
         except (TypeError, ValueError):
             raise BadInputError(
                 "{option} {value!r}: must be numbers separated by commas, or FROM:TO:STEP with at most {most} values",
