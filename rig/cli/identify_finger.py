@@ -357,9 +357,9 @@ def identify_command(
         options = possible(options, predicted, refused, own_goals=requested is None)
         for name in (name for name in names if name in refused):
             err.print(f"{name} is left out, because it cannot press this finger: {refused[name]}")
-        with busy("sampling fingers of the prior …", quick=True, kind="prior"):
+        with busy("sampling fingers of the prior …", quick=True):
             identification = Identification(settings, predicted, options)
-        with busy("estimating the duration …", quick=True, kind="duration"):
+        with busy("estimating the duration …", quick=True):
             expected = expected_duration(settings, options, finger)
         script = IdentificationScript(
             identification,

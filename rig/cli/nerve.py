@@ -15,9 +15,9 @@ from rig.plan.config import Config, load_config
 from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
-    from rig.data.spike_files import SpikeRecord
     from collections.abc import Sequence
 
+    from rig.data.spike_files import SpikeRecord
     from rig.plan.nerve import FiringSpeed, SpikeRequest, Visits
     from sim.models.fingertip import Fingertip
     from sim.nerve.population import AfferentPopulation
@@ -129,7 +129,6 @@ def _add(
     with busy(
         f"simulating the spikes of {number_of(len(afferents), 'afferents')} …",
         as_json=as_json,
-        size=len(afferents) * run.end_s,
     ) as now:
         record = run_spikes(
             run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at

@@ -16,8 +16,8 @@ from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
 from rig_shared.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig, Tissue
-from sim.identification.uncertainty_bands import standard_deviations
 from sim.identification.prior import strain_of
+from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
