@@ -705,6 +705,7 @@ class LeftOutOfRecordingJson(Output):
     positions: int
     left_out: list[MissingPositionsJson]
     range_needed_mm: Range
+    covered_receptor_x_mm: list[float]
     command: CommandLine
     covered_by_command: int
 

@@ -311,7 +311,7 @@ class _Builds(logging.Handler):
 def show_builds() -> None:
     """Print warnings of the simulator, and show its builds as progress."""
     logger = logging.getLogger("sim")
-    for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
+    for handler in logger.handlers[:]:
         logger.removeHandler(handler)
     logger.addHandler(_Builds())
     logger.setLevel(logging.DEBUG)
