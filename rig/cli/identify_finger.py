@@ -434,7 +434,7 @@ def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoRet
     if flag == "no_finger":
         complain(
             f"the identification is flagged: {identification.mismatch}; other commands accept {to} only with "
-            "--force; check the indentors, the mount and the geometry, then repeat the identification"
+            "--accept-flagged; check the indentors, the mount and the geometry, then repeat the identification"
         )
         raise typer.Exit(ExitCode.NO_FINGER)
     leave(done)

@@ -173,7 +173,7 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
     BadInputError
         If the file cannot be read, is flagged, or a key or value in it is wrong.
     """
-    all_the_same = ", or add --force to use the finger all the same"
+    all_the_same = ", or add --accept-flagged to use the finger all the same"
     if path is None:
         if config.identified is not None and not force:
             refuse_flagged("[identified] of the configuration", config.identified, all_the_same)

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from rig_shared.user_files import sha256_of
@@ -13,14 +14,15 @@ from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating
 from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
-    "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones also as r=RADIUS or "
+    "bar:WIDTH, cylinder:d=DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
+    "sphere:r=RADIUS, flat:r=RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones with r=RADIUS or "
     "d=DIAMETER, ones along the finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
 """Thickness of the plate whose rounded edge is the line load (mm). [free]"""
 
 _OPTION = r",linear|,(?:width_mm|height_mm|spacing_mm|edge_mm|raised)=[^,]*"
+_MEASURED = re.compile(r"(cylinder|sphere|flat):([rd])=([^,]*)(.*)", re.DOTALL)
 _TURN = re.compile(rf"(.*?),(?:across|turn_deg=([^,]*))((?:{_OPTION})*)", re.DOTALL)
 _FILE = re.compile(rf"(profile|heightmap):(.*?)((?:,across|,turn_deg=[^,]*|{_OPTION})*)", re.DOTALL)
 
@@ -82,8 +84,19 @@ def parse_shape(text: str) -> Indentor:
 
 
 def shape_name(text: str) -> str:
-    """Return the canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
-    return text if named_file(text) is not None else parse_shape(text).name
+    """Return the canonical name, "bar:3" for bar:3.0 and "sphere:1" for sphere:d=2, to compare shapes by.
+
+    It reads no file that the shape names. Raises ShapeError.
+    """
+    if named_file(text) is not None:
+        return text
+    found = parse_shape(text)
+    measured = _MEASURED.fullmatch(found.name)
+    if measured is None:
+        return found.name
+    kind, by, number, rest = measured.groups()
+    bare = "d" if kind == "cylinder" else "r"
+    return f"{kind}:{float(number) * {'rd': 2.0, 'dr': 0.5}.get(by + bare, 1.0):g}{rest}"
 
 
 def shape_size(text: str) -> str:
@@ -178,7 +191,8 @@ def _bar(text: str, argument: str) -> Indentor:
 
 
 def _cylinder(text: str, argument: str) -> Indentor:
-    return Indentor.along(Cylinder(2 * _radius_mm(text, argument, 0.25, 25.0, bare=0.5)))
+    found = Prismatic.along(Cylinder(2 * _radius_mm(text, argument, 0.25, 25.0, bare=0.5)))
+    return replace(found, name=_as_written("cylinder", argument) or found.name)
 
 
 def _wedge(text: str, argument: str) -> Indentor:
@@ -214,14 +228,14 @@ def _height_map(text: str, argument: str) -> Indentor:
 
 def _sphere(text: str, argument: str) -> Indentor:
     radius = _radius_mm(text, argument, 0.25, 25.0)
-    return Revolved(f"sphere:{radius:g}", Cylinder(2 * radius))
+    return Revolved(_as_written("sphere", argument) or f"sphere:{radius:g}", Cylinder(2 * radius))
 
 
 def _flat(text: str, argument: str) -> Indentor:
     if ":" not in text:
         return Indentor.along(Plane())
     radius = _radius_mm(text, argument, 0.1, 10.0)
-    return Revolved(f"flat:{radius:g}", Bar(2 * radius))
+    return Revolved(_as_written("flat", argument) or f"flat:{radius:g}", Bar(2 * radius))
 
 
 def _cone(text: str, argument: str) -> Indentor:
@@ -260,6 +274,12 @@ def _radius_mm(text: str, argument: str, low: float, high: float, bare: float = 
     per, number = {"r": (1.0, number), "d": (0.5, number)}.get(named, (bare, argument))
     what = "radius" if per == 1.0 else "diameter"
     return per * _number(text, number, what, "mm", low / per, high / per)
+
+
+def _as_written(kind: str, argument: str) -> str:
+    """Return the name of a round shape by the measure in its name; empty for a bare number."""
+    by, equals, number = argument.partition("=")
+    return f"{kind}:{by}={float(number):g}" if equals else ""
 
 
 def _number(text: str, argument: str, what: str, unit: str, low: float, high: float) -> float:
