@@ -253,8 +253,8 @@ class Tissue(_Settings):
             return {"strain": "finite", **values}
         if cls.model_fields.keys() - values.keys() != {"strain"}:
             raise ValueError(
-                'stiffening = 0 requires strain: "finite" is the limit of small stiffening, "small" the linear model, '
-                "which is also the default and what 0 alone meant before"
+                'stiffening = 0 requires strain: "finite" is the limit of small stiffening, "small" the linear '
+                "model, which is also the default and what 0 alone meant before"
             )
         return values
 

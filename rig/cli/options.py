@@ -32,7 +32,9 @@ FingerFileOption = Annotated[
     Path | None,
     typer.Option("--finger", metavar="TOML", help="Finger file from rig identify. Default: the configured finger."),
 ]
-ForceFingerOption = Annotated[bool, typer.Option("--accept-flagged", help="Use a finger file that rig identify flagged.")]
+ForceFingerOption = Annotated[
+    bool, typer.Option("--accept-flagged", help="Use a finger file that rig identify flagged.")
+]
 _OPERATOR = "Operator"
 MountedOption = Annotated[
     str | None,

@@ -100,7 +100,7 @@ _FLAGGED = "--accept-flagged"
 OLD_OPTIONS = {
     "init": {"--force": "--replace"},
     "serve": {"--force": "--force-sensor"},
-    **dict.fromkeys(("check", "dry-run", "run", "design"), {"--force": _FLAGGED}),
+    **{name: {"--force": _FLAGGED} for name in ("check", "dry-run", "run", "design")},
 }
 """Options of version 0.2 that had one name for several meanings; an old name works for one release."""
 

@@ -114,9 +114,7 @@ def check_command(
     ] = False,
     afferents: Annotated[
         str | None,
-        typer.Option(
-            metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."
-        ),
+        typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

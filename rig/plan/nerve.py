@@ -262,7 +262,7 @@ class FiringSpeed:
     @property
     def sentence(self) -> str:
         """Summary in one line."""
-        who = f"{self.model}: the most sensitive of {self.afferents}, right under the indentor at {self.doi_mm:.2g} mm,"
+        who = f"{self.model}: the most sensitive of {self.afferents}, under a press of {self.doi_mm:.2g} mm,"
         if self.slowest_mm_s is None:
             return f"{who} stays silent even at {MOST_MM_S:g} mm/s"
         slow = " or less" if self.slowest_mm_s <= LEAST_MM_S else ""

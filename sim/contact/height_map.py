@@ -428,8 +428,8 @@ def away_from_skin(name: str, raised: str, as_written: str) -> float:
     if raised not in RAISED:
         high, low = (as_written.format(word) for word in RAISED)
         raise HeightMapError(
-            "{name}: the numbers do not tell which side is up; add {high} if the largest touch the skin first (raised "
-            "dots), or {low} if the smallest do",
+            "{name}: the numbers do not tell which side is up; add {high} if the largest touch the skin first "
+            "(raised dots), or {low} if the smallest do",
             code="which_side_is_up",
             name=name,
             high=high,

@@ -61,7 +61,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
 
 def raised_in_words(file: str, options: str) -> str:
     """Return which side of a height map is up, by its file's name and its options."""
-    raised = next((option.removeprefix("raised=") for option in options.split(",") if option.startswith("raised=")), "")
+    raised = dict(option.partition("=")[::2] for option in options.split(",")).get("raised", "")
     if file.lower().endswith(".png"):
         return f"{raised or RAISED_IN_PICTURES[0]} is raised"
     return {"high": "the highest touches first", "low": "the lowest touches first"}.get(raised, "")

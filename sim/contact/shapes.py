@@ -147,6 +147,27 @@ def with_file(text: str, file: str) -> str:
     return f"{found[1]}:{file}{found[3]}" if found else text
 
 
+def with_file_beside(folder: Path, text: str) -> str:
+    """Return a shape with the file in its name beside the script or file that names it, else in the current folder.
+
+    Raises ShapeError if it is in neither.
+    """
+    file = named_file(text)
+    if file is None or Path(file).is_absolute():
+        return text
+    places = dict.fromkeys((folder.resolve(), Path.cwd()))
+    for place in places:
+        if (place / file).is_file():
+            return with_file(text, str(place / file))
+    raise ShapeError(
+        "shape {shape!r}: there is no file {file} in {folders}",
+        code="shape_file_missing",
+        shape=text,
+        file=file,
+        folders=" or ".join(map(str, places)),
+    )
+
+
 def with_raised_side(text: str) -> str:
     """Return the name of a height map of numbers with the side that is raised: of earlier versions, the lowest."""
     found = _FILE.fullmatch(text)

@@ -113,7 +113,8 @@ def tissue_axes(prior: Prior) -> tuple[ChebyshevAxis, ...]:
 
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
     """Return the interpolated finger of tissue parameters, at the calibrated stiffness and with stiffening."""
-    tissue = config.tissue.model_copy(update={"strain": "finite", "stiffening": LEAST_STIFFENING, **tissue_of(values)})
+    stiff = {"strain": "finite", "stiffening": LEAST_STIFFENING}
+    tissue = config.tissue.model_copy(update={**stiff, **tissue_of(values)})
     return Fingertip.load(_no_larger(config.model_copy(update={"tissue": tissue})), exact=False)
 
 

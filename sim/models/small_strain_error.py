@@ -66,7 +66,10 @@ class SmallStrain:
 
 
 def small_strain(kind: str, doi_mm: float, stiffening: float | None = None) -> SmallStrain:
-    """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm; stiffening: None at small strain."""
+    """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm.
+
+    stiffening: None at small strain.
+    """
     if stiffening is not None:
         force, sed = (DeviationRange(-error, error) for error in (FORCE_ERROR, SED_ERROR))
         return SmallStrain(kind, doi_mm, force, sed, stiffening)

@@ -437,7 +437,10 @@ READERS: dict[str, Reader] = {
         "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5,raised=low")
     ),
     "height map of rows": Reader(
-        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
+        "a.csv",
+        of.of_table,
+        _texts(MAP_ROWS),
+        lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
         in_suite=200,
     ),
     "height map, NumPy": Reader(

@@ -193,7 +193,7 @@ def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(
 
 def test_a_study_says_it_of_the_finger_that_was_pressed_deepest(tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
-    study.write_text("[finger.tissue]\nstrain = [\"small\", \"finite\"]\n" + STUDY, encoding="utf-8")
+    study.write_text('[finger.tissue]\nstrain = ["small", "finite"]\n' + STUDY, encoding="utf-8")
     cases = read_study(study)
 
     def note(*depths_mm: float) -> str | None:

@@ -32,15 +32,15 @@ def spherical(spacing_mm: float, half_mm: float = 2.0, turn_deg: float = 0.0) ->
     n = round(half_mm / spacing_mm)
     at = spacing_mm * np.arange(-n, n + 1)
     x, z = np.meshgrid(at, at)
-    return HeightMap.from_arrays(at, at, 7.0 + RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - z**2), raised="low", turn_deg=turn_deg)
+    height = 7.0 + RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - z**2)
+    return HeightMap.from_arrays(at, at, height, raised="low", turn_deg=turn_deg)
 
 
 def waves(turn_deg: float = 0.0) -> HeightMap:
     """Without symmetry, and longer along z than along x."""
     x, z = np.arange(-1.0, 1.01, 0.1), np.arange(-1.5, 1.61, 0.1)
-    return HeightMap.from_arrays(
-        x, z, 0.1 * np.sin(2 * x[None] + 0.3) * np.cos(1.5 * z[:, None]) + 0.05 * x[None], raised="low", turn_deg=turn_deg
-    )
+    height = 0.1 * np.sin(2 * x[None] + 0.3) * np.cos(1.5 * z[:, None]) + 0.05 * x[None]
+    return HeightMap.from_arrays(x, z, height, raised="low", turn_deg=turn_deg)
 
 
 def letter(path: Path, text: str = "R", size: tuple[int, int] = (80, 100)) -> str:
@@ -304,7 +304,8 @@ def test_tables_of_numbers_are_read_alike(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *points]), encoding="utf-8")
     at = np.random.default_rng(6).uniform(-0.9, 0.9, size=(2, 30))
     given = there.evaluate(at).height_mm
-    np.testing.assert_allclose(parse_shape(f"heightmap:{tmp_path / 'points.csv'},raised=low").evaluate(at).height_mm, given)
+    listed = parse_shape(f"heightmap:{tmp_path / 'points.csv'},raised=low")
+    np.testing.assert_allclose(listed.evaluate(at).height_mm, given)
     middle = at - np.array([[0.0], [0.05]])  # of z from −1.5 to 1.6
     for name in ("a.npy", "rows.csv"):
         found = parse_shape(f"heightmap:{tmp_path / name},spacing_mm=0.1,raised=low")
@@ -492,7 +493,10 @@ def files(folder: Path) -> None:
             {"key": "width_mm", "options": "spacing_mm, raised, edge_mm"},
         ),
         ("good.npy,spacing_mm=0.1,edge_mm=0.05,raised=low", "edge_too_small", {"edge_mm": 0.05, "least_mm": 0.07}),
-        ("nan.npy,spacing_mm=0.1,raised=low", "missing_height", {"x_mm": 0.15, "z_mm": 0.05, "missing": 1, "points": 36}),
+        (
+            *("nan.npy,spacing_mm=0.1,raised=low", "missing_height"),
+            {"x_mm": 0.15, "z_mm": 0.05, "missing": 1, "points": 36},
+        ),
         ("three.npy,spacing_mm=0.1", "no_heights", {}),
         ("words.npy,spacing_mm=0.1", "no_heights", {}),
         ("pickled.npy,spacing_mm=0.1", "no_array", {"problem": "not an array"}),
