@@ -7,7 +7,7 @@ Public names are listed here and imported on first use; `docs/library.md` shows 
 
 From the bottom up, each package using only those above it in this list:
 
-- `errors`, `units`, `tables`, `workers`; `config`: parameters of a fingertip, measured skin.
+- `errors`, `units`, `tables`, `workers`, `announce`; `config`: parameters of a fingertip, measured skin.
 - `fem`: elements and condensation. `contact`: rigid shapes on condensed skin. `devices`: virtual instruments and
   their clock; `devices/grbl` is the board.
 - `finger`: geometry and mesh of the skin and tissue.
@@ -22,6 +22,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from sim import _moved
+from sim.announce import announce
 
 if TYPE_CHECKING:
     from sim.cheapest_model import Aim, Choice, NoModelError, choose
@@ -111,4 +112,5 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
 
 
+announce()
 _moved.answer()

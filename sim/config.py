@@ -5,7 +5,7 @@ Values marked [free] are not in Raju (1998); `docs/model.md` explains each defau
 
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,9 +236,38 @@ class Tissue(_Settings):
     stiffness: float = Field(
         default=1.0, gt=0, le=100, description="Young's modulus of all layers relative to the calibrated one"
     )
-    stiffening: float = Field(
-        default=0.0, ge=0, le=10, description="increase of stiffness with strain; 0: linear, small strain"
+    strain: Literal["small", "finite"] = Field(
+        default="small", description="small: linear model; finite: force and energy at finite strain"
     )
+    stiffening: float = Field(
+        default=0.0, ge=0, le=10, description="increase of stiffness with strain; requires finite strain"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _strain_of(cls, values: Any) -> Any:
+        """Set the strain that a stiffening implies; 0 implies none, unless an earlier version wrote every key."""
+        if not isinstance(values, dict) or "strain" in values or "stiffening" not in values:
+            return values
+        if values["stiffening"] != 0:
+            return {"strain": "finite", **values}
+        if cls.model_fields.keys() - values.keys() != {"strain"}:
+            raise ValueError(
+                'stiffening = 0 requires strain: "finite" is the limit of small stiffening, "small" the linear '
+                "model, which is also the default and what 0 alone meant before"
+            )
+        return values
+
+    @model_validator(mode="after")
+    def _stiffens_at_finite_strain(self) -> Self:
+        if self.strain == "small" and self.stiffening > 0:
+            raise ValueError(f'stiffening = {self.stiffening:g} requires strain = "finite"')
+        return self
+
+    @property
+    def finite_stiffening(self) -> float | None:
+        """Stiffening of the model at finite strain; None at small strain."""
+        return self.stiffening if self.strain == "finite" or self.stiffening > 0 else None
 
     @property
     def e_epidermis_mpa(self) -> float:

@@ -24,7 +24,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import sim.models.cache as model_cache
-from rig.cli import durations, output
+from rig.cli import output
 from rig.cli.program import LOOKED_THROUGH
 from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.data import Run
@@ -568,16 +568,14 @@ def _lines_of_classes(file: str | None) -> dict[str, int]:
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _no_clock_has_a_say(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """No command in this process says that it takes long, on a machine of whatever speed, or learns how long.
+def _no_clock_has_a_say() -> Iterator[None]:
+    """No command in this process says that it takes long, on a machine of whatever speed.
 
     What it says, and when, is held by tests/rig/test_progress.py and tests/rig/test_nobody_waits.py.
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(output, "FIRST_S", math.inf)
         patch.setattr(output, "EVERY_S", math.inf)
-        patch.setattr(durations, "path", lambda: tmp_path_factory.getbasetemp() / "none" / durations.FILE)
-        patch.setattr(durations, "LEAST_S", math.inf)
         yield
 
 

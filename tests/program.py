@@ -40,7 +40,7 @@ INIT_ANSWERS = (
 )
 """Options of `rig init` that answer all of its questions."""
 
-_PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+(, about .* as before)?")
+_PROGRESS = re.compile(r"(?!rig: )(.* …|.* so far)(,.*)?|\d+ [a-z ]+")
 
 
 def beside_progress(err: str) -> str:

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.cli import durations
 from rig.compare import wider_run
 from rig.engine.bench_memory import BenchMemory
 from rig.protocol.script import load_script
@@ -287,10 +286,6 @@ def stored_arrays(folder: Path) -> None:
     cached_arrays("k", lambda: {"a": np.zeros(3)})
 
 
-def noted_duration(folder: Path) -> None:
-    durations._write({"kind": [1.0]})
-
-
 def recorded_zero(folder: Path) -> None:
     memory = BenchMemory.__new__(BenchMemory)
     memory._path = folder / "bench.json"
@@ -299,12 +294,11 @@ def recorded_zero(folder: Path) -> None:
 
 TEMPORARY = {
     f"k.{os.getpid()}.part": stored_arrays,
-    f"durations.{os.getpid()}": noted_duration,
     f"bench.{os.getpid()}": recorded_zero,
 }
 
 
-@pytest.mark.parametrize("name", TEMPORARY, ids=["arrays", "durations", "bench"])
+@pytest.mark.parametrize("name", TEMPORARY, ids=["arrays", "bench"])
 def test_nothing_is_written_through_a_link(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
     (tmp_path / "cache").mkdir()

@@ -90,7 +90,7 @@ def ended(folder: Path, finger: Fingertip) -> dict[str, tuple[int, str, str]]:
         "doctor": ("doctor", "--json"),
         "help": ("serve", "--help"),
         "devices": ("config", "--devices", "--json"),
-        "serve": ("serve", "--force", "scale"),
+        "serve": ("serve", "--force-sensor", "scale"),
         "init": ("init", "--sensor", "scale", *ports),
         "written": ("init", "--yes", "--to", "found.toml", "--sensor", "line_scale", *ports),
     }

@@ -86,7 +86,7 @@ def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
         parts["stage"] = config.stage if stage is None else as_kind(StageSettings, config.stage, stage)
         parts["force"] = config.force if force is None else as_kind(ForceSettings, config.force, force)
     except ValidationError as error:
-        raise first_problem("--force" if "stage" in parts else "--stage", error) from None
+        raise first_problem("--force-sensor" if "stage" in parts else "--stage", error) from None
     return config.model_copy(update=parts)
 
 

@@ -108,7 +108,7 @@ def _checked(
         )
     choosing = Choosing(designed.request, source, config, table, times, counted_in(before), presses_in(before))
     choosing.refuse_too_short()
-    with busy("checking every press that may be chosen …", as_json=as_json, size=len(table.presses)):
+    with busy("checking every press that may be chosen …", as_json=as_json):
         return choosing, approved(choosing, finger, folder)
 
 

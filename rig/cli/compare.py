@@ -200,7 +200,7 @@ def command(
             if path is not None:
                 checked_file(option, path)
         report = out_file or runs[0] / "comparison.html"
-        with busy("reading the runs …", quick=True, size=len(runs)):
+        with busy("reading the runs …", quick=True):
             found = _without_copies([recorded_run(path) for path in runs])
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
@@ -283,7 +283,7 @@ def command(
             "--silent-at-rest": silent_at_rest,
             "--place": place,
         }
-        with busy(THE_MAPS, as_json=as_json, size=len(answered)):
+        with busy(THE_MAPS, as_json=as_json):
             maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
         with busy("writing the report …", as_json=as_json):
             write_comparison(
@@ -358,9 +358,7 @@ class Answered:
 def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
     """Return the simulated responses to each run."""
     fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
-    with busy(
-        "simulated responses: reading them from the cache, or computing them …", as_json=as_json, size=len(runs)
-    ):
+    with busy("simulated responses: reading them from the cache, or computing them …", as_json=as_json):
         found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(

@@ -96,7 +96,7 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
     """Compare every afferent and the group, and write the page."""
     with busy("reading the recordings …", quick=True):
         found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
-    with busy("comparing every measure with every afferent …", as_json=as_json, size=len(found)):
+    with busy("comparing every measure with every afferent …", as_json=as_json):
         judged, left_out, small_strain = _judged(of.stimuli, found)
         group = group_verdict(judged)
     verdicts = {name: one for name, (_, one) in judged.items()}

@@ -25,7 +25,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
-from rig.cli.output import busy, err, one_line_errors, out, print_json, say_now
+from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
@@ -188,6 +188,8 @@ def _print(found: EncodeResult, added: Noise | None) -> None:
     for k in np.unique(np.linspace(0, encoded.samples - 1, _ROWS).round().astype(int)).tolist():
         table.add_row(f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}")
     out.print(table)
+    if not (encoded.rate > 0).any():
+        complain(f"warning: no receptor responds: the highest SED, {encoded.sed.max():.4g}, is below the threshold")
 
 
 STRAIN_UNIT = "1/pseudo-unit"

@@ -188,7 +188,7 @@ def export_deck_command(
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         with busy(THE_FINGER):
             finger = Fingertip.load(settings)
-        with busy(f"pressing {shape} …", quick=True, kind="press"):
+        with busy(f"pressing {shape} …", quick=True):
             result = finger.indent(indentor, x_mm, doi_mm=doi_mm)
         meshed = MeshedFinger(settings, build_mesh(settings, finger.model.surface), finger.e_epidermis_mpa)
         with busy("writing the deck …", quick=True):

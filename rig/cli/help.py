@@ -1,5 +1,6 @@
 """Layout of help: flags without a type, options in panels, and the page that `rig` alone prints; whole numbers."""
 
+import math
 from typing import Any
 
 import typer
@@ -27,16 +28,18 @@ LARGEST_WHOLE = 2**53 - 1
 
 
 class PlainCommand(TyperCommand):
-    """Command whose help shows no type beside a flag, and whose whole numbers are bounded."""
+    """Command whose help shows no type beside a flag, and whose numbers are finite and whole ones bounded."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters, laid out for the help."""
         return _laid_out(super().get_params(ctx))
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the command. Raises BadParameter for a whole number that is too large."""
+        """Run the command. Raises BadParameter for a number that is not finite, or a whole one that is too large."""
         for one in self.params:
             value = ctx.params.get(one.name)
+            if isinstance(value, float) and not math.isfinite(value):
+                raise typer.BadParameter(f"{value} must be a finite number", param_hint=repr(one.opts[0]))
             if isinstance(value, int) and abs(value) > LARGEST_WHOLE:
                 words = f"must be at most {LARGEST_WHOLE}, in absolute value"
                 raise typer.BadParameter(words, param_hint=repr(one.opts[0]))

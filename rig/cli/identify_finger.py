@@ -374,9 +374,9 @@ def identify_command(
         options = possible(options, predicted, refused, own_goals=requested is None)
         for name in (name for name in names if name in refused):
             err.print(f"{name} is left out, because it cannot press this finger: {refused[name]}")
-        with busy("sampling fingers of the prior …", quick=True, kind="prior"):
+        with busy("sampling fingers of the prior …", quick=True):
             identification = Identification(settings, predicted, options)
-        with busy("estimating the duration …", quick=True, kind="duration"):
+        with busy("estimating the duration …", quick=True):
             expected = expected_duration(settings, options, finger)
         script = IdentificationScript(
             identification,
@@ -451,7 +451,7 @@ def _leave(done: FinishedRun, identification: Identification, to: Path) -> NoRet
     if flag == "no_finger":
         complain(
             f"the identification is flagged: {identification.mismatch}; other commands accept {to} only with "
-            "--force; check the indentors, the mount and the geometry, then repeat the identification"
+            "--accept-flagged; check the indentors, the mount and the geometry, then repeat the identification"
         )
         raise typer.Exit(ExitCode.NO_FINGER)
     leave(done)

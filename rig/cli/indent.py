@@ -334,7 +334,7 @@ def indent_command(
             assert force is not None
             with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
-            with busy("pressing a point …", quick=True, kind="press"):
+            with busy("pressing a point …", quick=True):
                 loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
             _print_point_load(loaded, pressed, finger.build_s, as_json=as_json)
             return
@@ -356,7 +356,7 @@ def indent_command(
             other_paths=other_paths,
             friction=friction,
         )
-        with busy(f"pressing {shape} …", quick=True, kind="press"):
+        with busy(f"pressing {shape} …", quick=True):
             result = press(doi_mm=doi_mm, force_gwt=force)
         if picture is not None:
             with busy("drawing the figure …", quick=True):

@@ -121,7 +121,7 @@ def init_command(
         ),
     ] = None,
     to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml"),
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    force: Annotated[bool, typer.Option("--replace", help="Replace an existing file.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -568,6 +568,6 @@ def write_new(path: Path, text: str, *, replace: bool) -> None:
 
 def _exists_already(path: Path) -> BadInputError:
     return BadInputError(
-        "{option} {path}: the file already exists; choose another name, or add --force to replace it",
+        "{option} {path}: the file already exists; choose another name, or add --replace",
         code="exists_already", option="--to", path=path,
     )  # fmt: skip

@@ -296,6 +296,18 @@ class PossiblePressesJson(Output):
     soft_trip_n: float
 
 
+class FiringSpeedJson(Output):
+    """Slowest press at which the most sensitive afferent of a class fires; null if at none."""
+
+    model: str
+    afferents: int
+    sensitivity: float
+    firing_speed_mm_s: float | None
+    doi_mm: float
+    press_speed_mm_s: float
+    silent: bool
+
+
 class CheckJson(Output):
     """A protocol against the limits."""
 
@@ -319,6 +331,7 @@ class CheckJson(Output):
     overshoot_gwt: float
     steps: list[PlannedStepJson]
     possible: NotRequired[PossiblePressesJson]
+    firing: NotRequired[list[FiringSpeedJson]]
 
 
 class IdentifiedParameterJson(Output):
@@ -692,6 +705,7 @@ class LeftOutOfRecordingJson(Output):
     positions: int
     left_out: list[MissingPositionsJson]
     range_needed_mm: Range
+    covered_receptor_x_mm: list[float]
     command: CommandLine
     covered_by_command: int
 

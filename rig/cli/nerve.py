@@ -15,8 +15,10 @@ from rig.plan.config import Config, load_config
 from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from rig.data.spike_files import SpikeRecord
-    from rig.plan.nerve import SpikeRequest, Visits
+    from rig.plan.nerve import FiringSpeed, SpikeRequest, Visits
     from sim.models.fingertip import Fingertip
     from sim.nerve.population import AfferentPopulation
 
@@ -52,8 +54,12 @@ def nerve_command(
                 from sim.models.fingertip import Fingertip
 
                 finger = Fingertip.load(settings.finger)
-            with busy("drawing the afferents …", quick=True):
+            with busy("drawing the afferents, and when they fire …", as_json=as_json):
                 begun = visits_of(found, settings), wanted.drawn(finger)
+                from rig.plan.nerve import firing_speeds, presses_of_visits
+
+                speeds = firing_speeds(finger, begun[1], presses_of_visits(found, begun[0]))
+            print_firing(speeds, as_json=as_json)
             with found.folder.owned():
                 answer = _add(finger, found, wanted, *begun, as_json=as_json)
                 from rig.cli.runs import renewed_report  # `rig run` does without
@@ -64,6 +70,20 @@ def nerve_command(
             print_json({**answer, "report": str(report)})
         else:
             _print(answer, report)
+
+
+def print_firing(speeds: "Sequence[FiringSpeed]", *, as_json: bool) -> None:
+    """Print the speed at which each class fires; a warning if none is expected to."""
+    if not as_json:
+        for line in firing_lines(speeds):
+            out.print(line)
+    if all(one.silent for one in speeds):
+        complain("warning: no afferent is expected to fire; press faster or deeper, or ask for other afferents")
+
+
+def firing_lines(speeds: "Sequence[FiringSpeed]") -> list[str]:
+    """Return a line for each class, on the slowest press at which its most sensitive afferent fires."""
+    return [f"firing  {one.sentence}" for one in speeds]
 
 
 def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeRequest":
@@ -109,7 +129,6 @@ def _add(
     with busy(
         f"simulating the spikes of {number_of(len(afferents), 'afferents')} …",
         as_json=as_json,
-        size=len(afferents) * run.end_s,
     ) as now:
         record = run_spikes(
             run, found, finger, afferents, seed=wanted.seed, path_m=wanted.path_m, show_progress=now.at
@@ -156,6 +175,8 @@ def spike_lines(answer: dict[str, Any]) -> list[str]:
     counts = ", ".join(f"{one['afferent']} {one['spikes']}" for one in answer["afferents"][:20])
     more = f", and {len(answer['afferents']) - 20} more" if len(answer["afferents"]) > 20 else ""
     lines = [f"spikes  synthetic, electrode {answer['electrode_text']}: {counts}{more}"]
+    if not any(one["spikes"] for one in answer["afferents"]):
+        lines.append("        no afferent fired")
     if answer["left_out"]:
         lines.append(f"        left out: {number_of(answer['left_out'], 'presses')} without a contact height")
     return [*lines, *(f"file    {name}" for name in answer["files"])]

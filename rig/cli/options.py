@@ -32,7 +32,9 @@ FingerFileOption = Annotated[
     Path | None,
     typer.Option("--finger", metavar="TOML", help="Finger file from rig identify. Default: the configured finger."),
 ]
-ForceFingerOption = Annotated[bool, typer.Option("--force", help="Use a finger file that rig identify flagged.")]
+ForceFingerOption = Annotated[
+    bool, typer.Option("--accept-flagged", help="Use a finger file that rig identify flagged.")
+]
 _OPERATOR = "Operator"
 MountedOption = Annotated[
     str | None,
@@ -74,6 +76,8 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
         try:
             first, *rest = map(float, part.split(":"))
             found += _range(first, *rest) if rest else [first]
+            if not all(map(math.isfinite, found)):
+                raise ValueError
         except (TypeError, ValueError):
             raise BadInputError(
                 "{option} {value!r}: must be numbers separated by commas, or FROM:TO:STEP with at most {most} values",

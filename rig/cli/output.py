@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
+from itertools import pairwise
+from statistics import median
 from typing import Any, NoReturn, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
@@ -15,7 +17,6 @@ from rich.live import Live
 from rich.segment import Segment
 from rich.spinner import Spinner
 
-from rig.cli import durations
 from rig.errors import RigError
 from rig.printable import printable
 from rig_shared.plural import number_of
@@ -35,40 +36,29 @@ out = _Terminal(highlight=False, soft_wrap=True, markup=False)
 
 THE_FINGER = "fingertip: loading from the cache, or building …"
 
-FIRST_S, EVERY_S, LONG_S = 0.5, 2.0, 3.0
-"""Time after which work that may be short prints its description, time between lines without a terminal, and duration
-from which an estimate is printed at the beginning (s).
-"""
+FIRST_S, EVERY_S = 0.5, 2.0
+"""Time after which work that may be short prints its description, and time between lines without a terminal (s)."""
+
+_FEWEST_PIECES = 3
+"""Finished pieces before the time left is printed; the first often includes work that is done once."""
 
 _LOOKS_S = 0.1
 _REFRESH_PER_S = 8
 
 
 class Activity:
-    """Work in progress, with its description, its progress, and an estimate from earlier durations.
+    """Work in progress, with its description, its finished pieces, and the time left by the pieces of this time.
 
-    A build of a model within the work has a description, a kind and an estimate of its own, until it ends or the work
-    goes on. Work without a kind, and what remains after a build, has no estimate.
+    A build of a model within the work has a description and pieces of its own, until it ends or the work goes on.
     """
 
-    def __init__(
-        self,
-        what: str,
-        kind: str | None = None,
-        size: float = 1.0,
-        total: int = 0,
-        now: Callable[[], float] | None = None,
-    ) -> None:
+    def __init__(self, what: str, total: int = 0, now: Callable[[], float] | None = None) -> None:
         self.what = self._own = what
-        self._counted, self._builds = total > 0, False
+        self._counted = total > 0
         self._now = now or time.monotonic
         self._began_s = self._now()
         self._done, self._total = self._pieces = 0, total
-        self._begin(kind, size)
-
-    def _begin(self, kind: str | None, size: float) -> None:
-        self._kind, self._size, self._part_began_s = kind, size, self._now()
-        self._expected_s = None if kind is None else durations.expected_s(kind, size)
+        self._of, self._stamps = total, [(0, self._began_s)]  # pieces finished at times, since their total changed
 
     def say(self, what: str) -> None:
         """Change the description of the work."""
@@ -83,34 +73,25 @@ class Activity:
     def builds(self, what: str, done: int = 0, total: int = 0) -> None:
         """Show a step of a build within the work."""
         self.what, self._done, self._total = what, done, total
-
-    def turn_to(self, what: str, kind: str, size: float, done: int = 0, total: int = 0) -> None:
-        """Begin a long step of a build."""
-        if self._builds:
-            self.end()
-        self._builds = True
-        self.builds(what, done, total)
-        self._begin(kind, size)
+        self._stamp()
 
     def turn_back(self) -> None:
         """Continue with the work after a build."""
-        if self._builds:
-            self.end()
-            self._builds = False
-            self._begin(None, 1.0)
         self.what, (self._done, self._total) = self._own, self._pieces
+        self._stamp()
 
-    def end(self) -> None:
-        """Record how long the work took, or the step of a build."""
-        if self._kind is not None:
-            durations.took(self._kind, self._size, self._now() - self._part_began_s)
+    def _stamp(self) -> None:
+        if not self._total:
+            return
+        if self._total != self._of:
+            self._of, self._stamps = self._total, [(self._done, self._now())]
+        elif self._done > self._stamps[-1][0]:
+            self._stamps.append((self._done, self._now()))
 
     @property
     def title(self) -> str:
-        """Description of the work, with the estimate if it takes long."""
-        expected_s = self._expected_s or 0.0
-        what = number_of(self._total, self.what) if self._counts else self.what
-        return f"{what}, about {in_words(expected_s)} as before" if expected_s >= LONG_S else what
+        """Description of the work, with the number of its pieces."""
+        return number_of(self._total, self.what) if self._counts else self.what
 
     @property
     def elapsed_s(self) -> float:
@@ -138,14 +119,13 @@ class Activity:
 
     @property
     def _left(self) -> str:
-        if self._total and self._done:
-            return f", about {in_words(self.elapsed_s * (self._total - self._done) / self._done)} left"
-        if self._kind is None:
+        done, at_s = self._stamps[-1]
+        if done - self._stamps[0][0] < _FEWEST_PIECES or self._done >= self._total:
             return ""
-        if self._expected_s is None:
-            return ", no estimate yet"
-        left_s = self._expected_s - (self._now() - self._part_began_s)
-        return f", about {in_words(left_s)} left" if left_s > 0 else ", longer than before"
+        each_s = median((after_s - before_s) / (after - before)
+                        for (before, before_s), (after, after_s) in pairwise(self._stamps))  # fmt: skip
+        left_s = each_s * (self._total - done) - (self._now() - at_s)
+        return f", about {in_words(left_s)} left" if left_s > 0 else ""
 
 
 def in_words(seconds: float) -> str:
@@ -238,8 +218,6 @@ def busy(
     *,
     as_json: bool = False,
     quick: bool = False,
-    kind: str | None = None,
-    size: float = 1.0,
     total: int = 0,
 ) -> Iterator[Activity]:
     """Print the activity of a command with its progress: in a live line on a terminal, else in lines on standard
@@ -251,17 +229,12 @@ def busy(
         The work, which begins with it.
     as_json, quick : bool
         Whether to say nothing if the work is short.
-    kind : str, optional
-        Kind of work whose durations are comparable. Default: `what`.
-    size : float
-        Amount of work, to which its duration is proportional.
     total : int
         Number of pieces that are counted.
     """
-    activity = Activity(what, f"{_command}: {kind or what}", size, total)
+    activity = Activity(what, total)
     with _shown(activity, at_once=not (as_json or quick)):
         yield activity
-    activity.end()
 
 
 @contextmanager
@@ -331,17 +304,14 @@ class _Builds(logging.Handler):
         pieces = (getattr(record, "done", 0), getattr(record, "total", 0))
         if hasattr(record, "made"):
             now.turn_back()
-        elif record.levelno < logging.INFO:
-            now.builds(message, *pieces)
         else:
-            size = next((float(one) for one in record.args or () if isinstance(one, int | float)), 1.0)
-            now.turn_to(message, str(record.msg), size, *pieces)
+            now.builds(message, *pieces)
 
 
 def show_builds() -> None:
     """Print warnings of the simulator, and show its builds as progress."""
     logger = logging.getLogger("sim")
-    for handler in [handler for handler in logger.handlers if isinstance(handler, _Builds)]:
+    for handler in logger.handlers[:]:
         logger.removeHandler(handler)
     logger.addHandler(_Builds())
     logger.setLevel(logging.DEBUG)

@@ -96,6 +96,14 @@ COMMANDS = {
 OLD_NAMES = {"meet": "identify"}
 """Commands of version 0.1 and their names now; an old name works for one release."""
 
+_FLAGGED = "--accept-flagged"
+OLD_OPTIONS = {
+    "init": {"--force": "--replace"},
+    "serve": {"--force": "--force-sensor"},
+    **{name: {"--force": _FLAGGED} for name in ("check", "dry-run", "run", "design")},
+}
+"""Options of version 0.2 that had one name for several meanings; an old name works for one release."""
+
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
 LOOKED_THROUGH = (50_000, 3, 3)
@@ -138,13 +146,21 @@ def _print_traceback(_kind: type[BaseException], error: BaseException, _trace: o
 
 
 def _with_new_name(arguments: list[str]) -> list[str]:
-    """Return the arguments with the new name of a renamed command, and print that name."""
+    """Return the arguments with the new names of a renamed command and its options, and print these names."""
     at = next((k for k, word in enumerate(arguments) if word != "--"), None)
-    if at is None or arguments[at] not in OLD_NAMES:
+    if at is None:
         return arguments
-    new = OLD_NAMES[arguments[at]]
-    renamed(f"rig {arguments[at]}", f"rig {new}")
-    return [*arguments[:at], new, *arguments[at + 1 :]]
+    command, *words = arguments[at:]
+    if command in OLD_NAMES:
+        renamed(f"rig {command}", f"rig {OLD_NAMES[command]}")
+        command = OLD_NAMES[command]
+    old = OLD_OPTIONS.get(command, {})
+    for k, word in enumerate(words):
+        option, equals, value = word.partition("=")
+        if option in old:
+            renamed(f"rig {command} {option}", f"rig {command} {old[option]}")
+            words[k] = f"{old[option]}{equals}{value}"
+    return [*arguments[:at], command, *words]
 
 
 def _app(arguments: list[str]) -> typer.Typer:

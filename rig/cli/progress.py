@@ -107,7 +107,7 @@ def counted(answers: Iterable[T], total: int, what: str, *, quiet: bool) -> Iter
         with during(Activity(what), live=True):
             yield from track(answers, what, total, console=err)
         return
-    with busy(what, as_json=quiet, size=total, total=total) as now:
+    with busy(what, as_json=quiet, total=total) as now:
         for done, answer in enumerate(answers, 1):
             yield answer
             now.at(done, total)

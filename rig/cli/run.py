@@ -32,7 +32,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import spike_request
+from rig.cli.nerve import print_firing, spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -112,6 +112,10 @@ def check_command(
     choose: Annotated[
         bool, typer.Option("--choose", help="Also check all presses that `rig run --choose` may choose.")
     ] = False,
+    afferents: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Also print the speed at which simulated afferents fire, e.g. 3xSA1,5xRA."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Check the script against the limits and the finger model, and rehearse it on springs."""
@@ -119,6 +123,7 @@ def check_command(
         settings = with_finger(load_config(config), finger_file, force=force)
         refuse_bench(settings)
         script = load_script(protocol, [*(set_ or []), *(more or [])])
+        spikes = None if afferents is None else spike_request(afferents, seed=0)
         with busy(THE_FINGER, as_json=as_json):
             finger = _finger_to_check(script, settings, choose=choose)
         with checking_the_script() as show_steps:
@@ -136,10 +141,19 @@ def check_command(
             )
         if choose:
             found["possible"] = possible_presses_as_json(script, settings, finger, as_json=as_json)
+        speeds = []
+        if spikes is not None:
+            from rig.plan.nerve import firing_speeds_of, presses_of_plan
+
+            with busy("when the afferents fire …", as_json=as_json):
+                speeds = firing_speeds_of(finger, spikes, presses_of_plan(plan))
+            found["firing"] = [one.as_json() for one in speeds]
         if as_json:
             print_json({"protocol": script.name, **found})
         else:
             _print_check(found)
+        if speeds:
+            print_firing(speeds, as_json=as_json)
 
 
 def _finger_to_check(script: Script, config: Config, *, choose: bool) -> "Fingertip":

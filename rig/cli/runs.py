@@ -93,7 +93,7 @@ def runs_command(
 
 
 def _entries(runs: Path) -> list[IndexEntry]:
-    with busy(f"reading the runs in {runs} …", quick=True, kind="reading runs"):
+    with busy(f"reading the runs in {runs} …", quick=True):
         try:
             return listed(runs)
         except OSError as error:
@@ -343,7 +343,7 @@ def export_command(
             _refuse_identification(found)
         written = []
         if as_csv or as_nwb:
-            with busy(f"writing the files of {run} …", quick=True, kind="export"), foreign_in_one_line(run):
+            with busy(f"writing the files of {run} …", quick=True), foreign_in_one_line(run):
                 if as_csv:
                     export_run(found)
                     tables = (f"{stream}.csv" for stream in found.units if found.stream(stream))

@@ -15,7 +15,7 @@ import typer
 from rig.bench.checks import checked_subject
 from rig.cli.choice_verdict import choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
-from rig.cli.nerve import add_spikes, spike_lines
+from rig.cli.nerve import add_spikes, print_firing, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
 from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
@@ -287,7 +287,11 @@ def carry_out(
     if choose is not None:
         session = choose.applied(session)
     if spikes is not None:
-        asked(session.finger, spikes.drawn)  # which refuses afferents that have no place
+        from rig.plan.nerve import firing_speeds_of, presses_of_plan
+
+        with busy("when the afferents fire …", as_json=as_json):  # it also refuses afferents that have no place
+            speeds = asked(session.finger, firing_speeds_of, spikes, presses_of_plan(session.plan))
+        print_firing(speeds, as_json=as_json)
     page = (confirm or nothing_to_confirm(as_json=as_json))(session)
     began = time.perf_counter()
     owner.at("running")

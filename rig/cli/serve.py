@@ -52,6 +52,7 @@ def serve_command(
     force: Annotated[
         str | None,
         typer.Option(
+            "--force-sensor",
             metavar="KIND",
             help=f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
             rich_help_panel=_DEVICES,
@@ -194,7 +195,7 @@ def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool)
     if not finger:
         raise BadInputError(
             "--afferents: requires a stage and a force sensor with a finger between them; give both --stage and "
-            "--force, or neither",
+            "--force-sensor, or neither",
             code="no_finger",
         )
     wanted = spike_request(afferents, seed or 0)

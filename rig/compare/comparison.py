@@ -133,7 +133,7 @@ class Comparison:
     def small_strain(self) -> SmallStrain:
         """Difference between finite strain and small strain at the deepest press."""
         pressed = [(float(np.max(s.doi_mm)), s.stiffening) for s in self.stimuli]
-        return small_strain("finger", *max(pressed, default=(0.0, 0.0)))
+        return small_strain("finger", *max(pressed, default=(0.0, None), key=lambda press: press[0]))
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:
@@ -300,6 +300,19 @@ def range_needed(overlay: Overlay) -> tuple[float, float]:
     return float(position.min() + receptor.min()), float(position.max() + receptor.max())
 
 
+def covered_receptors(overlay: Overlay) -> list[float]:
+    """Return the x (mm) of the receptors that the run covers at every recorded position.
+
+    If it covers none of the overlay's, one in the middle of those that it would cover; empty if there is none.
+    """
+    at = overlay.stimulus.receptor_mm[~left_out(overlay).any(axis=0)]
+    if len(at):
+        return _rounded(at)
+    position, x_mm = overlay.recording.position_mm, overlay.stimulus.x_mm
+    low, high = x_mm.min() - position.min(), x_mm.max() - position.max()
+    return _rounded(np.array([0.5 * (low + high)])) if low <= high else []
+
+
 def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
     """Return the uncovered positions of each recording at each receptor, for `--json`."""
     return [_row(overlay, comparison.wider.get(overlay.stimulus)) for overlay in comparison.overlays]
@@ -319,6 +332,7 @@ def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
             if gone.any()
         ],
         "range_needed_mm": [round(x, _DECIMALS) for x in ends],
+        "covered_receptor_x_mm": covered_receptors(overlay),
         "command": wider.command if wider else "",
         "covered_by_command": wider.measured if wider else len(missing) - int(missing.any(axis=1).sum()),
     }
@@ -347,15 +361,17 @@ def left_out_line(overlay: Overlay, wider: "WiderRun | None", used: Flags | None
         f"pressed from {_end(stimulus.x_mm.max())} to {_end(stimulus.x_mm.min())} mm, and the receptors need it "
         f"from {_end(high)} to {_end(low)} mm"
     )
+    covered = covered_receptors(overlay)
+    own = f"; `--receptor-x-mm={','.join(map(_end, covered))}` compares all of them" if covered else ""
     if wider is None:
-        return f"{what}."
+        return f"{what}{own}."
     reach = f"from {_end(wider.from_mm)} to {_end(wider.to_mm)} mm"
     if not wider.wider:
-        return f"{what}; the planner accepts no wider run."
+        return f"{what}{own}; the planner accepts no wider run."
     by = f"`{wider.command}`" if wider.command else f"a run of {stimulus.title} {reach}"
     if wider.complete:
-        return f"{what}; {by} would cover all of them."
-    return f"{what}; {by} would cover {wider.measured} at every receptor, and the planner accepts no wider run."
+        return f"{what}{own}; {by} would cover all of them."
+    return f"{what}{own}; {by} would cover {wider.measured} at every receptor, and the planner accepts no wider run."
 
 
 def _end(x_mm: float) -> str:

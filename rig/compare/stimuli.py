@@ -118,7 +118,7 @@ class StimulusRow:
     interpolated: bool = False
     pressed_with: str | None = None  # the indentor's name with the run's own copy of its file
     controls: Array | None = None
-    stiffening: float = 0.0  # of the finger
+    stiffening: float | None = None  # of the finger; None at small strain
 
     @property
     def read_as(self) -> str:
@@ -205,7 +205,7 @@ def stimuli(run: Run, finger: Fingertip) -> list[StimulusRow]:
         _stimulus(run.folder.path.name, one, table, [one == other for other in what])
         for one in sorted(set(what), key=lambda one: (natural_order(one[0]), *one[1:]))
     ]
-    stiffening = finger.config.tissue.stiffening
+    stiffening = finger.config.tissue.finite_stiffening
     return [
         replace(one, pressed_with=from_copy(run.folder.path, one.indentor), stiffening=stiffening) for one in found
     ]

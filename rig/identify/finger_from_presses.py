@@ -29,7 +29,7 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
     x, height = prior.index("x_mm"), prior.index("height_mm")
     most_likely = _draw(prior, learned.most_likely)
     zeros = [measured.zero_gwt for measured in identification.measured]
-    tissue = config.finger.tissue.model_copy(update=most_likely.model_dump(exclude={"relaxation"}))
+    tissue = config.finger.tissue.model_copy(update=most_likely.tissue)
     identified = IdentifiedFinger(
         date=datetime.now(UTC).isoformat(timespec="seconds"),
         version=version("indentation-rig"),

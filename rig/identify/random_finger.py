@@ -3,7 +3,7 @@
 import numpy as np
 
 from rig.plan.config import Config
-from sim.identification.prior import Prior, series_of, tissue_of
+from sim.identification.prior import Prior, series_of, strain_of, tissue_of
 
 CELL_NOISE_GWT = 0.02
 MOST_DRIFT_GWT_PER_MIN = 0.1  # largest drift of the zero, in either direction
@@ -23,7 +23,8 @@ def with_random_finger(config: Config, seed: int) -> Config:
 
 def with_parameters(config: Config, truth: dict[str, float], seed: int = 0) -> Config:
     """Return the configuration of a virtual bench with a finger of these parameters."""
-    tissue = config.finger.tissue.model_copy(update=tissue_of(truth))
+    strain = strain_of(truth["stiffening"])
+    tissue = config.finger.tissue.model_copy(update={**tissue_of(truth), "strain": strain})
     drift = float(np.random.default_rng([seed, 0xD81F7]).uniform(-MOST_DRIFT_GWT_PER_MIN, MOST_DRIFT_GWT_PER_MIN))
     virtual = config.virtual.model_copy(
         update={

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 import tomlkit
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationError, model_validator
+from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import BUILT_IN, KINDS, KnownBench, find, names, with_kind_tables
@@ -27,10 +27,17 @@ from rig.settings import DeviceSettings, RigSettings, Settings
 from sim.config import FingertipConfig
 
 
-def _named(indentor: str) -> str:
+def _named(indentor: str, info: ValidationInfo) -> str:
     if not indentor.strip():
         raise ValueError("the name is empty; give an indentor, such as bar:3.0")
-    return indentor
+    if not indentor.startswith(("profile:", "heightmap:")):
+        return indentor
+    from sim.contact.shapes import ShapeError, with_file_beside  # a configuration seldom names a file
+
+    try:
+        return with_file_beside(Path((info.context or {}).get("folder", ".")), indentor)
+    except ShapeError:
+        return indentor  # only what mounts it needs the file
 
 
 class VirtualSettings(Settings):
@@ -173,7 +180,7 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
     BadInputError
         If the file cannot be read, is flagged, or a key or value in it is wrong.
     """
-    all_the_same = ", or add --force to use the finger all the same"
+    all_the_same = ", or add --accept-flagged to use the finger all the same"
     if path is None:
         if config.identified is not None and not force:
             refuse_flagged("[identified] of the configuration", config.identified, all_the_same)

@@ -16,6 +16,7 @@ from rig.errors import BadInputError, RuleError, first_problem
 from rig.settings import Settings
 from rig_shared.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig, Tissue
+from sim.identification.prior import strain_of
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT
 
@@ -104,10 +105,15 @@ class Draw(Settings):
     stiffness: float = Field(gt=0)
     e_dermis: float = Field(gt=0)
     e_fat: float = Field(gt=0)
-    stiffening: float = Field(0.0, ge=0)
+    stiffening: float = Field(0.0, ge=0, description="0: a linear finger at small strain")
     relaxation: Relaxation = ()
 
     _lasts = field_validator("relaxation")(checked_relaxation)
+
+    @property
+    def tissue(self) -> dict[str, float | str]:
+        """Keys of `finger.tissue` that this finger sets."""
+        return {**self.model_dump(exclude={"relaxation"}), "strain": strain_of(self.stiffening)}
 
     @model_validator(mode="after")
     def _interpolated(self) -> Self:
@@ -220,7 +226,7 @@ def fingers_of(finger: FingertipConfig, identified: IdentifiedFinger) -> list[Fi
 
 def _tissue(tissue: Tissue, draw: Draw) -> Tissue:
     """Return the tissue of a draw. Raises ValidationError."""
-    return Tissue.model_validate(tissue.model_dump() | draw.model_dump(exclude={"relaxation"}))
+    return Tissue.model_validate(tissue.model_dump() | draw.tissue)
 
 
 def read_finger_file(path: Path) -> FingerFile:

@@ -292,7 +292,7 @@ def from_copy(folder: Path, indentor: str) -> str:
     file = named_file(indentor)
     if file is None or not (folder / copy_name(file)).is_file():
         return indentor
-    return shapes.with_file(indentor, str(folder / copy_name(file)))
+    return shapes.with_file(shapes.with_raised_side(indentor), str(folder / copy_name(file)))
 
 
 def with_stored_file(folder: Path, indentor: str) -> str:

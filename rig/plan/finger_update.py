@@ -18,7 +18,7 @@ from rig.plan.finger_model import answers
 from rig.records import Pace, Target, grouped
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import parse_shape
-from sim.identification.prior import LEAST_STIFFENING
+from sim.identification.prior import LEAST_STIFFENING, strain_of
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation_weights import DERMIS, FAT
 
@@ -132,12 +132,13 @@ def _draw(draw: Draw, row: Array) -> Draw:
     )
 
 
-def _middle(draws: Sequence[Draw]) -> dict[str, float]:
+def _middle(draws: Sequence[Draw]) -> dict[str, float | str]:
     stiffness, e_dermis, e_fat = np.exp(np.mean([_logs(draw)[:3] for draw in draws], axis=0))
     stiffening = float(np.mean([draw.stiffening for draw in draws]))
     return {
         "stiffness": float(stiffness),
         "e_dermis": float(e_dermis),
         "e_fat": float(e_fat),
+        "strain": strain_of(stiffening),
         "stiffening": stiffening,
     }

@@ -19,10 +19,12 @@ from rig.data.spike_files import SpikeRecord, SpikeTrain
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import from_copy
+from rig.plan.plan import Plan
 from rig.units import GWT_N
 from sim.contact.patch import Z
 from sim.contact.shapes import parse_shape
 from sim.models.fingertip import Fingertip
+from sim.nerve.firing_speed import LEAST_MM_S, MOST_MM_S, firing_speed_mm_s
 from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import AfferentModel
 from sim.nerve.population import (
@@ -30,6 +32,7 @@ from sim.nerve.population import (
     PATH_M,
     Afferent,
     AfferentPopulation,
+    Pad,
     draw,
     parse_afferents,
     population,
@@ -228,6 +231,127 @@ class _Walk:
                 self.found.append(Visit(self._indentor, x_mm, self._along_mm, path))
         self._knots, self._swings, self._swinging = knots[-1:], [], False
         self._contact_mm, self._bias_mm, self._true_x_mm = None, [], None
+
+
+class PressAtSpeed(NamedTuple):
+    """Press of a plan or of a run, with the shape as it is read."""
+
+    shape: str
+    x_mm: float
+    along_mm: float
+    doi_mm: float
+    speed_mm_s: float
+
+
+@dataclass(frozen=True)
+class FiringSpeed:
+    """Slowest press at which the most sensitive afferent of a class fires, wherever it lies under the indentor."""
+
+    model: str
+    afferents: int
+    sensitivity: float
+    slowest_mm_s: float | None
+    doi_mm: float
+    fastest_mm_s: float
+
+    @property
+    def silent(self) -> bool:
+        """Whether the presses are too slow or too shallow."""
+        return self.slowest_mm_s is None or self.slowest_mm_s > self.fastest_mm_s
+
+    @property
+    def sentence(self) -> str:
+        """Summary in one line."""
+        who = f"{self.model}: the most sensitive of {self.afferents}, under a press of {self.doi_mm:.2g} mm,"
+        if self.slowest_mm_s is None:
+            return f"{who} stays silent even at {MOST_MM_S:g} mm/s"
+        slow = " or less" if self.slowest_mm_s <= LEAST_MM_S else ""
+        silent = ", so that no press makes it fire, at most a lift" if self.silent else ""
+        return (
+            f"{who} fires from {self.slowest_mm_s:.2g} mm/s{slow}; presses reach {self.fastest_mm_s:.2g} mm/s{silent}"
+        )
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entry of JSON output."""
+        return {
+            "model": self.model,
+            "afferents": self.afferents,
+            "sensitivity": self.sensitivity,
+            "firing_speed_mm_s": self.slowest_mm_s,
+            "doi_mm": self.doi_mm,
+            "press_speed_mm_s": self.fastest_mm_s,
+            "silent": self.silent,
+        }
+
+
+_OFFSETS_MM = np.arange(-2.0, 2.01, 0.25)
+"""Places beside the middle of the indentor, whose edges strain the skin most."""
+
+
+def firing_speeds(
+    finger: Fingertip, afferents: AfferentPopulation, presses: Sequence[PressAtSpeed]
+) -> list[FiringSpeed]:
+    """Return the slowest press at which each class fires, at the place of the deepest press.
+
+    Raises
+    ------
+    ModelRangeError
+        If the finger model cannot press that deep.
+    """
+    press = max(presses, key=lambda one: (one.doi_mm, -abs(one.x_mm)))
+    fastest_mm_s = max(one.speed_mm_s for one in presses)
+    shape, pad = parse_shape(press.shape), Pad.of(finger)
+    z_mm = finger.config.receptor_plane_mm + press.along_mm if press.along_mm and Z in shape.axes else None
+    table = table_of_presses(finger, press.shape, press.doi_mm, shape.lateral_mm(press.x_mm), z_mm)
+    found = []
+    for name, numbers in afferents.groups.items():
+        best = max((afferents[k] for k in numbers), key=lambda one: one.sensitivity)
+        under = [
+            replace(best, x_mm=float(x), along_mm=press.along_mm, organs_mm=((0.0, 0.0),))
+            for x in press.x_mm + _OFFSETS_MM
+            if pad.has(x, press.along_mm)
+        ]
+        tried = AfferentPopulation(under or [best], afferents.models)
+        fields = finger.fields(table, tried.points_mm(finger))
+        values = np.array([tried.measure(one.measures) for one in fields])
+        highest = values[:, [int(values[-1].argmax())]]
+        skin = SkinUnderIndentor.of_values([one.doi_mm for one in table], highest)
+        slowest = firing_speed_mm_s(afferents.models[name], best.sensitivity, skin, press.doi_mm)
+        found.append(FiringSpeed(name, len(numbers), best.sensitivity, slowest, press.doi_mm, fastest_mm_s))
+    return found
+
+
+def firing_speeds_of(finger: Fingertip, wanted: SpikeRequest, presses: Sequence[PressAtSpeed]) -> list[FiringSpeed]:
+    """Return the slowest press at which each class of the requested afferents fires. Raises ModelRangeError."""
+    return firing_speeds(finger, wanted.drawn(finger), presses)
+
+
+def presses_of_plan(plan: Plan) -> list[PressAtSpeed]:
+    """Return the presses of a plan at their speeds; a vibration counts with its highest speed."""
+    ramps = [(press.ramp_mm_s, press) for press in plan.all_presses if press.ramp_mm_s is not None]
+    swings = [
+        (2 * math.pi * press.vibration.amplitude_mm / press.vibration.period_s, press)
+        for press in plan.all_presses
+        if press.vibration is not None
+    ]
+    return [
+        PressAtSpeed(press.indentor, press.x_mm, 0.0, press.predicted_doi_mm, speed_mm_s)
+        for speed_mm_s, press in [*plan.speeds_mm_s, *ramps, *swings]
+    ]
+
+
+def presses_of_visits(run: Run, found: Visits) -> list[PressAtSpeed]:
+    """Return the deepest press of each visit of a run, with the speed of its fastest move into the skin."""
+    return [
+        PressAtSpeed(
+            from_copy(run.folder.path, one.indentor),
+            one.x_mm,
+            one.along_mm,
+            one.path.deepest_mm,
+            one.path.fastest_in_contact_mm_s,
+        )
+        for one in found.visits
+    ]
 
 
 class MeasureTable(NamedTuple):

@@ -21,7 +21,7 @@ from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
 from rig.units import GWT_N
 from rig_shared.user_files import read_bytes
-from sim.contact.shapes import ShapeError
+from sim.contact.shapes import ShapeError, with_file_beside
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError
 
@@ -113,7 +113,7 @@ def make_plan(
         whole = make_plan(script, config, finger, folder=folder, on_step=on_step, known=known)
         _refuse_other_trip(before, max(whole.soft_trip_n, least_trip_n))
     plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
-    where = partial(_kept, plan) if folder is None else partial(with_stored_file, folder)
+    where = partial(_kept, plan, script.path.parent) if folder is None else partial(with_stored_file, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
     planner: Handler = Planner(walk, plan)
     if before is not None and first_soft_trip_n is not None:
@@ -224,12 +224,16 @@ def refuse_unseen(plan: Plan, config: Config) -> None:
             )
 
 
-def _kept(plan: Plan, indentor: str) -> str:
-    """Return the name, and store the content of the file in it for the run."""
+def _kept(plan: Plan, folder: Path, indentor: str) -> str:
+    """Return the shape with its file beside the script, and store the content of the file for the run."""
     file = named_file(indentor)
-    if file is not None and Path(file).is_file():
-        plan.shape_files[copy_name(file)] = read_bytes(file)
-    return indentor
+    if file is None:
+        return indentor
+    found = with_file_beside(folder, indentor)
+    path = Path(named_file(found) or file)
+    if path.is_file():
+        plan.shape_files[copy_name(file)] = read_bytes(path)
+    return found
 
 
 class Planner:

@@ -54,7 +54,7 @@ class Preflight:
             "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak_gwt * GWT_N,
             "peak_force_gwt": peak_gwt,
-            "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.stiffening).as_json(),
+            "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.finite_stiffening).as_json(),
             "peak_pressure_kpa": max(step["peak_pressure_kpa"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,
@@ -267,7 +267,7 @@ class Page:
     @property
     def _small_strain(self) -> str:
         depths = [planned.deepest_mm for planned in self._allowed.all_presses]
-        stiffening = self.session.config.finger.tissue.stiffening
+        stiffening = self.session.config.finger.tissue.finite_stiffening
         return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
 
     @property

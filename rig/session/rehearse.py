@@ -29,6 +29,7 @@ from rig.session.execute import execute
 from rig.session.script_run import run_script
 from rig.units import GWT_N
 from sim.carriage import Carriage, TruePose
+from sim.contact.shapes import with_file_beside
 from sim.devices.clock import VirtualClock
 from sim.finger_process import Finger
 
@@ -153,7 +154,11 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     timeline = Timeline(clock.monotonic_s)
     stiffness = FingerStiffness.of(plan.all_presses)
     engine = Engine(settings, bench, timeline, plan.soft_trip_n, stiffness=stiffness)
-    where = str if before is None else partial(with_stored_file, before.folder.path)
+    where = (
+        partial(with_file_beside, script.path.parent)
+        if before is None
+        else partial(with_stored_file, before.folder.path)
+    )
     walk = Walk(settings, FingerModel(finger, plan.predictions, where, config.identified))
     handler: Handler = Rehearsing(engine, walk, plants[0])
     if before is not None:

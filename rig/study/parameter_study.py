@@ -19,7 +19,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from rig.plan.config import reraised_as
 from rig.settings import as_tuples
@@ -28,7 +28,7 @@ from rig_shared.user_files import MOST_TOML_BYTES, read_text, toml_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import ALONG
 from sim.contact.patch import X
-from sim.contact.shapes import ShapeError, parse_shape
+from sim.contact.shapes import ShapeError, parse_shape, with_file_beside
 from sim.errors import ModelRangeError
 from sim.finger.mesh import MeshError
 from sim.finger.surface import SurfaceError
@@ -92,6 +92,11 @@ class StudyPress(_StrictModel):
     doi_mm: _Numbers = ()
     force_gwt: _Numbers = ()
 
+    @field_validator("shape")
+    @classmethod
+    def _beside(cls, shape: str, info: ValidationInfo) -> str:
+        return with_file_beside(Path((info.context or {}).get("folder", ".")), shape)
+
     @model_validator(mode="after")
     def _one_target(self) -> Self:
         if bool(self.doi_mm) == bool(self.force_gwt):
@@ -136,9 +141,9 @@ class Case:
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
-    def stiffening(self) -> float:
-        """Stiffening of the tissue."""
-        return FingertipConfig.model_validate_json(self.config_json).tissue.stiffening
+    def stiffening(self) -> float | None:
+        """Stiffening of the tissue; None at small strain."""
+        return FingertipConfig.model_validate_json(self.config_json).tissue.finite_stiffening
 
     @property
     def shapes(self) -> tuple[str, ...]:
@@ -152,7 +157,8 @@ Row = dict[str, Any]
 def read_study(path: Path) -> list[Case]:
     """Return every combination, grouped by finger; raise StudyError if the file is invalid."""
     with reraised_as(f"study {path}", StudyError, StudyFile):
-        study = StudyFile.model_validate(toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES)))
+        tables = toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES))
+        study = StudyFile.model_validate(tables, context={"folder": path.parent})
     with reraised_as(f"study {path}: [finger]", StudyError, FingertipConfig):
         return list(_cases(study, path.parent))
 

@@ -17,6 +17,9 @@ LEAST_POINTS, MOST_POINTS = 4, 1_000_000
 STEEPEST_OF_A_MAP = 20.0
 """Largest slope of a map, 87 degrees; a steeper wall cannot be distinguished from an overhang."""
 
+RAISED = ("high", "low")
+"""Numbers that touch the skin first: the highest, as of raised dots, or the lowest."""
+
 _UNEVEN = 1e-3  # of the spacing
 _UNDERSHOOT = 0.05  # of the relief: how far the spline may lie below the lowest height
 _PARTS = 4  # of a cell, at which the lowest point and the curvature are searched
@@ -58,9 +61,9 @@ class HeightMap(Indentor):
     >>> import numpy as np
     >>> from sim import HeightMap
     >>> x = np.linspace(-1.0, 1.0, 21)
-    >>> bowl = HeightMap.from_arrays(x, x, 0.1 * (x**2 + x[:, None] ** 2), name="bowl")
-    >>> bowl
-    HeightMap('bowl', 21 × 21 points)
+    >>> dome = HeightMap.from_arrays(x, x, -0.1 * (x**2 + x[:, None] ** 2), raised="high", name="dome")
+    >>> dome
+    HeightMap('dome', 21 × 21 points)
     """
 
     name: str
@@ -79,7 +82,14 @@ class HeightMap(Indentor):
 
     @classmethod
     def from_arrays(
-        cls, x_mm: ArrayLike, z_mm: ArrayLike, height_mm: ArrayLike, *, name: str = "heightmap", turn_deg: float = 0.0
+        cls,
+        x_mm: ArrayLike,
+        z_mm: ArrayLike,
+        height_mm: ArrayLike,
+        *,
+        raised: str = "",
+        name: str = "heightmap",
+        turn_deg: float = 0.0,
     ) -> "HeightMap":
         """Make an indentor from arrays.
 
@@ -90,7 +100,9 @@ class HeightMap(Indentor):
         z_mm : array_like of shape (n_z,)
             The same along the finger, towards the tip (mm).
         height_mm : array_like of shape (n_z, n_x)
-            Heights above any level, growing away from the skin (mm).
+            Heights above any level (mm).
+        raised : {"high", "low"}
+            Which heights touch the skin first; required. "high": the largest, as of raised dots; "low": the smallest.
         name : str, optional
             Name in results and errors.
         turn_deg : float, optional
@@ -104,8 +116,8 @@ class HeightMap(Indentor):
         Raises
         ------
         HeightMapError
-            If there are too few or too many points, the spacing is uneven, a height is not a number, or the surface
-            has a wall.
+            If `raised` is missing, there are too few or too many points, the spacing is uneven, a height is not a
+            number, or the surface has a wall.
         """
         x, z, height = (np.array(values, dtype=np.float64) for values in (x_mm, z_mm, height_mm))
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
@@ -135,6 +147,7 @@ class HeightMap(Indentor):
                 points=height.size,
             )
         refuse_far(name, "height", height)
+        height = height * away_from_skin(name, raised, 'raised="{}"')
         found = cls(name + turn_suffix(turn_deg), x, z, height, turn_deg)
         found._refuse_walls()
         return found
@@ -408,6 +421,21 @@ def _refuse_size(name: str, rows: int, columns: int) -> None:
             rows=rows,
             most=MOST_POINTS,
         )
+
+
+def away_from_skin(name: str, raised: str, as_written: str) -> float:
+    """Return the sign of heights that grow away from the skin. Raises HeightMapError."""
+    if raised not in RAISED:
+        high, low = (as_written.format(word) for word in RAISED)
+        raise HeightMapError(
+            "{name}: the numbers do not tell which side is up; add {high} if the largest touch the skin first "
+            "(raised dots), or {low} if the smallest do",
+            code="which_side_is_up",
+            name=name,
+            high=high,
+            low=low,
+        )
+    return -1.0 if raised == "high" else 1.0
 
 
 def refuse_far(name: str, what: str, values: Array) -> None:

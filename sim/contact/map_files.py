@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_shared.user_files import lines_of, open_file
-from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, refuse_far, refuse_uneven
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError, away_from_skin, refuse_far, refuse_uneven
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ LEAST_EDGE_SPACINGS = 0.7
 MOST_BYTES = 100_000_000
 """Largest file of numbers: each of a million points with three long ones."""
 
-RAISED = ("dark", "light")
+RAISED_IN_PICTURES = ("dark", "light")
 _OPTIONS = {"width_mm": (0.1, 30.0), "height_mm": (0.01, 5.0), "spacing_mm": (0.001, 2.0), "edge_mm": (0.0, 2.0)}
 
 
@@ -45,6 +45,8 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
         for axis, positions in (("x", x), ("z", z)):
             refuse_uneven(where, axis, positions)
         refuse_far(where, "height", height)
+        if suffix != ".png":
+            height = height * away_from_skin(where, settings.get("raised", ""), "raised={}")
         from scipy.ndimage import gaussian_filter  # slow to import, and few scenes have a map
 
         spacing = x[1] - x[0], z[1] - z[0]
@@ -52,9 +54,17 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
         height = gaussian_filter(height, (edge_mm / spacing[1], edge_mm / spacing[0]), mode="nearest")
     name = ",".join([f"heightmap:{file}", *(f"{key}={_plain(value)}" for key, value in settings.items())])
     try:
-        return HeightMap.from_arrays(x, z, height, name=name)
+        return HeightMap.from_arrays(x, z, height, raised="low", name=name)
     except HeightMapError as error:
         raise HeightMapError(error.sentence, code=error.code, **error.fields | {"name": where}) from None
+
+
+def raised_in_words(file: str, options: str) -> str:
+    """Return which side of a height map is up, by its file's name and its options."""
+    raised = dict(option.partition("=")[::2] for option in options.split(",")).get("raised", "")
+    if file.lower().endswith(".png"):
+        return f"{raised or RAISED_IN_PICTURES[0]} is raised"
+    return {"high": "the highest touches first", "low": "the lowest touches first"}.get(raised, "")
 
 
 def _edge_mm(where: str, settings: Mapping[str, str], least_mm: float, *, picture: bool) -> float:
@@ -138,14 +148,14 @@ def _required(
 def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
     """Read a picture; dark is raised by `height_mm` unless `raised=light`."""
     width_mm, height_mm = _required(where, settings, ("width_mm", "height_mm"), ("raised",))
-    raised = settings.get("raised", RAISED[0])
-    if raised not in RAISED:
+    raised = settings.get("raised", RAISED_IN_PICTURES[0])
+    if raised not in RAISED_IN_PICTURES:
         raise HeightMapError(
             "{name}: raised={raised}: must be {choices}",
             code="unknown_raised",
             name=where,
             raised=raised,
-            choices=" or ".join(RAISED),
+            choices=" or ".join(RAISED_IN_PICTURES),
         )
     light = _grey(where, file)
     away = light if raised == "dark" else 1 - light
@@ -190,7 +200,7 @@ def _no_picture(where: str, problem: str) -> HeightMapError:
 
 
 def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
-    (spacing_mm,) = _required(where, settings, ("spacing_mm",))
+    (spacing_mm,) = _required(where, settings, ("spacing_mm",), ("raised",))
     try:
         open_file(file).close()  # for its checks
         height = np.load(file, mmap_mode="r", allow_pickle=False)
@@ -248,9 +258,9 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
                 expected=expected,
             )
     if points:
-        _required(where, settings, ())
+        _required(where, settings, (), ("raised",))
         return _gridded(where, np.array(rows).reshape(-1, 3))
-    (spacing_mm,) = _required(where, settings, ("spacing_mm",))
+    (spacing_mm,) = _required(where, settings, ("spacing_mm",), ("raised",))
     return _centered(np.array(rows).reshape(len(rows), len(rows[0]) if rows else 0), spacing_mm)
 
 

@@ -2,25 +2,27 @@
 
 import re
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 
 from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
 from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
-from sim.contact.map_files import read_height_map
+from sim.contact.map_files import raised_in_words, read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
 from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
-    "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones also as r=RADIUS or "
+    "bar:WIDTH, cylinder:d=DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
+    "sphere:r=RADIUS, flat:r=RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones with r=RADIUS or "
     "d=DIAMETER, ones along the finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
 """Thickness of the plate whose rounded edge is the line load (mm). [free]"""
 
 _OPTION = r",linear|,(?:width_mm|height_mm|spacing_mm|edge_mm|raised)=[^,]*"
+_MEASURED = re.compile(r"(cylinder|sphere|flat):([rd])=([^,]*)(.*)", re.DOTALL)
 _TURN = re.compile(rf"(.*?),(?:across|turn_deg=([^,]*))((?:{_OPTION})*)", re.DOTALL)
 _FILE = re.compile(rf"(profile|heightmap):(.*?)((?:,across|,turn_deg=[^,]*|{_OPTION})*)", re.DOTALL)
 
@@ -82,17 +84,29 @@ def parse_shape(text: str) -> Indentor:
 
 
 def shape_name(text: str) -> str:
-    """Return the canonical name, "bar:3" for bar:3.0, without reading a file that it names. Raises ShapeError."""
-    return text if named_file(text) is not None else parse_shape(text).name
+    """Return the canonical name, "bar:3" for bar:3.0 and "sphere:1" for sphere:d=2, to compare shapes by.
+
+    It reads no file that the shape names. Raises ShapeError.
+    """
+    if named_file(text) is not None:
+        return text
+    found = parse_shape(text)
+    measured = _MEASURED.fullmatch(found.name)
+    if measured is None:
+        return found.name
+    kind, by, number, rest = measured.groups()
+    bare = "d" if kind == "cylinder" else "r"
+    return f"{kind}:{float(number) * {'rd': 2.0, 'dr': 0.5}.get(by + bare, 1.0):g}{rest}"
 
 
 def shape_size(text: str) -> str:
     """Return the size of a shape in words, with radius and width where it is round; empty where its name says all.
 
-    Raises ShapeError.
+    Of a file: which side is up. Raises ShapeError.
     """
-    if named_file(text) is not None:
-        return ""
+    file = _FILE.fullmatch(text)
+    if file is not None:
+        return raised_in_words(file[2], file[3]) if file[1] == "heightmap" else "the lowest touches first"
     match parse_shape(text):
         case Prismatic(profile=Cylinder(diameter_mm=wide)) | Revolved(profile=Cylinder(diameter_mm=wide)):
             return f"radius {wide / 2:g} mm, {wide:g} mm wide"
@@ -133,6 +147,35 @@ def with_file(text: str, file: str) -> str:
     return f"{found[1]}:{file}{found[3]}" if found else text
 
 
+def with_file_beside(folder: Path, text: str) -> str:
+    """Return a shape with the file in its name beside the script or file that names it, else in the current folder.
+
+    Raises ShapeError if it is in neither.
+    """
+    file = named_file(text)
+    if file is None or Path(file).is_absolute():
+        return text
+    places = dict.fromkeys((folder.resolve(), Path.cwd()))
+    for place in places:
+        if (place / file).is_file():
+            return with_file(text, str(place / file))
+    raise ShapeError(
+        "shape {shape!r}: there is no file {file} in {folders}",
+        code="shape_file_missing",
+        shape=text,
+        file=file,
+        folders=" or ".join(map(str, places)),
+    )
+
+
+def with_raised_side(text: str) -> str:
+    """Return the name of a height map of numbers with the side that is raised: of earlier versions, the lowest."""
+    found = _FILE.fullmatch(text)
+    if found is None or found[1] != "heightmap" or found[2].lower().endswith(".png") or ",raised=" in found[3]:
+        return text
+    return f"{text},raised=low"
+
+
 def _turned(text: str, shape: str, turn: str | None) -> Indentor:
     try:
         turn_deg = 90.0 if turn is None else float(turn)
@@ -169,7 +212,8 @@ def _bar(text: str, argument: str) -> Indentor:
 
 
 def _cylinder(text: str, argument: str) -> Indentor:
-    return Indentor.along(Cylinder(2 * _radius_mm(text, argument, 0.25, 25.0, bare=0.5)))
+    found = Prismatic.along(Cylinder(2 * _radius_mm(text, argument, 0.25, 25.0, bare=0.5)))
+    return replace(found, name=_as_written("cylinder", argument) or found.name)
 
 
 def _wedge(text: str, argument: str) -> Indentor:
@@ -205,14 +249,14 @@ def _height_map(text: str, argument: str) -> Indentor:
 
 def _sphere(text: str, argument: str) -> Indentor:
     radius = _radius_mm(text, argument, 0.25, 25.0)
-    return Revolved(f"sphere:{radius:g}", Cylinder(2 * radius))
+    return Revolved(_as_written("sphere", argument) or f"sphere:{radius:g}", Cylinder(2 * radius))
 
 
 def _flat(text: str, argument: str) -> Indentor:
     if ":" not in text:
         return Indentor.along(Plane())
     radius = _radius_mm(text, argument, 0.1, 10.0)
-    return Revolved(f"flat:{radius:g}", Bar(2 * radius))
+    return Revolved(_as_written("flat", argument) or f"flat:{radius:g}", Bar(2 * radius))
 
 
 def _cone(text: str, argument: str) -> Indentor:
@@ -251,6 +295,12 @@ def _radius_mm(text: str, argument: str, low: float, high: float, bare: float = 
     per, number = {"r": (1.0, number), "d": (0.5, number)}.get(named, (bare, argument))
     what = "radius" if per == 1.0 else "diameter"
     return per * _number(text, number, what, "mm", low / per, high / per)
+
+
+def _as_written(kind: str, argument: str) -> str:
+    """Return the name of a round shape by the measure in its name; empty for a bare number."""
+    by, equals, number = argument.partition("=")
+    return f"{kind}:{by}={float(number):g}" if equals else ""
 
 
 def _number(text: str, argument: str, what: str, unit: str, low: float, high: float) -> float:

@@ -6,6 +6,7 @@ from functools import cache
 import numba.core.event as numba_events
 import numpy as np
 
+from sim.announce import taking_long
 from sim.contact.indentor import Indentor, Revolved
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.patch import Patch
@@ -37,7 +38,7 @@ class _Compiling(numba_events.Listener):
 @cache
 def make_ready() -> None:
     """Load or compile all contact loops by pressing a patch of a few nodes. Does nothing a second time."""
-    with numba_events.install_listener("numba:compile", _Compiling()):
+    with taking_long("loading the contact loops …"), numba_events.install_listener("numba:compile", _Compiling()):
         for profile in (SinusoidalStep("1"), MeasuredProfile("two points", (-1.0, 1.0), (0.0, 0.0))):
             profile.evaluate(np.zeros(1))
             profile.tangent(np.zeros(1), np.zeros(1))  # a loop that another one called is not loaded with it

@@ -113,7 +113,8 @@ def tissue_axes(prior: Prior) -> tuple[ChebyshevAxis, ...]:
 
 def finger_of(config: FingertipConfig, values: Mapping[str, float]) -> Fingertip:
     """Return the interpolated finger of tissue parameters, at the calibrated stiffness and with stiffening."""
-    tissue = config.tissue.model_copy(update={"stiffening": LEAST_STIFFENING, **tissue_of(values)})
+    stiff = {"strain": "finite", "stiffening": LEAST_STIFFENING}
+    tissue = config.tissue.model_copy(update={**stiff, **tissue_of(values)})
     return Fingertip.load(_no_larger(config.model_copy(update={"tissue": tissue})), exact=False)
 
 
@@ -243,7 +244,7 @@ Foreseen = PredictedForces  # so named in pickles of 0.1
 def made_of(config: FingertipConfig) -> object:
     """Return the part of the configuration that identifies the interpolated fingers."""
     return config.model_dump(
-        mode="json", exclude={"tissue": {"e_dermis", "e_fat", "stiffness", "stiffening"}, "contact": True}
+        mode="json", exclude={"tissue": {"e_dermis", "e_fat", "stiffness", "strain", "stiffening"}, "contact": True}
     )
 
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,8 +75,8 @@ KINDS = tuple(
     for linear, chance in (((), 1 - _LINEAR), (("stiffening",), _LINEAR))
     for kind in REAL_KINDS
 )
-"""Kinds of tissue under a virtual bench too, where a finger may be linear: force has a step between a stiffening of 0
-and any other. No real object is linear."""
+"""Kinds of tissue under a virtual bench too, where a finger may be linear: of small strain, with a stiffening
+of 0. No real object is linear."""
 
 _LEAST_CHANCE = 1e-12  # of a tail; its normal quantile is 7
 
@@ -205,6 +206,11 @@ def in_numbers(values: Mapping[str, float]) -> dict[str, float]:
 def tissue_of(values: Mapping[str, float]) -> dict[str, float]:
     """Return the parameters that are keys of `finger.tissue`."""
     return {name: value for name, value in in_numbers(values).items() if name in Tissue.model_fields}
+
+
+def strain_of(stiffening: float) -> Literal["small", "finite"]:
+    """Return the strain of an identified finger: one that does not stiffen is of the linear kind."""
+    return "finite" if stiffening else "small"
 
 
 def series_of(values: Mapping[str, float]) -> tuple[tuple[float, float], ...]:

@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse as sp
 from numpy.typing import NDArray
 
+from sim.announce import note
 from sim.fem.dissection import DissectionFactor
 from sim.models.condensed import FiniteElements
 
@@ -36,6 +37,7 @@ def adjoint_columns(
         columns[some, at] = factor.solve(rows_of_free[some].toarray(), on_skin)
         done, of = min(some.stop, len(columns)) // 6, len(columns) // 6
         _log.debug("building a model: strain at %d of %d receptors …", done, of)
+        note(f"building a model: strain at {done} of {of} receptors …")
         if progress:
             progress(done, of)
     return columns.reshape(-1, n_z, n_phi, 3)

@@ -18,6 +18,7 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from sim.announce import taking_long
 from sim.compiling import cache_dir as cache_dir
 from sim.errors import SimError
 from sim.finger.surface import FingertipSurface
@@ -168,7 +169,8 @@ def cached_arrays(
         found = _read(path, key, layout, True)  # another process may have just made it
         if found is not None:
             return found, True
-        made = make()
+        with taking_long("building a model, once; later it comes from the cache …"):
+            made = make()
         _log.debug("made: %s", kind, extra={"made": True})
         content = _packed(made)
         try:

@@ -21,7 +21,7 @@ _LOG_POLES = (
     1.0,
 )  # relative to the middle of the range; they minimize the error for a 16-fold range to within 0.1
 _NODES = 2 + len(_LOG_POLES)
-_OF_NO_BUILD = {"stiffness": 1.0, "stiffening": 0.0}  # E(epidermis) is 1 MPa in all builds
+_OF_NO_BUILD = {"stiffness": 1.0, "strain": "small", "stiffening": 0.0}  # E(epidermis) is 1 MPa in all builds
 _TRIED_VALUES, _TRIED_POLES = 201, np.append(0.0, np.geomspace(1e-4, 1e4, 161))
 
 

@@ -146,7 +146,8 @@ class IndentationResult:
     @property
     def small_strain(self) -> SmallStrain:
         """Deviation of this small-strain answer from finite strain, as measured (`docs/small_strain.md`)."""
-        return small_strain(self.model.kind, self.doi_mm, self.strained.stiffening)
+        stiffening = None if self.strained.linear else self.strained.stiffening
+        return small_strain(self.model.kind, self.doi_mm, stiffening)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:

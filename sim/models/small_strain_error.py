@@ -39,19 +39,19 @@ class DeviationRange(NamedTuple):
 class SmallStrain:
     """Deviation of a small-strain result at a depth, by kind of model; None where nothing was compared.
 
-    For tissue that stiffens it is the deviation of the correction for finite strain.
+    At finite strain, stiffening is a number, and it is the deviation of the correction.
     """
 
     kind: str
     doi_mm: float
     force: DeviationRange | None
     sed: DeviationRange | None
-    stiffening: float = 0.0
+    stiffening: float | None = None
 
     @property
     def note(self) -> str:
         """Summary in one line."""
-        if self.stiffening > 0:
+        if self.stiffening is not None:
             force, sed = (f"{100 * error:g} %" for error in (FORCE_ERROR, SED_ERROR))
             return f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed}"
         if self.force is None or self.sed is None:
@@ -65,9 +65,12 @@ class SmallStrain:
         return {"note_text": self.note, "force": self.force, "sed": self.sed}
 
 
-def small_strain(kind: str, doi_mm: float, stiffening: float = 0.0) -> SmallStrain:
-    """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm."""
-    if stiffening > 0:
+def small_strain(kind: str, doi_mm: float, stiffening: float | None = None) -> SmallStrain:
+    """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm.
+
+    stiffening: None at small strain.
+    """
+    if stiffening is not None:
         force, sed = (DeviationRange(-error, error) for error in (FORCE_ERROR, SED_ERROR))
         return SmallStrain(kind, doi_mm, force, sed, stiffening)
     curve = _curves().get(kind.removeprefix("interpolated "), ())

@@ -186,7 +186,7 @@ class OnDisk:
         """Return all inputs that determine a model, except the code."""
         slopes, patch = key
         described = self.config.model_dump(
-            mode="json", exclude={"contact": True, "tissue": {"stiffness", "stiffening"}}
+            mode="json", exclude={"contact": True, "tissue": {"stiffness", "strain", "stiffening"}}
         )
         return [described, list(slopes), patch and list(patch)]
 

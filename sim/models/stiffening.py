@@ -304,12 +304,17 @@ class Stiffened(NamedTuple):
     below: float
     force: float
 
+    @property
+    def linear(self) -> bool:
+        """Whether nothing is corrected."""
+        return not self.press.depth
+
     def measures(self, linear: dict[str, Array], young_ratio: Array, poisson: float) -> dict[str, Array]:
         """Return the 18 measures (n,) from those of linear tissue, by factors of strain and stress.
 
         young_ratio: (n,) E / E(epidermis) at the receptors.
         """
-        if self.stiffening == 0:
+        if self.linear:
             return linear
         receptors = self.at_receptors(linear[_ENERGY], young_ratio, poisson)
         strain, stress = strain_and_stress(self.stiffening, self.press, receptors)
@@ -342,8 +347,8 @@ class Under:
 
     def at(self, past_touch_mm: float, receptor_mm: Array) -> Stiffened:
         """Return the correction at a depth past first touch, with receptors at (n, 3) points."""
-        stiffening = self.config.tissue.stiffening
-        if stiffening == 0 or past_touch_mm <= 0:
+        stiffening = self.config.tissue.finite_stiffening
+        if stiffening is None or past_touch_mm <= 0:
             return LINEAR_TISSUE
         thick = thickness_mm(self.config, self.surface)
         press = DimensionlessPress(
@@ -399,10 +404,11 @@ def roof(tissue: Tissue, thick_mm: float) -> float:
 
 
 def refuse_stiffening(tissue: Tissue, what: str) -> None:
-    """Raise ModelRangeError where tissue stiffens."""
-    if tissue.stiffening > 0:
+    """Raise ModelRangeError at finite strain."""
+    if tissue.finite_stiffening is not None:
         raise ModelRangeError(
-            "finger.tissue.stiffening = {stiffening:g}: must be 0, since {what} is linear",
+            'finger.tissue.strain = "finite" (stiffening = {stiffening:g}): must be "small" without stiffening, '
+            "since {what} is linear",
             code="linear_alone",
             stiffening=tissue.stiffening,
             what=what,

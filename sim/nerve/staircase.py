@@ -100,6 +100,13 @@ class Staircase(Stimulus):
         """Largest depth (mm), with both ends of all swings."""
         return super().deepest_mm + 2 * max((one.amplitude_mm for one in self.swings), default=0.0)
 
+    @property
+    def fastest_in_contact_mm_s(self) -> float:
+        """Highest speed of a move deeper into the skin, swings included (mm/s)."""
+        into = (self._sign > 0) & (self.depths_mm[1:] > 0)
+        swung = [2 * np.pi * one.amplitude_mm / one.period_s for one in self.swings]
+        return float(max([*self._speed[into], *swung], default=0.0))
+
     def depth_mm(self, t_s: ArrayLike) -> Array:
         """Return depths at times (mm)."""
         t = np.asarray(t_s, dtype=float)

@@ -102,7 +102,7 @@ def _giving(stranger: Stranger, chance: np.random.Generator) -> Stranger:
 def _ogden(stranger: Stranger, chance: np.random.Generator) -> Stranger:
     """Tissue of Ogden's law, with the moduli at small strain of the finger that its references are of."""
     tissue = finger("default").tissue
-    stranger = _of(stranger, "tissue", e_dermis=tissue.e_dermis, e_fat=tissue.e_fat, stiffening=0.0)
+    stranger = _of(stranger, "tissue", e_dermis=tissue.e_dermis, e_fat=tissue.e_fat, strain="small", stiffening=0.0)
     return stranger._replace(made=OgdenFinger)
 
 

@@ -1,9 +1,9 @@
 """How long each command keeps its user waiting without a word, with nothing in the cache: a table of all commands.
 
-    .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse] [--once]
+    .venv/bin/python -m studies.speed.silence [COMMAND …] [--coarse]
 
 Standard error is a pseudo-terminal, where named work shows a live line; in a pipe it has a line only when something
-changes. Every command runs twice, each time with an empty cache: the second time has the estimate of the first.
+changes. Every command runs with an empty cache.
 Commands at the bench talk to virtual devices that are served beside them. The table has seconds of this machine. A
 silence may take 3 s on a machine as fast as the reference; the limit grows with the time of the reference
 computation, and with the number of processes that share a processor. Exits with 1 where a silence was longer. A
@@ -12,7 +12,6 @@ command that only a program starts is left out: it says nothing of its progress.
 
 import argparse
 import json
-import re
 import selectors
 import shutil
 import signal
@@ -24,10 +23,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
-from statistics import median
 from typing import NamedTuple
 
-from rig.cli.durations import FILE
 from sim.benchmark import reference_s
 from studies.posix import os, pty
 
@@ -108,16 +105,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("names", nargs="*", choices=[[], *WORDS], metavar="COMMAND")
     parser.add_argument("--coarse", action="store_true", help="a coarse mesh instead of the default finger")
-    parser.add_argument("--once", action="store_true", help="without the second time, which measures the estimate")
     options = parser.parse_args()
     allowed_s = LIMIT_S * max(1.0, reference_s() / REFERENCE_S) * max(1.0, os.getloadavg()[0] / (os.cpu_count() or 1))
-    print("| command | first output (s) | longest silence (s) | whole (s) | estimate, second time (s) | then (s) |")
-    print("|---|---|---|---|---|---|")
+    print("| command | first output (s) | longest silence (s) | whole (s) |")
+    print("|---|---|---|---|")
     long = []
     with tempfile.TemporaryDirectory() as folder, _prepared(Path(folder), coarse=options.coarse):
         for name in options.names or WORDS:
-            first, estimate = _twice(name, Path(folder), once=options.once)
-            row = (f"{first.first_s:.1f}", f"{first.silence_s:.1f}", f"{first.whole_s:.1f}", *estimate)
+            first = _cold(name, Path(folder))
+            row = (f"{first.first_s:.1f}", f"{first.silence_s:.1f}", f"{first.whole_s:.1f}")
             print(f"| `{name}` | {' | '.join(row)} |", flush=True)
             if first.silence_s > allowed_s or first.first_s > allowed_s / LIMIT_S:
                 long.append(name)
@@ -173,38 +169,13 @@ def _rig(*words: str) -> list[str]:
     return [sys.executable, "-m", "rig", *words]
 
 
-def _twice(name: str, folder: Path, *, once: bool) -> tuple[Waited, tuple[str, str]]:
-    """Run a command with an empty cache, and again with an empty cache and the durations of the first time."""
-    cache = folder / "cache"
-    shutil.rmtree(cache, ignore_errors=True)
-    first = _waited(name, folder)
-    if first.code not in (0, 1, 2, 130) or "Traceback" in first.said:
-        raise RuntimeError(f"rig {name}: {first.said}")
-    before = _durations(cache)
-    if once or not before:
-        return first, ("", "")
-    for entry in cache.iterdir():
-        if entry.name != FILE:
-            shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
-    second = _waited(name, folder)
-    after = _durations(cache)
-    sizes = {kind: _size(kind, first.said + second.said) for kind in before}
-    kind = max(before, key=lambda one: median(before[one]) * sizes[one])
-    again_s = after[kind][-1] * sizes[kind] if len(after[kind]) > len(before[kind]) else float("nan")
-    return first, (f"{median(before[kind]) * sizes[kind]:.1f}", f"{again_s:.1f}")
-
-
-def _durations(cache: Path) -> dict[str, list[float]]:
-    path = cache / FILE
-    return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-
-
-def _size(kind: str, said: str) -> float:
-    """Return the number of unknowns or pieces that was said of a kind of work; 1 if there was none."""
-    counts = re.findall(
-        r"of (\d+) unknowns" if "%d" in kind else rf"of (\d+) {re.escape(kind.partition(': ')[2])}", said
-    )
-    return float(counts[-1]) if counts else 1.0
+def _cold(name: str, folder: Path) -> Waited:
+    """Run a command with an empty cache."""
+    shutil.rmtree(folder / "cache", ignore_errors=True)
+    found = _waited(name, folder)
+    if found.code not in (0, 1, 2, 130) or "Traceback" in found.said:
+        raise RuntimeError(f"rig {name}: {found.said}")
+    return found
 
 
 def _waited(name: str, folder: Path) -> Waited:

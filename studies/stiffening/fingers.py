@@ -62,9 +62,11 @@ FINGERS: dict[str, StudyFinger] = {
 """Moduli as the meeting's prior holds them: the skin's and the fat's together and against one another."""
 
 
-def finger(name: str, **tissue: float) -> FingertipConfig:
+def finger(name: str, **tissue: Any) -> FingertipConfig:
     """One of them; its tissue changed."""
     pressed = FINGERS[name]
+    if "stiffening" in tissue:
+        tissue = {"strain": "finite", **tissue}
     told = {**pressed.told, "mesh": pressed.mesh, "tissue": {**pressed.told.get("tissue", {}), **tissue}}
     config = FingertipConfig.model_validate(told, context={"folder": HUMAN.parent})
     unsharp = config.model_copy(update={"contact": Contact(between_nodes=False)})

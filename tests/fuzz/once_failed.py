@@ -151,7 +151,6 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "a duration of 400 digits": b'{"duration_s": ' + b"9" * 400 + b', "passes": []}',
         "marks that are a list": b'{"duration_s": 1.0, "passes": [["mount", 1, 0, 0.0, "", [1]]]}',
     },
-    "durations": {"a duration of 400 digits": b'{"rig check: checking": [' + b"9" * 400 + b"]}"},
     "memory of a bench": {"bytes that are no text": b"\xff"},
     "notes of owners": {
         "a key that is no hexadecimal number": b'{"pid": 1, "kind": "run", "virtual": true, "ports": ["a"], '

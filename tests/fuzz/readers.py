@@ -18,7 +18,6 @@ import h5py
 import numpy as np
 from PIL import Image
 
-from rig.cli import durations
 from rig.cli.error_exit_codes import outcome
 from rig.cli.output import ExitCode
 from rig.cli.runs import export_command, runs_command, show_command
@@ -368,11 +367,6 @@ def _memory(path: Path) -> LastKnown:
     return memory.read()
 
 
-def _durations(path: Path) -> object:
-    with _environment("RIG_CACHE_DIR", path.parent):
-        return durations.expected_s("rig check: checking", 1.0)
-
-
 _LIVING: list[Any] = []
 
 
@@ -440,14 +434,17 @@ READERS: dict[str, Reader] = {
         "a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path},linear")
     ),
     "height map of points": Reader(
-        "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5")
+        "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5,raised=low")
     ),
     "height map of rows": Reader(
-        "a.csv", of.of_table, _texts(MAP_ROWS), lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        "a.csv",
+        of.of_table,
+        _texts(MAP_ROWS),
+        lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
         in_suite=200,
     ),
     "height map, NumPy": Reader(
-        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2"),
+        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
         in_suite=400,
     ),
     "height map, picture": Reader(
@@ -562,9 +559,6 @@ READERS: dict[str, Reader] = {
         in_suite=80,
     ),
     "memory of a bench": Reader("a.json", of.of_json, _texts(json.dumps(KNOWN)), _memory),
-    "durations": Reader(
-        durations.FILE, of.of_json, _texts('{"rig check: checking": [1.0, 2.0], "b": [0.5]}'), _durations
-    ),
     "notes of owners": Reader(
         "a.json", of.of_json, _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=200
     ),

@@ -543,7 +543,7 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
     refuse_twinless(config.stage)
     with pytest.raises(BadInputError, match=r"force\.kind = 'odd': this device has no virtual twin"):
         ServedBench(Config(), stage="grbl", force="odd")
-    with pytest.raises(BadInputError, match=r"--force: kind = 'even': must be"):
+    with pytest.raises(BadInputError, match=r"--force-sensor: kind = 'even': must be"):
         ServedBench(Config(), stage=None, force="even")
 
 

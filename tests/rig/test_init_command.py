@@ -116,7 +116,7 @@ def test_serial_numbers_of_controllers_are_written_for_their_axes(rig_init: Init
     assert ended.code == 0, ended.err
     own = load_config(Path("rig.toml")).stage.own(StandaSettings)
     assert (own.x_port, own.z.serial, own.x.serial) == (STAGE, 12, 34)
-    ended = rig_init("--yes", "--force", *words, *_options(), found=(z, BOTH[1]))
+    ended = rig_init("--yes", "--replace", *words, *_options(), found=(z, BOTH[1]))
     assert ended.code == 0, ended.err
     own = load_config(Path("rig.toml")).stage.own(StandaSettings)
     assert (own.z.serial, own.x.serial) == (12, None)
@@ -132,7 +132,7 @@ def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
     ended = rig_init("--yes", "--json", *_options())
     assert (ended.code, ended.error_code) == (2, "exists_already")
     assert Path("rig.toml").read_text(encoding="utf-8") == "mine"
-    assert rig_init("--yes", "--force", *_options()).code == 0
+    assert rig_init("--yes", "--replace", *_options()).code == 0
     assert load_config(Path("rig.toml")).stage.port == STAGE
 
 
@@ -257,7 +257,7 @@ def test_of_several_devices_one_is_chosen(rig_init: Init) -> None:
     several = (*BOTH, PortFound(SILENT, LEADSHINE, "drives"))
     assert rig_init(typed=f"{SILENT}\n" + "\n" * len(QUESTIONS), found=several).code == 0
     assert load_config(Path("rig.toml")).stage.kind == "leadshine"
-    assert rig_init("--force", "--stage", "grbl", typed="\n" * len(QUESTIONS), found=several).code == 0
+    assert rig_init("--replace", "--stage", "grbl", typed="\n" * len(QUESTIONS), found=several).code == 0
     assert load_config(Path("rig.toml")).stage.port == STAGE
 
 

@@ -14,16 +14,19 @@ from PIL import Image
 from rig.cli import main
 from rig.data import RunFolder, read_run
 from rig.errors import BadInputError
-from rig.plan.config import Config, load_config
+from rig.plan.config import Config, config_from, load_config
 from rig.plan.finger_model import copy_name, from_copy, named_file, responses, with_stored_file
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.report.run_figures import contacts_from_below, is_relief
+from rig.study.exceptions import StudyError
+from rig.study.parameter_study import read_study
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import ShapeError, parse_shape, with_file_beside
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 MESH = coarse_mesh(0.3, 0.3, patch_x_mm=2.0, patch_z_mm=2.0, round_patch_mm=2.0)
@@ -105,9 +108,9 @@ NAMING = [
     "profile:{}.csv,across",
     "profile:{}.csv,linear,turn_deg=30",
     "heightmap:{}.png,width_mm=3,height_mm=0.5",
-    "heightmap:{}.npy,spacing_mm=0.1,edge_mm=0.2,turn_deg=-20",
-    "heightmap:{}.csv",
-    "heightmap:{}.csv,across,edge_mm=0.1",
+    "heightmap:{}.npy,spacing_mm=0.1,edge_mm=0.2,raised=low,turn_deg=-20",
+    "heightmap:{}.csv,raised=high",
+    "heightmap:{}.csv,across,edge_mm=0.1,raised=low",
     "heightmap:{}.png,width_mm=3,height_mm=0.5,raised=light",
 ]
 
@@ -124,6 +127,37 @@ def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path
         assert from_copy(run, text) == text, "there is none yet"
         (run / copy_name(name)).write_bytes(b"kept")
         assert from_copy(run, text) == text.replace(name, str(run / copy_name(name)))
+
+
+def test_a_copy_in_a_run_of_an_earlier_version_keeps_its_lowest_number_first(tmp_path: Path) -> None:
+    (tmp_path / copy_name("a.npy")).write_bytes(b"kept")
+    found = from_copy(tmp_path, "heightmap:a.npy,spacing_mm=0.1")
+    assert found == f"heightmap:{tmp_path / copy_name('a.npy')},spacing_mm=0.1,raised=low"
+
+
+@pytest.mark.parametrize("there", ["beside", "here", "both", "neither"])
+def test_a_file_is_looked_for_beside_what_names_it_and_an_error_says_where(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, there: str
+) -> None:
+    """The script's own folder comes first: what a script means does not depend on the shell."""
+    for folder in ("beside", "here"):
+        (tmp_path / folder).mkdir()
+        if there in (folder, "both"):
+            (tmp_path / folder / "a.csv").write_text("x_mm,height_mm\n-1,0\n1,0\n", encoding="utf-8")
+    (tmp_path / "beside" / "study.toml").write_text("[[press]]\nshape = 'profile:a.csv'\ndoi_mm = 0.1\n", "utf-8")
+    monkeypatch.chdir(tmp_path / "here")
+    place = tmp_path / ("here" if there == "here" else "beside")
+    if there == "neither":
+        with raises(ShapeError, "shape_file_missing", file="a.csv") as caught:
+            with_file_beside(tmp_path / "beside", "profile:a.csv")
+        assert f"{tmp_path / 'beside'} or {tmp_path / 'here'}" in str(caught.value)
+        with pytest.raises(StudyError, match=r"there is no file a\.csv in"):
+            read_study(tmp_path / "beside" / "study.toml")
+        return
+    assert with_file_beside(tmp_path / "beside", "profile:a.csv") == f"profile:{place / 'a.csv'}"
+    assert read_study(tmp_path / "beside" / "study.toml")[0].shape == f"profile:{place / 'a.csv'}"
+    settings = config_from("x", {"virtual": {"indentor": "profile:a.csv"}}, tmp_path / "beside")
+    assert settings.virtual.indentor == f"profile:{place / 'a.csv'}"
 
 
 def test_a_shape_that_names_no_file_is_left_alone(tmp_path: Path) -> None:

@@ -623,7 +623,7 @@ WRONG = {
     "--afferents ,": ("bad_afferents", 2),
     "--seed -1": ("outside_range", 2),
     "--path-m 0": ("outside_range", 2),
-    "--path-m nan": ("outside_range", 2),
+    "--path-m nan": ("usage", 2),
 }
 
 
@@ -667,6 +667,41 @@ def test_a_dry_run_adds_spikes(program: Program, mine: tuple[str, ...]) -> None:
     assert "  synthetic_spikes.csv\n" in (folder / "SHA256SUMS").read_text(encoding="utf-8")
     assert program("nerve", str(folder), "--afferents", "SA1@0").code == 0
     assert (folder / "synthetic_spikes.csv").read_bytes() == spikes
+
+
+FORECASTS = {  # afferents, whether any fires: a bar to 0.4 mm by increments of at most 1 mm/s
+    "SA1@0": True,  # it follows strain, at any speed
+    "RA@0": False,  # its median threshold lies at some 20 mm/s, the most sensitive of ten at 5 mm/s
+    "RA@0,SA1@0": True,
+}
+
+
+@pytest.mark.parametrize("afferents", FORECASTS)
+def test_silence_is_announced_before_the_work_with_the_speed_that_ends_it(
+    program: Program, mine: tuple[str, ...], afferents: str
+) -> None:
+    _, script, *more, _ = mine
+    ended = program("check", script, *more, "--afferents", afferents, "--json")
+    assert ended.code == 0, ended.err
+    firing = {one["model"]: one for one in ended.json["firing"]}
+    assert [not one["silent"] for one in firing.values()].count(True) == FORECASTS[afferents]
+    assert ("no afferent is expected to fire" in ended.err) != FORECASTS[afferents]
+    for one in firing.values():
+        assert one["silent"] == (one["firing_speed_mm_s"] > one["press_speed_mm_s"])
+    told = program("check", script, *more, "--afferents", afferents).out
+    for model, one in firing.items():
+        assert f"firing  {model}: the most sensitive of 1" in told
+        assert f"fires from {one['firing_speed_mm_s']:.2g} mm/s" in told
+
+
+@pytest.mark.usefixtures("empty_figures")
+def test_a_run_in_which_nothing_fires_says_so_before_and_after(program: Program, mine: tuple[str, ...]) -> None:
+    ended = program(*mine[:-1], "--afferents", "RA@0", "--json")
+    assert "no afferent is expected to fire" in ended.err
+    again = program("nerve", ended.json["run"], "--afferents", "RA@0")
+    assert again.code == 0
+    assert "no afferent is expected to fire" in again.err
+    assert again.out.index("firing  RA:") < again.out.index("no afferent fired")
 
 
 def test_a_dry_run_is_refused_before_it_begins(program: Program, mine: tuple[str, ...]) -> None:

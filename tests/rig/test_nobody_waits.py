@@ -9,11 +9,9 @@ How long commands are silent is measured by `python -m studies.speed.silence`, w
 import importlib
 import io
 import itertools
-import json
 import logging
 import shutil
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -21,7 +19,7 @@ from typing import NamedTuple, NoReturn
 import pytest
 from rich.console import Console
 
-from rig.cli import durations, main, output
+from rig.cli import main, output
 from rig.cli.json_schemas import OUTPUTS
 from rig.cli.output import THE_FINGER, Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
@@ -29,7 +27,6 @@ from rig.cli.progress import counted, progress
 from rig.control.stop import OwnedStage
 from rig.plan.config import load_config
 from rig.session.resume import StoppedRun, read_stopped
-from sim.compiling import cache_dir
 from sim.models.fingertip import Fingertip
 from studies.speed.silence import WORDS
 
@@ -214,94 +211,51 @@ class Clock:
         return self.now_s
 
 
-@pytest.fixture
-def learned(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty file of durations."""
-    path = tmp_path / "cache" / durations.FILE
-    monkeypatch.setattr(durations, "path", lambda: path)
-    monkeypatch.setattr(durations, "LEAST_S", 0.3)
-    return path
+PIECES = {  # finished pieces of 12 and when, and the time left at the last of them, in words
+    "none": ([], ""),
+    "two: the first may include what is done once": ([(1, 100.0), (2, 102.0)], ""),
+    "three, of which the first built a model": ([(1, 100.0), (2, 102.0), (3, 104.0)], ", about 18 s left"),  # 9 × 2 s
+    "several at once": ([(4, 8.0), (8, 16.0)], ", about 8 s left"),
+    "the last": ([(6, 6.0), (12, 12.0)], ""),
+}
 
 
-def worked(kind: str, seconds: float, size: float = 1.0) -> Activity:
+@pytest.mark.parametrize("name", PIECES)
+def test_the_time_left_is_that_of_the_pieces_of_this_time(name: str) -> None:
     clock = Clock()
-    activity = Activity("work", kind, size, now=clock)
-    clock.now_s += seconds
-    activity.end()
-    return activity
-
-
-def test_the_first_time_has_no_estimate_and_the_next_has_that_of_the_last(learned: Path) -> None:
-    assert worked("a", 8.0).title == "work"
-    clock = Clock()
-    again = Activity("work", "a", 2.0, now=clock)
-    assert again.title == "work, about 16 s as before"
-    clock.now_s = 10.0
-    assert again.line == "work, 10 s so far, about 6 s left"
-    clock.now_s = 20.0
-    assert again.line == "work, 20 s so far, longer than before"
-    assert Activity("work", "b", now=clock).line == "work, 0 s so far, no estimate yet"
-    assert Activity("work", now=clock).line == "work, 0 s so far"
-
-
-def test_an_estimate_is_the_median_of_the_last_few_times(learned: Path) -> None:
-    for seconds in (100.0, 4.0, 4.0, 5.0, 6.0, 7.0):
-        worked("a", seconds)
-    assert durations.expected_s("a", 1.0) == 5.0
-    assert durations.expected_s("a", 3.0) == 15.0
-    assert len(json.loads(learned.read_text("utf-8"))["a"]) == durations.MOST_TIMES
-
-
-def test_what_is_short_is_recorded_only_where_it_was_long(learned: Path) -> None:
-    worked("a", 0.1)
-    assert not learned.exists()
-    for seconds in (9.0, 0.1, 0.1):
-        worked("a", seconds)
-    assert durations.expected_s("a", 1.0) == pytest.approx(0.1)
-
-
-def test_counted_pieces_tell_the_time_left_from_those_that_are_done(learned: Path) -> None:
-    clock = Clock()
-    activity = Activity("cases", "a", 12.0, 12, clock)
+    activity = Activity("cases", 12, clock)
     assert activity.title == "12 cases"
-    activity.at(3, 12)
-    clock.now_s = 6.0
-    assert activity.line == "3 of 12 cases, 6 s so far, about 18 s left"
+    pieces, left = PIECES[name]
+    for done, at_s in pieces:
+        clock.now_s = at_s
+        activity.at(done, 12)
+    assert activity.line.partition(" so far")[2] == left
 
 
-def test_the_file_is_bounded_and_the_latest_kinds_stay(learned: Path) -> None:
-    for number in range(durations.MOST_KINDS + 3):
-        worked(str(number), 1.0)
-    kept = json.loads(learned.read_text("utf-8"))
-    assert len(kept) == durations.MOST_KINDS
-    assert "0" not in kept
-    assert [path.name for path in learned.parent.iterdir()] == [durations.FILE]
+def test_other_pieces_have_a_rate_of_their_own() -> None:
+    """The presses of a run's places say nothing about the pieces of its spikes that follow."""
+    clock = Clock()
+    activity = Activity("spikes", now=clock)
+    for done in range(5):
+        activity.at(done, 5)
+        clock.now_s += 30.0
+    activity.at(0, 100)
+    assert activity.line == "spikes, 2 min 30 s so far"
+    for done in range(1, 5):
+        clock.now_s += 1.0
+        activity.at(done, 100)
+    assert activity.line == "spikes, 2 min 34 s so far, about 1 min 36 s left"
 
 
-@pytest.mark.parametrize(
-    "content",
-    ["", "{", "[]", "3", '{"a": 3}', '{"a": []}', '{"a": ["x"]}', '{"a": [-1]}', '{"a": [1e999]}',
-     '{"a": [1,1,1,1,1,1]}', "[" * 100_000],
-)  # fmt: skip
-def test_a_damaged_file_is_ignored_and_written_anew(content: str, learned: Path) -> None:
-    learned.parent.mkdir()
-    learned.write_text(content, "utf-8")
-    assert durations.expected_s("a", 1.0) is None
-    worked("a", 4.0)
-    assert durations.expected_s("a", 1.0) == 4.0
-
-
-def test_a_folder_that_cannot_be_written_costs_nothing(learned: Path) -> None:
-    learned.parent.write_text("", "utf-8")
-    worked("a", 4.0)
-    assert durations.expected_s("a", 1.0) is None
-
-
-def test_it_lies_beside_the_models(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("RIG_CACHE_DIR", raising=False)
-    assert durations.folder() == cache_dir()
-    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
-    assert durations.folder() == cache_dir() == tmp_path
+def test_a_build_in_between_does_not_forget_the_pieces() -> None:
+    clock = Clock()
+    activity = Activity("cases", 12, clock)
+    for done in range(1, 5):
+        clock.now_s += 2.0
+        activity.builds("building a mesh")
+        assert activity.line.endswith(" so far")
+        activity.at(done, 12)
+    assert activity.line == "4 of 12 cases, 8 s so far, about 16 s left"
 
 
 # --- silence ---
@@ -313,27 +267,6 @@ def pipe(monkeypatch: pytest.MonkeyPatch) -> io.StringIO:
     written = io.StringIO()
     monkeypatch.setattr(output, "err", Console(file=written, width=200))
     return written
-
-
-def test_a_build_within_work_has_its_own_line_and_estimate(learned: Path, pipe: io.StringIO) -> None:
-    """The work itself learns nothing from a time with a build in it."""
-    output.show_builds()
-    for _ in range(2):
-        with starting("rig check"), busy("the finger", kind="load") as now:
-            now._now = clock = Clock()
-            now._began_s = now._part_began_s = 0.0
-            logging.getLogger("sim.models.condensed").info("building %d unknowns …", 1000)
-            clock.now_s = 9.0
-            title = now.title
-    assert title == "building 1000 unknowns …, about 9 s as before"
-    assert list(json.loads(learned.read_text("utf-8"))) == ["building %d unknowns …"]
-
-
-def test_work_that_fails_teaches_nothing(learned: Path, pipe: io.StringIO) -> None:
-    with suppress(ValueError), busy("the finger") as now:
-        now._part_began_s -= 100.0
-        raise ValueError
-    assert not learned.exists()
 
 
 @pytest.fixture
@@ -372,7 +305,7 @@ def test_silence_is_broken_by_what_is_in_progress(after: Callable[[float], list[
             assert after(100.0) == []
         with busy("steps", quick=True):
             assert after(1.9) == []
-            assert after(0.2) == ["steps, 2 s so far, no estimate yet"]
+            assert after(0.2) == ["steps, 2 s so far"]
     assert after(100.0) == []
 
 
@@ -383,16 +316,16 @@ def test_a_line_is_printed_only_if_something_has_changed(after: Callable[[float]
     with busy("fingers", total=2) as now:
         assert after(100.0) == []
         now.at(1, 2)
-        assert after(0.1) == ["1 of 2 fingers, 1 min 40 s so far, about 1 min 40 s left"]
+        assert after(0.1) == ["1 of 2 fingers, 1 min 40 s so far"]
         now.at(1, 2)
         assert after(100.0) == []
         builder.debug("building a mesh")
-        assert after(0.1) == ["building a mesh, 3 min 20 s so far, no estimate yet"]
+        assert after(0.1) == ["building a mesh, 3 min 20 s so far"]
         builder.info("building %d unknowns …", 1000)
-        assert after(2.1) == ["building 1000 unknowns …, 3 min 22 s so far, no estimate yet"]
+        assert after(2.1) == ["building 1000 unknowns …, 3 min 22 s so far"]
         assert after(100.0) == []
         builder.debug("made", extra={"made": True})
-        assert after(0.1) == ["1 of 2 fingers, 5 min 2 s so far, about 5 min 2 s left"]
+        assert after(0.1) == ["1 of 2 fingers, 5 min 2 s so far"]
         assert after(100.0) == []
         output.say_now("the last one")
         assert after(100.0) == []
@@ -403,9 +336,9 @@ def test_a_build_ends_when_the_work_goes_on(after: Callable[[float], list[str]])
     output.show_builds()
     with busy("places") as now:
         logging.getLogger("sim.models.condensed").info("building %d unknowns …", 1000)
-        assert after(2.1) == ["building 1000 unknowns …, 2 s so far, no estimate yet"]
+        assert after(2.1) == ["building 1000 unknowns …, 2 s so far"]
         now.at(1, 3)
-        assert after(2.1) == ["places, 4 s so far, about 8 s left"]
+        assert after(2.1) == ["places, 4 s so far"]
 
 
 def test_a_run_prints_its_step_once(after: Callable[[float], list[str]]) -> None:

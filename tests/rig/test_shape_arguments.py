@@ -230,6 +230,8 @@ def test_round_shapes_have_a_radius_or_a_diameter(
     for name in names:
         assert {f"{radius_mm:g}", f"{wide_mm:g}"} == set(re.findall(r"[\d.]+", shape_size(name)))
         assert with_size(name).startswith(name)
+        written = parse_shape(name).name  # in errors and results too: never a number by another measure
+        assert written == name
 
 
 @pytest.mark.parametrize("shape", NO_SIZE)

@@ -178,6 +178,7 @@ def test_a_range_in_words(low: float, high: float, words: str) -> None:
 
 
 STIFFENS = "finite strain, stiffening 0.4: force within "
+FINITE = "finite strain, stiffening 0: force within "
 
 
 def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(at: At) -> None:
@@ -185,19 +186,19 @@ def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(
     stiff = Fingertip.load(config.model_copy(update={"tissue": Tissue(stiffening=0.4)}))
     stiffened = stimuli(read_run(at.run()), stiff)
     assert compare(stiffened, {}).small_strain.note.startswith(STIFFENS)
-    linear = replace(stiffened[0], stiffening=0.0)
+    linear = replace(stiffened[0], stiffening=None)
     assert compare([linear], {}).small_strain.note.startswith("small strain")
     assert compare([], {}).small_strain == small_strain("finger", 0.0)
 
 
 def test_a_study_says_it_of_the_finger_that_was_pressed_deepest(tmp_path: Path) -> None:
     study = tmp_path / "study.toml"
-    study.write_text("[finger.tissue]\nstiffening = [0.0, 0.4]\n" + STUDY, encoding="utf-8")
+    study.write_text('[finger.tissue]\nstrain = ["small", "finite"]\n' + STUDY, encoding="utf-8")
     cases = read_study(study)
 
     def note(*depths_mm: float) -> str | None:
         return _small_strain(cases, [[{"model": "finger", "doi_mm": mm}] for mm in depths_mm])
 
-    assert (note(0.2, 0.3) or "").startswith(STIFFENS)
+    assert (note(0.2, 0.3) or "").startswith(FINITE)
     assert (note(0.3, 0.2) or "").startswith("small strain: at 0.30 mm")
     assert _small_strain(cases, [[{"problem": "too deep"}], [{"problem": "too deep"}]]) is None

@@ -1,4 +1,4 @@
-"""Every option and argument of the program that is a whole number: anything else ends in one line with code 2."""
+"""Every option and argument of the program that is a number: anything else ends in one line with code 2."""
 
 from collections.abc import Callable, Iterator
 from importlib import import_module
@@ -27,13 +27,16 @@ def _functions(name: str) -> Iterator[tuple[list[str], Callable[..., None]]]:
         yield [name], command
 
 
-def _options() -> Iterator[tuple[list[str], str, bool, list[str]]]:
-    """Words of a command, its whole number, whether that is an option, and what else the command requires."""
+WHOLE, REAL = (int, int | None), (float, float | None)
+
+
+def _options(kinds: tuple[Any, ...] = WHOLE) -> Iterator[tuple[list[str], str, bool, list[str]]]:
+    """Words of a command, its number, whether that is an option, and what else the command requires."""
     for name in COMMANDS:
         for words, function in _functions(name):
             found: Any = typer.main.get_command(commands._app([name])).commands[name]
             found = found.commands[words[1]] if len(words) > 1 else found
-            whole = [key for key, kind in get_type_hints(function).items() if kind in (int, int | None)]
+            whole = [key for key, kind in get_type_hints(function).items() if kind in kinds]
             for one in (param for param in found.params if param.name in whole):
                 needed = [other for other in found.params if other.required and other is not one]
                 values = [NEEDED.get(other.opts[0], "1") for other in needed]
@@ -59,6 +62,44 @@ def test_every_whole_number_is_refused_in_one_line_unless_it_is_one(
             assert option in ended.complaint, (words, option)
     assert {("decode", "--half-length"), ("stranger", "seed"), ("calibrate steps", "--valid-days")} <= walked
     assert len(walked) >= 21
+
+
+@pytest.mark.parametrize("value", ["nan", "inf", "-inf", "1e999"])
+def test_every_number_is_refused_in_one_line_unless_it_is_finite(
+    value: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """No length, force, gain or time is infinite, or no number; without effect is not an exception."""
+    monkeypatch.chdir(tmp_path)
+    walked = set()
+    for words, option, is_option, more in _options(REAL):
+        walked.add((" ".join(words), option))
+        ended = program(*words, *more, *([f"{option}={value}"] if is_option else ["--", value]))
+        assert ended.code == 2, (words, option)
+        assert len(ended.complaint) < 200, (words, option)
+        assert option in ended.complaint, (words, option)
+    assert {("encode", "--gain"), ("nerve", "--path-m"), ("indent", "--doi-mm")} <= walked
+    assert len(walked) >= 40
+
+
+LISTS = {
+    ("indent", "--doi-mm", "0.5", "--shape", "bar:3.0", "--receptor-x-mm"): "1,{}",
+    ("encode", "--pressure"): "20,{}",
+    ("decode", "--pressure"): "20,{}",
+    ("design", "--minutes", "10", "--to", "a.py", "--depths-mm"): "0.3,{}",
+    ("dry-run", "bars", "--set"): "doi_mm={}",
+    ("dry-run", "bars", "--speed"): "{}",
+    ("nerve", ".", "--afferents"): "SA1@{}",
+}
+
+
+@pytest.mark.parametrize("value", ["nan", "inf"])
+@pytest.mark.parametrize("words", LISTS, ids=" ".join)
+def test_so_is_a_number_within_a_text(words: tuple[str, ...], value: str, program: Program, tmp_path: Path) -> None:
+    *before, option = words
+    ended = program(*before, f"{option}={LISTS[words].format(value)}" if option != "--set" else option,
+                    *([LISTS[words].format(value)] if option == "--set" else []))  # fmt: skip
+    assert ended.code == 2, ended
+    assert len(ended.complaint.splitlines()) == 1
 
 
 @pytest.mark.parametrize("seed", [0, 2**53 - 1])

@@ -35,6 +35,7 @@ DOTS = HeightMap.from_arrays(
     DOTS_MM,
     DOTS_MM,
     -0.3 * np.prod([np.cos(np.pi * at / 1.5) ** 2 for at in np.meshgrid(DOTS_MM, DOTS_MM)], axis=0),
+    raised="low",
     name="dots",
 )
 

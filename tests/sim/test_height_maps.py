@@ -17,7 +17,7 @@ from sim.contact.height_map import MOST_POINTS, STEEPEST_OF_A_MAP, HeightMap, He
 from sim.contact.indentor import BOTH, Prismatic
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import STEEPEST_SLOPE
-from sim.contact.shapes import ShapeError, parse_shape
+from sim.contact.shapes import ShapeError, parse_shape, shape_size
 from sim.errors import ArgumentError
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -32,15 +32,15 @@ def spherical(spacing_mm: float, half_mm: float = 2.0, turn_deg: float = 0.0) ->
     n = round(half_mm / spacing_mm)
     at = spacing_mm * np.arange(-n, n + 1)
     x, z = np.meshgrid(at, at)
-    return HeightMap.from_arrays(at, at, 7.0 + RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - z**2), turn_deg=turn_deg)
+    height = 7.0 + RADIUS_MM - np.sqrt(RADIUS_MM**2 - x**2 - z**2)
+    return HeightMap.from_arrays(at, at, height, raised="low", turn_deg=turn_deg)
 
 
 def waves(turn_deg: float = 0.0) -> HeightMap:
     """Without symmetry, and longer along z than along x."""
     x, z = np.arange(-1.0, 1.01, 0.1), np.arange(-1.5, 1.61, 0.1)
-    return HeightMap.from_arrays(
-        x, z, 0.1 * np.sin(2 * x[None] + 0.3) * np.cos(1.5 * z[:, None]) + 0.05 * x[None], turn_deg=turn_deg
-    )
+    height = 0.1 * np.sin(2 * x[None] + 0.3) * np.cos(1.5 * z[:, None]) + 0.05 * x[None]
+    return HeightMap.from_arrays(x, z, height, raised="low", turn_deg=turn_deg)
 
 
 def letter(path: Path, text: str = "R", size: tuple[int, int] = (80, 100)) -> str:
@@ -59,7 +59,7 @@ def test_it_goes_through_its_points_above_the_lowest() -> None:
     x, z = np.arange(-1.0, 1.01, 0.25), np.arange(-0.5, 1.01, 0.25)
     height = 5.0 + 0.1 * np.random.default_rng(0).uniform(size=(len(z), len(x)))
     height[2, 3] = 4.9
-    there = HeightMap.from_arrays(x, z, height)
+    there = HeightMap.from_arrays(x, z, height, raised="low")
     places = np.stack([side.ravel() for side in np.meshgrid(x, z)])
     seen = there.evaluate(places).height_mm
     np.testing.assert_allclose(seen - seen[2 * len(x) + 3], (height - 4.9).ravel(), atol=1e-12)
@@ -237,7 +237,7 @@ def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingerti
     x = np.arange(-2.6, 2.61, 0.05)
     height = 0.15 * (1 - np.cos(2 * np.pi * x / 1.3))
     profile = MeasuredProfile("waves", tuple(x.tolist()), tuple(height.tolist()))
-    there = HeightMap.from_arrays(x, x, np.tile(height, (len(x), 1)))
+    there = HeightMap.from_arrays(x, x, np.tile(height, (len(x), 1)), raised="low")
     for turn_deg in (0.0, 30.0, 90.0):
         one = coarse_finger.indent(Prismatic.along(profile).turned(turn_deg), doi_mm=0.3)
         other = coarse_finger.indent(there.turned(turn_deg), doi_mm=0.3)
@@ -304,21 +304,71 @@ def test_tables_of_numbers_are_read_alike(tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *points]), encoding="utf-8")
     at = np.random.default_rng(6).uniform(-0.9, 0.9, size=(2, 30))
     given = there.evaluate(at).height_mm
-    np.testing.assert_allclose(parse_shape(f"heightmap:{tmp_path / 'points.csv'}").evaluate(at).height_mm, given)
+    listed = parse_shape(f"heightmap:{tmp_path / 'points.csv'},raised=low")
+    np.testing.assert_allclose(listed.evaluate(at).height_mm, given)
     middle = at - np.array([[0.0], [0.05]])  # of z from −1.5 to 1.6
     for name in ("a.npy", "rows.csv"):
-        found = parse_shape(f"heightmap:{tmp_path / name},spacing_mm=0.1")
+        found = parse_shape(f"heightmap:{tmp_path / name},spacing_mm=0.1,raised=low")
         np.testing.assert_allclose(found.evaluate(middle).height_mm, given, atol=1e-12)
-        assert found.name == f"heightmap:{tmp_path / name},spacing_mm=0.1"
+        assert found.name == f"heightmap:{tmp_path / name},spacing_mm=0.1,raised=low"
         assert parse_shape(found.name) == found
+
+
+DOT = -0.3 * (np.linspace(-1, 1, 21) ** 2 + np.linspace(-1, 1, 21)[:, None] ** 2)  # the largest number in the middle
+MIDDLE_TOUCHES = {  # whether the middle touches first, in a file or array of raised dots; None: it must be said
+    "dot.npy,spacing_mm=0.1": None,  # heights above a table or depths below a probe: numbers cannot tell
+    "dot.npy,spacing_mm=0.1,raised=high": True,
+    "dot.npy,spacing_mm=0.1,raised=low": False,
+    "rows.csv,spacing_mm=0.1": None,
+    "rows.csv,spacing_mm=0.1,raised=high": True,
+    "points.csv": None,
+    "points.csv,raised=high": True,
+    "dot.png,width_mm=2,height_mm=0.5": True,  # ink is raised, as of a letter
+    "dot.png,width_mm=2,height_mm=0.5,raised=light": False,
+}
+
+
+def a_dot(folder: Path) -> None:
+    np.save(folder / "dot.npy", DOT)
+    np.savetxt(folder / "rows.csv", DOT, delimiter=",")
+    at = np.linspace(-1, 1, 21)
+    rows = [f"{x:.1f},{z:.1f},{DOT[k, i]}" for k, z in enumerate(at) for i, x in enumerate(at)]
+    (folder / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *rows]), encoding="utf-8")
+    dark = np.rint(-DOT / 0.6 * 255)
+    Image.fromarray(dark.astype(np.uint8)).save(folder / "dot.png")
+
+
+@pytest.mark.parametrize("name", MIDDLE_TOUCHES)
+def test_the_side_that_is_up_is_said_or_asked_for(tmp_path: Path, name: str) -> None:
+    a_dot(tmp_path)
+    shape, touches = f"heightmap:{tmp_path / name}", MIDDLE_TOUCHES[name]
+    if touches is None:
+        with raises(ShapeError, "which_side_is_up", high="raised=high", low="raised=low"):
+            parse_shape(shape)
+        return
+    middle, corner = parse_shape(shape).evaluate(np.array([[0.0, 0.9], [0.0, 0.9]])).height_mm
+    assert (middle < corner) == touches
+    assert shape_size(shape) in ("the highest touches first", "the lowest touches first", "dark is raised",
+                                 "light is raised")  # fmt: skip
+
+
+def test_arrays_ask_which_side_is_up() -> None:
+    at = np.linspace(-1, 1, 21)
+    with raises(HeightMapError, "which_side_is_up", high='raised="high"', low='raised="low"'):
+        HeightMap.from_arrays(at, at, DOT)
+    places = np.array([[0.0, 0.9], [0.0, 0.9]])
+    high, low = (HeightMap.from_arrays(at, at, sign * DOT, raised=raised).evaluate(places).height_mm
+                 for sign, raised in ((1, "high"), (-1, "low")))  # fmt: skip
+    np.testing.assert_array_equal(high, low)
+    assert high[0] < high[1]
 
 
 def test_edges_of_a_table_are_rounded_where_that_is_asked_for(tmp_path: Path) -> None:
     step = np.tile(np.where(np.arange(60) < 30, 0.0, 0.3), (60, 1))
     np.save(tmp_path / "a.npy", step)
     with raises(ShapeError, "swings_below", relief_mm=0.3):
-        parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05")
-    there = parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05,edge_mm=0.1")
+        parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05,raised=low")
+    there = parse_shape(f"heightmap:{tmp_path / 'a.npy'},spacing_mm=0.05,edge_mm=0.1,raised=low")
     slope = there.evaluate(np.array([[0.0], [0.0]])).slope[0, 0]
     assert slope == pytest.approx(0.3 / (0.1 * np.sqrt(2 * np.pi)), rel=0.05)  # of a step under a Gaussian
 
@@ -371,27 +421,27 @@ NOT_THERE = {"problem": os.strerror(errno.ENOENT)}
 )
 def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str, fields: dict[str, Any]) -> None:
     with raises(HeightMapError, code, name="mine", **fields) as caught:
-        HeightMap.from_arrays(x, z, height, name="mine")
+        HeightMap.from_arrays(x, z, height, raised="low", name="mine")
     assert "\n" not in str(caught.value)
 
 
 def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     assert MOST_POINTS == 1_000_000
     monkeypatch.setattr("sim.contact.height_map.MOST_POINTS", 36)
-    HeightMap.from_arrays(EVEN, EVEN, grid())
-    HeightMap.from_arrays(EVEN[:4], EVEN[:4], grid(4, 4))
+    HeightMap.from_arrays(EVEN, EVEN, grid(), raised="low")
+    HeightMap.from_arrays(EVEN[:4], EVEN[:4], grid(4, 4), raised="low")
     seven = 0.1 * np.arange(7)
     with raises(HeightMapError, "too_large", columns=7, rows=6, most=36):
-        HeightMap.from_arrays(seven, EVEN, grid(6, 7))
+        HeightMap.from_arrays(seven, EVEN, grid(6, 7), raised="low")
 
 
 def test_a_table_of_heights_may_be_as_large_as_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.contact.map_files.MOST_POINTS", 36)
     for name, shape in (("as_many.csv", (6, 6)), ("more.csv", (7, 6))):
         np.savetxt(tmp_path / name, grid(*shape), delimiter=",")
-    parse_shape(f"heightmap:{tmp_path / 'as_many.csv'},spacing_mm=0.1")
+    parse_shape(f"heightmap:{tmp_path / 'as_many.csv'},spacing_mm=0.1,raised=low")
     with raises(ShapeError, "too_many_numbers", most=36):
-        parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1")
+        parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1,raised=low")
 
 
 def files(folder: Path) -> None:
@@ -440,10 +490,13 @@ def files(folder: Path) -> None:
         ("good.npy,spacing_mm=0.1,linear", "unknown_option", KEYS | {"option": "linear"}),
         (
             *("good.npy,spacing_mm=0.1,width_mm=3", "option_of_no_use"),
-            {"key": "width_mm", "options": "spacing_mm, edge_mm"},
+            {"key": "width_mm", "options": "spacing_mm, raised, edge_mm"},
         ),
-        ("good.npy,spacing_mm=0.1,edge_mm=0.05", "edge_too_small", {"edge_mm": 0.05, "least_mm": 0.07}),
-        ("nan.npy,spacing_mm=0.1", "missing_height", {"x_mm": 0.15, "z_mm": 0.05, "missing": 1, "points": 36}),
+        ("good.npy,spacing_mm=0.1,edge_mm=0.05,raised=low", "edge_too_small", {"edge_mm": 0.05, "least_mm": 0.07}),
+        (
+            *("nan.npy,spacing_mm=0.1,raised=low", "missing_height"),
+            {"x_mm": 0.15, "z_mm": 0.05, "missing": 1, "points": 36},
+        ),
         ("three.npy,spacing_mm=0.1", "no_heights", {}),
         ("words.npy,spacing_mm=0.1", "no_heights", {}),
         ("pickled.npy,spacing_mm=0.1", "no_array", {"problem": "not an array"}),
@@ -489,7 +542,7 @@ def files(folder: Path) -> None:
         ("nan.csv", "no_place", {}),
         ("uneven.csv", "uneven_spacing", {"axis": "x", "from_mm": 2.0, "to_mm": 7.0, "step_mm": 7.0 / 3.0}),
         ("none.csv", "too_small", {"columns": 0, "rows": 0, "least": 4}),
-        ("twice.csv,spacing_mm=1", "option_of_no_use", {"key": "spacing_mm", "options": "edge_mm"}),
+        ("twice.csv,spacing_mm=1", "option_of_no_use", {"key": "spacing_mm", "options": "raised, edge_mm"}),
         ("rows.csv", "no_columns", {"columns": "x_mm,z_mm,height_mm"}),
         ("rows.csv,spacing_mm=1", "map_row_length", {"row": 2, "numbers": 3, "expected": 4}),
         ("blank.csv,spacing_mm=1", "too_small", {"columns": 0, "rows": 0, "least": 4}),

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from pydantic import ValidationError
 
 from rig.plan.config import load_config
 from sim.carriage import Pose
@@ -18,6 +19,7 @@ from sim.measures.measures import STRAINS, STRESSES
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
+from sim.models.result import IndentationResult
 from sim.models.small_strain_error import small_strain
 from sim.models.stiffening import (
     ENERGY,
@@ -56,7 +58,7 @@ FELT = ReceptorPress(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1,
 
 
 def config(stiffening: float = 0.0) -> FingertipConfig:
-    return FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=stiffening))
+    return FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=stiffening) if stiffening else Tissue())
 
 
 @pytest.fixture(scope="module")
@@ -283,6 +285,53 @@ def test_force_pressure_and_what_receptors_have_follow(linear: Fingertip, stiff:
         for name in names:
             wanted = was.receptor_measures[name] * own.get(name, factor_of)
             assert_allclose(now.receptor_measures[name], wanted)
+
+
+NOT_STIFFENING = Tissue(strain="finite")
+STRAIN_OF = {  # what the user writes, strain and stiffening that result, and why
+    "nothing": ({}, ("small", 0.0)),  # the default keeps its numbers
+    "a word alone": ({"strain": "finite"}, ("finite", 0.0)),  # tissue that does not stiffen, at finite strain
+    "both": ({"strain": "finite", "stiffening": 0.3}, ("finite", 0.3)),
+    "a number alone": ({"stiffening": 0.3}, ("finite", 0.3)),  # as before: small strain knows no stiffening
+    "zero at small strain": ({"strain": "small", "stiffening": 0.0}, ("small", 0.0)),
+    "zero alone": ({"stiffening": 0.0}, None),  # it was the linear model; the limit of small numbers is another
+    "a number at small strain": ({"strain": "small", "stiffening": 0.3}, None),
+    "every key, of an earlier version": (Tissue().model_dump(exclude={"strain"}), ("small", 0.0)),
+    "every key, of an earlier version, stiffening": (
+        Tissue(stiffening=0.3).model_dump(exclude={"strain"}),
+        ("finite", 0.3),
+    ),
+}
+
+
+@pytest.mark.parametrize("written", STRAIN_OF)
+def test_strain_is_what_the_user_wrote_and_a_zero_that_has_two_meanings_is_refused(written: str) -> None:
+    values, expected = STRAIN_OF[written]
+    if expected is None:
+        with pytest.raises(ValidationError, match="finite"):
+            Tissue(**values)
+        return
+    found = Tissue(**values)
+    assert (found.strain, found.stiffening) == expected
+    assert Tissue(**found.model_dump()) == found
+    assert Tissue.model_validate_json(found.model_dump_json()) == found
+
+
+@pytest.mark.parametrize("stiffening", [1e-9, 1e-6, 1e-3])
+def test_zero_is_the_limit_of_small_stiffening(linear: Fingertip, stiffening: float) -> None:
+    """Force and energy grow by less than the stiffening: (1 + a κ)^0.58 with κ of about 1 at this depth."""
+
+    def pressed(tissue: Tissue) -> IndentationResult:
+        made = load("finger", FingertipConfig(mesh=MESH, tissue=tissue), cached=False)
+        made._models, made._outlines = linear._models, linear._outlines
+        return made.indent("cylinder:9", doi_mm=0.7)
+
+    zero, some = pressed(NOT_STIFFENING), pressed(Tissue(stiffening=stiffening))
+    assert zero.force_n < some.force_n < zero.force_n * (1 + 2 * stiffening)
+    sed, more = (found.receptor_measures["sed"] for found in (zero, some))
+    assert_allclose(more, sed, rtol=2 * stiffening)
+    assert zero.force_n != pytest.approx(pressed(Tissue()).force_n, rel=0.03)  # the linear model is another
+    assert zero.small_strain.note.startswith("finite strain, stiffening 0:")
 
 
 def test_a_force_is_reached_at_the_depth_that_carries_it(stiff: Fingertip) -> None:

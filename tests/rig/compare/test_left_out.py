@@ -37,6 +37,7 @@ def test_what_is_left_out_at_each_receptor(judged: Callable[..., Comparison]) ->
             {"receptor_mm": 0.5, "positions_mm": [-3.0, 2.0, 3.0]},
         ],
         "range_needed_mm": [-4.0, 3.5],
+        "covered_receptor_x_mm": [],
         "command": "",
         "covered_by_command": 3,
     }
@@ -58,6 +59,29 @@ def test_only_some_and_only_every(judged: Callable[..., Comparison]) -> None:
     assert "from 1 to -3 mm" in some
     (every,) = left_out_lines(judged([0.0], [-2.5, 0.0, 1.0]))
     assert "from 1 to -2.5 mm" in every
+
+
+RECEPTORS = {  # receptors, recorded positions, and the receptors at which the run from 2 to −2 mm covers all of them
+    "the run that was recorded": ([-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0], [0.0]),  # no receptor but that of the field
+    "a wider run": ([-2.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]),  # it reaches 1 mm beyond each end
+    "none of them, but one between": ([-1.5, 1.5], [-1.0, 0.0, 1.0], [0.0]),  # from −1 to 1 mm: the middle
+    "beside the middle": ([-3.0, 3.0], [-2.0, 1.0], [0.5]),  # from 0 to 1 mm
+    "a run that is too short": ([0.0], [-3.0, 3.0], []),
+}
+
+
+@pytest.mark.parametrize("name", RECEPTORS)
+def test_the_receptors_that_the_run_covers_are_offered_and_leave_nothing_out(
+    judged: Callable[..., Comparison], name: str
+) -> None:
+    receptors, positions, covered = RECEPTORS[name]
+    found = judged(receptors, positions)
+    (row,), (line,) = left_out_rows(found), left_out_lines(found)
+    assert row["covered_receptor_x_mm"] == covered
+    assert ("--receptor-x-mm=" in line) == bool(covered)
+    if covered:
+        assert f"`--receptor-x-mm={','.join(f'{x:g}' for x in covered)}` compares all of them" in line
+        assert left_out_lines(judged(covered, positions)) == []
 
 
 def test_nothing_recorded_leaves_nothing_out(make_stimulus: Callable[..., StimulusRow]) -> None:

@@ -45,7 +45,7 @@ def test_one_device_one_line_and_a_clean_end(serving: Serving) -> None:
 
 
 def test_keys_that_a_virtual_device_needs_are_printed(serving: Serving) -> None:
-    ports = serving("--stage", "standa", "--force", "net_ft").ports()
+    ports = serving("--stage", "standa", "--force-sensor", "net_ft").ports()
     assert set(ports) == {"stage", "force", "x_port", "http_port"}
     assert ports["force"] == f"udp://127.0.0.1:{ports['http_port']}"
 
@@ -67,6 +67,6 @@ def test_both_devices_behind_two_tcp_ports(serving: Serving, finger: Fingertip) 
 def test_a_busy_port_is_one_line(rig: Rig) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         number = other.getsockname()[1]
-        ended = rig("serve", "--force", "mtsics", "--tcp", number)
+        ended = rig("serve", "--force-sensor", "mtsics", "--tcp", number)
     assert (ended.code, ended.out, ended.err.count("\n")) == (2, "", 1)
     assert str(number) in ended.err

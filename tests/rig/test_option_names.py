@@ -1,0 +1,60 @@
+"""An option has one meaning, whichever command it belongs to."""
+
+from collections import defaultdict
+from typing import Any
+
+import pytest
+import typer
+
+from rig.cli import program as commands
+from rig.cli.program import COMMANDS, OLD_OPTIONS
+from tests.program import Program
+
+OLD = {  # command line with an old name, and the new name with its reason
+    "init --force": "--replace",  # it replaces a file
+    "serve --force=spring": "--force-sensor",  # it names a device
+    "check bars --force": "--accept-flagged",  # it accepts a finger that no prior explains
+    "dry-run bars --force": "--accept-flagged",
+    "run bars --force": "--accept-flagged",
+    "design --force": "--accept-flagged",
+}
+
+
+def _options() -> dict[str, dict[str, str]]:
+    """Kind of value of each option, by command."""
+    found: dict[str, dict[str, str]] = defaultdict(dict)
+    for name in COMMANDS:
+        one: Any = typer.main.get_command(commands._app([name])).commands[name]
+        for command in getattr(one, "commands", {name: one}).values():
+            for param in command.params:
+                for option in param.opts if param.param_type_name == "option" else ():
+                    found[option][f"{name} {command.name}"] = "flag" if param.is_flag else "value"
+    return found
+
+
+def test_no_option_is_a_flag_on_one_command_and_takes_a_value_on_another() -> None:
+    kinds = {option: by_command for option, by_command in _options().items() if len(set(by_command.values())) > 1}
+    assert kinds.keys() <= KNOWN.keys(), kinds
+
+
+KNOWN = {  # the flag concerns the same thing as the value
+    "--choose": "`rig check --choose` checks the presses that the source of `rig run --choose SOURCE` may choose",
+    "--columns": "`rig show --columns` lists columns of runs, `rig compare --columns` names those of recordings",
+}
+
+
+def test_no_command_has_an_option_that_is_called_force_alone() -> None:
+    options = _options()
+    assert "--force" not in options
+    for command, renamed in OLD_OPTIONS.items():
+        for old, new in renamed.items():
+            assert old not in options
+            assert any(name.startswith(command) for name in options[new])
+
+
+@pytest.mark.parametrize("words", OLD)
+def test_an_old_name_works_and_prints_the_new_one(words: str, program: Program) -> None:
+    ended = program(*words.split(), "--no-such-option")
+    assert ended.code == 2
+    assert OLD[words] in ended.err
+    assert "No such option: --no-such-option" in ended.err
