@@ -14,7 +14,7 @@ from math import sqrt
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.planner import ConstantAcceleration, Piece, Sine, Track
+from sim.devices.grbl.planner import ConstantAcceleration, Piece, Track
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
 
@@ -89,21 +89,6 @@ class DriveAxis:
         path.run(velocity, ramps)
         self._follow(path, now_s)
 
-    def oscillate(self, amplitude: float, period_s: float, halves: int, now_s: float) -> None:
-        """Swing in half cycles of a sine between the position at rest and one at twice the amplitude from it."""
-        path = _Path(self._track.position_at(now_s)[0], now_s)
-        half_s = period_s / 2
-        if self._track.has_play:  # No axis may reverse within a piece.
-            for number in range(halves):
-                path.run(-amplitude if number % 2 else amplitude, [Sine(half_s, half_s, abs(amplitude))])
-        else:
-            path.run(amplitude, [Sine(halves * half_s, half_s, abs(amplitude))])
-        self._follow(path, now_s)
-
-    def end_at(self, t_s: float) -> None:
-        """End the planned motion at a time at which it is at rest."""
-        self._track.replace_from(t_s, [], self._track.position_at(t_s))
-
     def brake(self, down: float, now_s: float) -> None:
         """Brake to rest."""
         self._follow(self._braked(down, now_s), now_s)
@@ -125,7 +110,7 @@ class _Path:
         self.position, self._t_s = position, t_s
         self.pieces: list[Piece] = []
 
-    def run(self, direction: float, ramps: Sequence[ConstantAcceleration | Sine]) -> None:
+    def run(self, direction: float, ramps: Sequence[ConstantAcceleration]) -> None:
         sign = 1.0 if direction >= 0 else -1.0
         for ramp in ramps:
             if ramp.duration_s > 0:

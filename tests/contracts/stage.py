@@ -502,12 +502,9 @@ class StageContract:
             _unconfirmed(bench, limit)
         bench.refuses_to_move()
 
-    def test_what_it_cannot_do_it_refuses_and_inputs_that_it_cannot_report_are_none(self, device: StageBytes) -> None:
+    def test_inputs_that_it_cannot_report_are_none(self, device: StageBytes) -> None:
         """Before any byte."""
         kind, bench = find(StageKind, device.kind), StageBench(device, homed=True)
-        if kind.vibrates is None:
-            with bench.fails(MoveError, "no_vibration"):
-                bench.stage.vibrating(amplitude_mm=0.1, period_s=0.1, cycles=1)
         if not kind.inputs:
             assert bench.stage.active_inputs() == frozenset()
         assert bench.wire.writes == []

@@ -508,13 +508,11 @@ ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
     "home": lambda stage: stage.home(),
     "move": lambda stage: stage.move_to(z_mm=-1.0, speed_mm_s=5.0),
     "connect": lambda stage: stage.connect(),
-    "sine": lambda stage: list(stage.vibrating(amplitude_mm=0.1, period_s=0.5, cycles=1)),
 }
 
 
-@pytest.mark.parametrize(
-    ("kind", "end"), [*((kind, end) for kind in BENCHES for end in ENDS_OF_A_JOG if end != "sine"), ("zaber", "sine")]
-)
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+@every_kind
 def test_a_jog_that_has_ended_is_not_extended(kind: str, end: str) -> None:
     """Another program moves the stage when the next jog comes: it does not go to where the first one would have."""
     bench, devices = _bench(kind)

@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from studies.faults.campaign.faults import CELLS, MECHANICAL, WireFault, wire_faults
-from studies.faults.campaign.scenarios import HAND, RESUME, SCENARIOS, Scenario, plays
+from studies.faults.campaign.scenarios import HAND, RESUME, SCENARIOS, Scenario
 from studies.faults.campaign.world import Message, VirtualWorld
 
 EXACT = ("press", "hold", "lift", "sideways", "home", "zero", "resume", "home by hand", "jog up", "jog sideways")
@@ -76,8 +76,6 @@ def census(bench: str, scenario: Scenario, folder: Path) -> list[Message]:
 def cases(bench: str, folder: Path, scenarios: Sequence[Scenario] = SCENARIOS) -> Iterator[FaultCase]:
     """Every case of a bench, in the order of its messages."""
     for scenario in scenarios:
-        if not plays(scenario, bench):
-            continue
         messages = [m for m in census(bench, scenario, folder / f"{bench}-{scenario.name}") if m.phase]
         again = _again(bench, {message.phase for message in messages}, folder)
         struck = _struck([m for m in messages if _words(m) not in again])
