@@ -13,7 +13,6 @@ from typing import Any, Protocol, TypeVar, cast
 import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.base import StageError
-from rig.devices.registry import kind_of
 from rig.engine import Engine, Journal, Target
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
@@ -29,7 +28,7 @@ from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, NoAttendant, Session
-from studies.faults.campaign.world import RememberingBench, ScenarioBench, config_of
+from studies.faults.campaign.world import RememberingBench, ScenarioBench
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
