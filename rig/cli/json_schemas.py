@@ -1309,8 +1309,6 @@ class ServedPortsJson(Output):
     """Second port of a stage with a controller for each axis."""
     http_port: NotRequired[int]
     """TCP port of the web page of a Net F/T."""
-    spikes: NotRequired[Port]
-    """TCP port of the spikes of simulated afferents."""
 
 
 class TrueParameterJson(Output):
@@ -1867,7 +1865,6 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "finger": (FingerJson,),
     "find": (FindJson,),
     "serve": (ServedPortsJson, RandomFingerJson),
-    "stranger": (RandomFingerJson,),
     "init": (InitJson,),
     "home": (HomedJson,),
     "zero": (ZeroedJson,),

@@ -63,9 +63,6 @@ COMMANDS = {
     "find": Command("identify_finger.find_command", "Locate the finger from a run of find_finger.", "Experiment"),
     "export-deck": Command("finger.export_deck_command", "Write an indentation as a CalculiX deck.", "Simulation"),
     "serve": Command("serve.serve_command", "Serve virtual devices in real time on ports.", "Simulation"),
-    "stranger": Command(
-        "serve.stranger_command", "Print the parameters of a random finger.", "Simulation", hidden=True
-    ),
     "init": Command("init.init_command", "Find the devices and write a configuration file.", "Bench"),
     "home": Command("bench.home", "Home all axes of the stage.", "Bench"),
     "zero": Command("bench.zero", "Zero the force sensor.", "Bench"),

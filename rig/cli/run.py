@@ -289,7 +289,6 @@ def run_command(
     subject: SubjectOption = None,
     mounted: MountedOption = None,
     yes: YesOption = False,
-    afferents: AfferentsOption = None,
     choose: ChooseOption = None,
     count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
@@ -301,7 +300,6 @@ def run_command(
         with ExitStack() as opened:
             finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
-            spikes = None if afferents is None else spike_request(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
@@ -324,7 +322,6 @@ def run_command(
                         left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
                     ),
                     begins=beginning.begins,
-                    spikes=spikes,
                     choose=adaptive,
                 )
     leave(done)
