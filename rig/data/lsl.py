@@ -161,4 +161,3 @@ def open_streams() -> RunStreams:
         return float((before_s + after_s) / 2 - unix_s)
 
     return RunStreams(pylsl.StreamOutlet(about), pylsl.StreamOutlet(marks), offset_s)
-

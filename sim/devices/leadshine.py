@@ -44,10 +44,6 @@ class DriveAxis:
         """Return the nut's whole pulses at a time: behind the motor by the play where it went up last."""
         return self._track.nut_at(t_s)[0]
 
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in pulses, not rounded."""
-        return self._track.nut_position_at(t_s)[0]
-
     def velocity_at(self, t_s: float) -> float:
         """Return the signed velocity in pulses/s."""
         piece = self._track.piece_at(t_s)
@@ -211,10 +207,6 @@ class VirtualDrive:
     def nut_at(self, t_s: float) -> int:
         """Return the nut's position: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in pulses, not rounded."""
-        return self._axis.nut_position_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, its position becomes zero, unsaved registers are lost."""
@@ -398,10 +390,6 @@ class DrivePair:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' position in pulses from the home switches (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in pulses, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
 
 def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> DrivePair:

@@ -203,15 +203,6 @@ class VirtualStage(Protocol):
         ...
 
 
-@runtime_checkable
-class SmoothStage(Protocol):
-    """Virtual stage whose positions are known between its steps."""
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in steps, not rounded."""
-        ...
-
-
 @dataclass(frozen=True)
 class VirtualStageSpec:
     """Specification of a virtual stage, with values along x, y and z.

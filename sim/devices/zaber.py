@@ -88,10 +88,6 @@ class VirtualZaberAxis:
         """Return the nut's height: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
 
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in counts, not rounded."""
-        return self._axis.nut_position_at(t_s)
-
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, the home position and the warnings are lost."""
         self._brake(inf)
@@ -357,10 +353,6 @@ class ZaberChain:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' true position in counts, + up, from home (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in counts, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the motors' true position in counts, + up, from home (x, y, z)."""

@@ -85,7 +85,6 @@ NOT_RUN = {
     "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
     "rig dry-run bars --out rehearsals --afferents 3xSA1,5xRA": NERVE,
     "rig nerve RUN --afferents SA1@0,RA@0.5:1 --seed 3": NERVE,
-    "rig serve --tcp 5000 --afferents 3xSA1,5xRA": "tests/rig/real_time/test_served_spikes.py",
     (
         "rig dry-run bars --set doi_mm=0.8 increments=1 from_mm=2.4 to_mm=-2.4 spacing_mm=0.4 --out rehearsals "
         "--afferents SA1@0"
@@ -136,7 +135,6 @@ NOT_RUN = {
     "DEVICE = ForceKind(": SKETCH,
     "afferent,shape,force_gwt,file": SKETCH,
     "shape,x_mm,doi_mm,count": SKETCH,
-    "# synthetic spikes, not data: SA1-1 SA1-2 RA-1": PRINTED,
     "for e_fat in (0.03, 0.05, 0.1, 0.2):": f"{SLOW}: sixteen fingers; tests/sim/test_moduli.py builds smaller ones",
     "force_gwt = h5read('data.h5', '/sample/force_gwt');": "not tried in MATLAB",
 }

@@ -333,4 +333,3 @@ def _hand(world: ScenarioBench, bench: RememberingBench, sensing: Sensing | None
 
 HAND = HandScenario()
 SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RAMP, RESUME, HAND)
-
