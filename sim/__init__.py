@@ -21,8 +21,6 @@ From the bottom up, each package using only those above it in this list:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sim import _moved
-
 if TYPE_CHECKING:
     from sim.cheapest_model import Aim, Choice, NoModelError, choose
     from sim.config import FingertipConfig, Geometry, MeshSpec, Tissue
@@ -109,6 +107,3 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
-
-
-_moved.answer()

@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple, get_args
 import typer
 
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
-from rig.cli.output import ExitCode, fail, out, renamed, show_builds, starting
+from rig.cli.output import ExitCode, fail, out, show_builds, starting
 from rig.printable import printable
 
 # some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
@@ -90,9 +90,6 @@ COMMANDS = {
     "doctor": Command("installation.doctor_command", "Check ports, versions, limits and cache.", "System"),
 }
 
-OLD_NAMES = {"meet": "identify"}
-"""Commands of version 0.1 and their names now; an old name works for one release."""
-
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
 LOOKED_THROUGH = (50_000, 3, 3)
@@ -113,8 +110,7 @@ def run() -> None:
         out.print(START_PAGE, end="")
         sys.exit(ExitCode.BAD_INPUT)
     try:
-        arguments = _with_new_name(sys.argv[1:])
-        code = _app(arguments)(arguments, prog_name="rig", standalone_mode=False)
+        code = _app(sys.argv[1:])(sys.argv[1:], prog_name="rig", standalone_mode=False)
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
@@ -132,16 +128,6 @@ def _print_traceback(_kind: type[BaseException], error: BaseException, _trace: o
     import traceback
 
     print(printable("".join(traceback.format_exception(error))), end="", file=sys.stderr)
-
-
-def _with_new_name(arguments: list[str]) -> list[str]:
-    """Return the arguments with the new name of a renamed command, and print that name."""
-    at = next((k for k, word in enumerate(arguments) if word != "--"), None)
-    if at is None or arguments[at] not in OLD_NAMES:
-        return arguments
-    new = OLD_NAMES[arguments[at]]
-    renamed(f"rig {arguments[at]}", f"rig {new}")
-    return [*arguments[:at], new, *arguments[at + 1 :]]
 
 
 def _app(arguments: list[str]) -> typer.Typer:

@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from sim._moved import renamed
 from sim.devices.clock import Scheduler, sample_at
 from sim.errors import ArgumentError, SimError
 from sim.units import GWT_N
@@ -262,9 +261,3 @@ class Relay(Protocol):
 
 StageTwin = Callable[[Scheduler, SerialLine, VirtualStageSpec], VirtualStage]
 ForceTwin = Callable[[Scheduler, SerialLine, VirtualForceSpec, Load], object]
-
-
-if not TYPE_CHECKING:
-    __getattr__ = renamed(
-        __name__, {"StageTold": f"{__name__}.VirtualStageSpec", "ForceTold": f"{__name__}.VirtualForceSpec"}
-    )

@@ -289,8 +289,6 @@ def test_every_command_and_option_that_is_named_is_there() -> None:
         named = re.findall(r"`(?:\.venv/bin/)?rig ([a-z][a-z-]*)([^`\n]*)`", text)
         named += re.findall(r"^ *(?:\.venv/bin/)?rig ([a-z][a-z-]*)(?= |$)([^\n#]*)", text, flags=re.MULTILINE)
         for command, rest in named:
-            if command in the_program.OLD_NAMES:
-                continue
             assert command in the_program.COMMANDS, (page, command)
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             assert options <= _options(command), (page, command, options - _options(command))

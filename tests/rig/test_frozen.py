@@ -257,7 +257,6 @@ ASKED = (
     ("shift-invariance --spacing-mm 0.5 --half-width-mm 2", ""),
     ("find found/*", ""),
     ("finger", ""),
-    ("stranger 3", ""),
     ("study study.toml --processes 1", ""),
 )
 FOUND = "dry-run find_finger across=5 along=1 --out found"

@@ -77,7 +77,6 @@ WALK = {
     "find": Walked("run", LOAD),
     "export-deck": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --out deck.inp", LOAD),
     "serve": Walked("", "rig.cli.serve.ServedBench"),
-    "stranger": Walked("3", "rig.cli.serve.truth_of", own=False),
     "home": Walked("--config rig.toml", "rig.cli.bench._home"),
     "zero": Walked("--config rig.toml", "rig.cli.bench.open_force"),
     "status": Walked("--config rig.toml", "rig.cli.bench.look_and_contact"),
