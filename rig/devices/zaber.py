@@ -351,8 +351,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
         at = self._position(reply)
         if not low <= at <= high:
-            at = self._position(self.look())  # Two digits of one reply may have changed places.
-        if not low <= at <= high:
             self._link.send_now("stop")
             raise self._not_there(at, target)
 
@@ -378,25 +376,14 @@ class ZaberAxis(WatchedAxis[Reply]):
             )
 
     def _standing(self) -> int:
-        """Return the position at rest; read twice, since an error would become a wrong target."""
+        """Return the position at rest."""
         reply = self.look()
         warnings = self.warnings(reply)
         self.refuse_alarm(warnings)
         self.refuse_unreferenced(warnings)
         if reply.busy:
             raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._link.name}: {self.name} axis: ")
-        return self._agreed(self._position(reply), self._position(self.look()))
-
-    def _agreed(self, once: int, again: int) -> int:
-        if abs(once - again) > self._tolerance:
-            raise StageError(
-                "{port}: {axis} axis reports position {once} and then {again} at rest; check whether it moves",
-                code="answers_differ",
-                once=once,
-                again=again,
-                **self._names,
-            )
-        return again
+        return self._position(reply)
 
     @property
     def _travel(self) -> int:

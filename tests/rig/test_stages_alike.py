@@ -243,20 +243,6 @@ def test_an_arrival_is_within_2_5_um_or_a_microstep(kind: str, per_mm: float, wi
             assert bench.stage.homed
 
 
-@pytest.mark.parametrize("kind", ["zaber", "tmcl"])
-@FINENESS
-def test_two_positions_at_rest_differ_by_no_more_than_an_arrival_may(kind: str, per_mm: float, within: int) -> None:
-    for apart in (within, within + 1):
-        bench, devices = _bench(kind, calibration=_steps("z", per_mm))
-        more = cycle((0, apart))
-        _reports(kind, devices.z, lambda at, more=more: at + next(more))  # type: ignore[misc]
-        if apart > within:
-            with raises(StageError, "answers_differ", axis="z"):
-                bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
-        else:
-            bench.stage.move_to(z_mm=-2.0, speed_mm_s=2.0)
-
-
 @every_kind
 @pytest.mark.parametrize(("to_mm", "low_mm", "high_mm"), [(-2.5, -2.5, -2.0), (-1.5, -2.0, -1.5)])
 def test_a_move_that_leaves_its_way_by_more_than_an_arrival_may_is_stopped(

@@ -127,6 +127,8 @@ def _struck(messages: Sequence[Message]) -> dict[int, list[WireFault]]:
             if message.number not in whole and (sealed or not new):
                 continue
             faults = list(wire_faults(message.data, from_device=way == "from"))
+            if message.language.sealed:
+                faults = [fault for fault in faults if fault.kind != "swap"]
             if message.number not in whole:
                 faults = [f for f in faults if f.kind in ("flip", "drop", "double", "swap") and f.at in new]
             if faults:
