@@ -115,7 +115,7 @@ NOT_RUN = {
     "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
     "elsewhere/bin/python examples/gallery/library/01_press_and_plot.py": "tests/test_wheel.py",
     "mbpoll -m tcp -p 5020 -a 1 -t 4:hex -0 -r 25088 -c 8 -1 127.0.0.1": "tests/rig/test_modbus_counterparties.py",
-    "mkdir -m 700 /scratch/me/cache && export RIG_CACHE_DIR=/scratch/me/cache": "tests/test_other_accounts.py",
+    "mkdir -m 755 /scratch/me/cache && export RIG_CACHE_DIR=/scratch/me/cache": "tests/sim/test_cache.py",
     "python -m pip install --require-hashes -r requirements/setup.txt": "tests/test_supply_chain.py",
     "py -m venv .venv": "a command of Windows",
     r".venv\Scripts\pip install -e .": "a command of Windows",

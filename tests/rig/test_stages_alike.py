@@ -5,7 +5,7 @@ import struct
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import replace
-from itertools import cycle, pairwise, product
+from itertools import pairwise, product
 from types import SimpleNamespace
 from typing import Any
 
