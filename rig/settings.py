@@ -800,6 +800,21 @@ class StageBounds:
     fastest_mm_s: float
 
 
+_KPA_PER_N_CM2 = 10.0
+
+
+def limits_in_kpa(table: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the table `limits` with `max_pressure_kpa` instead of `max_pressure_n_cm2` of version 0.2."""
+    found = dict(table)
+    if "max_pressure_n_cm2" in found:
+        if "max_pressure_kpa" in found:
+            raise ValueError("max_pressure_kpa and max_pressure_n_cm2 cannot be combined; keep max_pressure_kpa")
+        old = found.pop("max_pressure_n_cm2")
+        is_number = isinstance(old, int | float) and not isinstance(old, bool)
+        found["max_pressure_kpa"] = _KPA_PER_N_CM2 * old if is_number else old
+    return found
+
+
 class LimitSettings(Settings):
     """Limits that refuse a step before a move, and forces that trip; software is never the safety function."""
 
@@ -883,6 +898,11 @@ class LimitSettings(Settings):
         (-4.0, 4.0),
         description="allowed positions along the finger from the receptor plane, in mm; others are refused",
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _in_kpa(cls, tables: Any) -> Any:
+        return limits_in_kpa(tables) if isinstance(tables, dict) else tables
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -34,7 +34,7 @@ from tests.error_codes import raises
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 AFFERENTS = "SA1@0,SA1@1:0.5,RA@0"
 
 

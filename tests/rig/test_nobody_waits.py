@@ -33,7 +33,7 @@ from sim.compiling import cache_dir
 from sim.models.fingertip import Fingertip
 from studies.speed.silence import WORDS
 
-OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 LOAD = "sim.models.fingertip.Fingertip.load"
 SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
 SCRIPT += "    rig.indent(doi_mm=0.2, hold_s=0.1)\n"
