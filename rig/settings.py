@@ -6,7 +6,7 @@ outputs and inputs: `rig/devices/registry.py: KnownBench`.
 
 import datetime
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self, TypeVar
 

@@ -18,6 +18,7 @@ from rig.data.tables import booked_s, motions_in_contact, tables
 from rig.plan.finger_model import PredictedHold
 from rig.records import grouped
 from rig.report.style import as_number, signed
+from rig.settings import limits_in_kpa
 from rig_shared.user_files import read_text, toml_of
 from sim.measures.measures import MEASURES
 from sim.units import GWT_N
@@ -216,7 +217,7 @@ def why_approach(run: Run) -> str:
 
 def limits(run: Run) -> list[tuple[str, str]]:
     """Return the limits of the run and the highest measured values."""
-    table = toml_of(read_text(run.folder.config)).get("limits", {})
+    table = limits_in_kpa(toml_of(read_text(run.folder.config)).get("limits", {}))
     highest_gwt, deepest_mm = (
         max((s[name] for s in run.stream("sample") if s[name] is not None), default=None)
         for name in ("force_gwt", "doi_mm")

@@ -1,7 +1,7 @@
 """What commands answer with --json is as their schema says; `FROZEN=write` writes the examples of the documentation.
 
-tests/rig/real_time asks the commands at the bench, test_identification asks identify: whatever a test reads as JSON is
-held against the schema of its command (tests/program.py).
+tests/rig/real_time asks the commands at the bench, test_identification asks identify: whatever a test reads as JSON
+is held against the schema of its command (tests/program.py).
 """
 
 import json

@@ -11,12 +11,13 @@ from rig.compare.stimuli import CONTROL_UNITS
 from rig.data.dictionary import MODEL_TABLES
 from rig.data.schema import STREAMS
 from rig.plan.config import Config
+from rig.settings import LimitSettings
 from rig.study.parameter_study import columns
 
 ROOT = Path(__file__).parents[2]
 IN_PSEUDO_UNITS = ("encode", "decode", "impulse", "shift-invariance")
 """Commands of the source's coding model, whose options take pseudo-units."""
-FILES = ("rig", "docs", "examples", "tests/golden")
+FILES = ("rig", "docs", "examples", "tests/refusals")
 SAYS = re.compile(r"pressures?\b[^.\n]{0,60}(N/cm²|pseudo|\bMPa\b)|N/cm²", re.IGNORECASE)
 MAY_SAY = (
     *("rig/report/coding_figures.py", "rig/cli/encode.py", "rig/cli/decode.py", "rig/cli/coding_options.py"),
@@ -80,3 +81,17 @@ def test_no_page_and_no_sentence_has_another_unit() -> None:
         if (found := SAYS.search(line)) and '"""' not in line and not line.lstrip().startswith("#")
     ]
     assert not [(path, words) for path, words in said if not path.startswith(MAY_SAY)]
+
+
+@pytest.mark.parametrize(("old", "kpa"), [(30.0, 300.0), (0.5, 5.0), (60, 600.0)])
+def test_a_configuration_of_0_2_keeps_its_limit(old: float, kpa: float) -> None:
+    assert LimitSettings.model_validate({"max_pressure_n_cm2": old}).max_pressure_kpa == kpa
+
+
+@pytest.mark.parametrize(
+    "table",
+    [{"max_pressure_n_cm2": 61}, {"max_pressure_n_cm2": "a"}, {"max_pressure_n_cm2": 3, "max_pressure_kpa": 30}],
+)
+def test_a_limit_that_cannot_be_read(table: dict[str, object]) -> None:
+    with pytest.raises(ValueError, match="max_pressure_kpa"):
+        LimitSettings.model_validate(table)

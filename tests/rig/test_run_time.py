@@ -62,7 +62,6 @@ PLANNED_S = 5.0
 CONFIG = Config.model_validate(
     {"stage": {"port": "STAGE"}, "force": {"port": "FORCE"}, "sync": {"output": "coolant"}},
 )
-OLD = Path(__file__).parents[1] / "data" / "runs" / "complete"
 
 
 class Computer:
