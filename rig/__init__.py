@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from typing import Any
 
-from rig import _moved
-
 
 def door(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], Any]:
     """Return a package's `__getattr__` that imports a name when it is first used.
@@ -37,6 +35,3 @@ def door(package: str, homes: Mapping[str, Sequence[str]]) -> Callable[[str], An
         return getattr(import_module(home[name]), name)
 
     return imported
-
-
-_moved.answer()

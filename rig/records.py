@@ -45,9 +45,7 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-Phase = Literal[
-    "clearance", "rest", "moving", "approach", "back off", "touch", "press", "ramp", "vibrate", "hold", "compliance"
-]
+Phase = Literal["clearance", "rest", "moving", "approach", "back off", "touch", "press", "ramp", "hold", "compliance"]
 """Activity during which the force was read."""
 
 Purpose = Literal["data", "precondition", "reference", "find"]
@@ -160,41 +158,6 @@ class Prediction:
         return self.highest_gwt * GWT_N / self.contact_area_mm2 * 1000
 
 
-@dataclass(frozen=True)
-class SineMotion:
-    """Sine about a preload; the amplitude is half the distance from the highest to the lowest position."""
-
-    amplitude_mm: float
-    period_s: float  # in steps of 0.1 ms
-    cycles: int
-
-    @classmethod
-    def of(cls, frequency_hz: float, amplitude_um: float, duration_s: float) -> "SineMotion":
-        """Return the sine with the whole number of cycles nearest to the duration, no faster than `frequency_hz`."""
-        period_s = math.ceil(10_000 / frequency_hz - 1e-9) / 10_000
-        return cls(amplitude_um / 1000, period_s, max(round(duration_s / period_s), 1))
-
-    @property
-    def frequency_hz(self) -> float:
-        """Cycles per second."""
-        return 1 / self.period_s
-
-    @property
-    def amplitude_um(self) -> float:
-        """Amplitude in micrometers."""
-        return 1000 * self.amplitude_mm
-
-    @property
-    def duration_s(self) -> float:
-        """Duration of all cycles."""
-        return self.cycles * self.period_s
-
-    @property
-    def speed_mm_s(self) -> float:
-        """Highest speed, in the middle of the sine (mm/s)."""
-        return 2 * math.pi * self.amplitude_mm / self.period_s
-
-
 @dataclass(frozen=True, kw_only=True)
 class PlannedIndentation(Prediction):
     """Press of a script, with its prediction."""
@@ -202,4 +165,3 @@ class PlannedIndentation(Prediction):
     increments: int
     hold_s: float
     ramp_mm_s: float | None = None  # speed of a ramp
-    vibration: SineMotion | None = None

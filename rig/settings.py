@@ -804,7 +804,7 @@ _KPA_PER_N_CM2 = 10.0
 
 
 def limits_in_kpa(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the table `limits` with `max_pressure_kpa` instead of `max_pressure_n_cm2` of version 0.1."""
+    """Return the table `limits` with `max_pressure_kpa` instead of `max_pressure_n_cm2` of version 0.2."""
     found = dict(table)
     if "max_pressure_n_cm2" in found:
         if "max_pressure_kpa" in found:

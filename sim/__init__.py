@@ -21,7 +21,6 @@ From the bottom up, each package using only those above it in this list:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sim import _moved
 from sim.announce import announce
 
 if TYPE_CHECKING:
@@ -113,4 +112,3 @@ def __dir__() -> list[str]:
 
 
 announce()
-_moved.answer()

@@ -1,8 +1,7 @@
-"""Just-in-time compilation of loops for this machine, cached on disk.
+"""Just-in-time compilation of loops for this machine, cached in a folder of the user that others cannot change.
 
-The cache is a folder beside this module, like Python's byte code, in the model cache, or in the user's cache folder:
-the first that only this account can change, since numba unpickles what it finds there, which runs any code. Where
-there is none, each process compiles. A change of any module with loops begins a new folder.
+numba unpickles what it finds there, which runs any code. Where there is no such folder, each process compiles. A
+change of any module with loops begins a new folder.
 """
 
 import hashlib
@@ -21,7 +20,7 @@ from numba import config as numba_config
 from numba import njit
 from platformdirs import user_cache_path
 
-from sim.trust import own_folder
+from rig_shared.accounts import only_ours
 
 # --- cache ---
 
@@ -71,30 +70,29 @@ def _cached(loops: Loops, folder: Path) -> Any:
 @cache
 def _folder() -> Path | None:
     """Return the folder for machine code; remove folders that nobody used for a day."""
-    here, name = _HERE / "__pycache__", f"loops-{_digest()}"
-    beside = [here] if os.access(here if here.exists() else _HERE, os.W_OK) else []
-    problems = []
-    for parent in (*beside, cache_dir(), user_cache_path("indentation-rig")):
-        try:
-            folder = own_folder(parent / name)
-        except OSError as error:
-            problems.append(error)
-            continue
+    folder = user_cache_path("indentation-rig") / f"loops-{_digest()}"
+    try:
+        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        os.utime(folder)
+        private = only_ours(folder)
+    except OSError as error:
+        private, problem = False, error.strerror
+    else:
+        problem = "can be changed by other accounts"
+    if not private:
+        if parent_process() is None:
+            _log.warning(
+                "%s %s, so every process compiles its own machine code, for up to a minute; make it a folder that "
+                "only you can write to",
+                folder,
+                problem,
+            )
+        return None
+    for other in folder.parent.glob("loops-*"):
         with suppress(OSError):
-            os.utime(folder)
-            for other in folder.parent.glob("loops-*"):
-                if other != folder and time.time() - other.stat().st_mtime > _UNUSED_S:
-                    shutil.rmtree(other, ignore_errors=True)
-        return folder
-    if parent_process() is None:
-        chosen = problems[-2]
-        _log.warning(
-            "%s %s, so no machine code is read from there and every process compiles its own, for up to a minute; "
-            "set RIG_CACHE_DIR to a folder that only you can write to",
-            chosen.filename,
-            chosen.strerror,
-        )
-    return None
+            if other != folder and time.time() - other.stat().st_mtime > _UNUSED_S:
+                shutil.rmtree(other, ignore_errors=True)
+    return folder
 
 
 def _digest() -> str:

@@ -246,7 +246,7 @@ STUDIES = (
     # rig/compare/test_stimuli.py: a run over more than one patch; this file's own ranges
     "rig/compare/test_wider_run.py::test_presses_on_patches_of_two_widths_are_compared",
     "rig/test_every_block.py::test_what_is_shown_runs[comparison]",  # rig/compare/test_compare_command.py
-    "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_frozen.py: `find`
+    "rig/test_every_block.py::test_what_is_shown_runs[find_finger]",  # rig/test_json_answers.py: `find`
     "rig/test_every_block.py::test_what_is_shown_runs[identify]",  # rig/test_identification.py
     "rig/test_every_block.py::test_what_is_shown_runs[own_recordings]",  # rig/compare/test_afferents_table.py
     "rig/test_every_block.py::test_what_is_shown_runs[schedules]",  # rig/test_schedule.py
@@ -256,9 +256,6 @@ STUDIES = (
     "rig/test_followed_pages.py::test_a_page_can_be_followed_literally[nerve]",
     # the page's other block, on a half-space; rig/test_nerve_command.py
     'rig/test_every_block.py::test_code_is_run_or_excused[nerve: finger = load("finger")]',
-    # [grbl]; bytes and frames of drives and transmitter: contracts/, rig/test_modbus_master.py
-    "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[rtu]",
-    "rig/test_frozen.py::test_the_demo_sends_and_records_what_it_did[tcp]",
     "test_gallery.py::test_decode",  # rig/test_decode_command.py, sim/test_decoding.py
     "test_gallery.py::test_device_added",  # test_third_party_device.py
     "test_gallery.py::test_finger_identified",  # rig/test_identification.py
@@ -309,7 +306,7 @@ LONG = (
     "studies/test_allowed_page.py",
     "studies/test_strangers_are_met.py",
     "sim/test_hard_cases.py",
-    "rig/test_frozen.py",
+    "rig/test_json_answers.py",
     "rig/compare/test_compare_command.py",
     "rig/test_followed_pages.py",
     "rig/test_lost_journal.py",

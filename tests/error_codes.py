@@ -1,4 +1,4 @@
-"""Errors are told apart by their class, code and fields; their sentences stand in tests/golden."""
+"""Errors are told apart by their class, code and fields."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

@@ -29,7 +29,7 @@ from tests.waiting import until
 POSSIBLE = sys.platform == "linux"
 SPAWN_ANEW = getattr(multiprocessing.util, "spawnv_passfds", None)
 IMPORTED = (
-    *("rig.cli.program", "rig.cli.run", "rig.cli.dry_run", "rig.cli.serve", "rig.cli.jog", "rig.cli.by_hand"),
+    *("rig.cli.program", "rig.cli.run", "rig.cli.serve", "rig.cli.jog", "rig.cli.bench", "rig.cli.panel"),
     *("rig.devices.grbl", "rig.devices.mtsics", "sim.devices.grbl", "rig.report.run_report", "rig.panel.app"),
     *("multiprocessing.spawn", "sim.finger_process", "sim.models.fingertip", "sim.contact.warmup"),
     # Of the workers of the suite.

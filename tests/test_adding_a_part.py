@@ -26,7 +26,7 @@ from tests.program import SEVERAL
 
 ROOT = Path(__file__).parents[1]
 PARTS = ROOT / "tests" / "parts"
-OLD_RUN = ROOT / "tests" / "data" / "runs_of_0_1" / "complete"
+OLD_RUN = ROOT / "tests" / "data" / "runs" / "complete"
 PLACES = ("rig", "sim", "rig_shared", "protocols")
 PRESS = ("--x-mm", "0", "--doi-mm", "0.2")
 DEVICES = '[stage]\nkind = "hobby"\n[force]\nkind = "plain"\n[force.plain]\ndecimals = 2\n'

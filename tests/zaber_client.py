@@ -40,20 +40,6 @@ def interrupted(axis: Axis) -> str:
     return found[0]
 
 
-def pre_empted(axis: Axis) -> str:
-    """How a sine ends that a stop ends."""
-    found: list[str] = []
-    sine = threading.Thread(
-        target=lambda: found.append(failure(lambda: axis.move_sin(20, NATIVE, 1000, NATIVE, count=20)))
-    )
-    sine.start()
-    while not axis.is_busy():
-        pass
-    axis.stop()
-    sine.join()
-    return found[0]
-
-
 def main() -> None:
     """Detect, home, move, stop."""
     Library.disable_device_db_store()
@@ -82,17 +68,6 @@ def main() -> None:
         axis.stop()
         found["stopped"] = not axis.is_busy()
         axis.move_absolute(1500, NATIVE)
-        axis.move_sin(20, NATIVE, 100, NATIVE, count=2)
-        found["after_two_cycles"] = axis.get_position()
-        axis.move_sin(20, NATIVE, 50.5, NATIVE, count=0.5)
-        found["after_half_a_cycle"] = axis.get_position()
-        axis.move_sin(20, NATIVE, 200, NATIVE, wait_until_idle=False)
-        found["for_ever"] = axis.is_busy()
-        axis.move_sin_stop()
-        found["after_its_cycle"] = axis.get_position()
-        found["no_sine"] = failure(axis.move_sin_stop)
-        found["too_large"] = failure(lambda: axis.move_sin(9000, NATIVE, 100, NATIVE, count=1))
-        found["pre_empted"] = pre_empted(axis)
         found["too_far"] = failure(lambda: axis.move_absolute(999_999, NATIVE))
         found["unknown"] = failure(lambda: axis.generic_command("frobnicate"))
         found["interrupted"] = interrupted(axis)

@@ -1,16 +1,14 @@
 """Virtual bench in real time, behind ports that any program can open."""
 
-import socket
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from rig.bench.virtual import (
     load_on_sensor,
     refuse_twinless,
     relaxation,
-    rises_of,
     true_carriage,
     truth,
     virtual_force,
@@ -28,13 +26,9 @@ from sim.carriage import Carriage
 from sim.contact.shapes import parse_shape
 from sim.devices.line import Load, SerialLine, VirtualStage
 from sim.serve.force_process import FingerNotLoadedError, PressProcess, TrajectoryProcess
-from sim.serve.ports import HOST, PortBusyError, PtyPort, TcpPort, UdpPort, bound
+from sim.serve.ports import PortBusyError, PtyPort, TcpPort, UdpPort
 from sim.serve.prefetch import ForcePrefetcher, PressAhead, PressStatistics, TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
-
-if TYPE_CHECKING:  # slow to import, and for simulated afferents only
-    from rig.bench.served_spikes import ServedSpikes, SpikeStatistics
-    from rig.plan.nerve import SpikeRequest
 
 Process = TypeVar("Process", PressProcess, TrajectoryProcess)
 
@@ -53,15 +47,12 @@ class ServedBench:
         stage: str | None,
         force: str | None,
         tcp: int | None = None,
-        spikes: "SpikeRequest | None" = None,
-        lsl: bool = False,
         complain: Callable[[str], object] = print,
     ) -> None:
         """Start the devices; return when all of them respond. Raises BadInputError.
 
         stage, force: kinds of device, None for none. tcp: number of the first port; None: pseudo-terminals, or free
-        TCP ports on Windows. spikes: simulated afferents, whose spikes get a TCP port; lsl: also stream them over
-        LSL.
+        TCP ports on Windows.
 
         Returns when all devices respond. Raises BadInputError.
         """
@@ -73,11 +64,8 @@ class ServedBench:
         self.pages: dict[str, int] = {}
         self.tables = {"stage": "stage", "force": "force"}
         self.press: ForcePrefetcher | None = None
-        self.spikes: ServedSpikes | None = None
-        self.spike_port: dict[str, str] = {}
-        self._tcp, self._wanted, self._lsl = tcp, spikes, lsl
+        self._tcp = tcp
         self._refusing: list[TcpPort | UdpPort] = []
-        self.spike_statistics: SpikeStatistics | None = None
         self._closing = ExitStack()
         self._closing.callback(self.scheduler.close)
         try:
@@ -117,10 +105,6 @@ class ServedBench:
 
     def _build(self, config: Config, stage: str | None, force: str | None, complain: Callable[[str], object]) -> None:
         parse_shape(config.virtual.indentor)
-        if self._wanted is not None:
-            from rig.bench.served_spikes import refuse_turned
-
-            refuse_turned(truth(config))
         refuse_twinless(*(device for device, kind in ((config.stage, stage), (config.force, force)) if kind))
         stage_line = self._open("stage", config.stage) if stage else None
         force_line = self._open("force", config.force) if force else None
@@ -128,14 +112,11 @@ class ServedBench:
             further = find(StageKind, config.stage.kind).further_ports
             stage_line.further = tuple(self._open(key, config.stage) for key in further)
             self.tables |= dict.fromkeys(further, f"stage.{kind_of(config.stage).place}")
-        server = None if self._wanted is None else self._bound_for_spikes()
         board = virtual_stage(self.scheduler, stage_line, config) if stage_line else None
         if force_line:
             load = self._finger(config, board, complain) if board else Load(lambda t_s: 0.0)
             sensor = virtual_force(self.scheduler, force_line, config, load_on_sensor(load, config))
             wire_hardware_trip(config, board, sensor)
-        if board and server and self._wanted:
-            self._begin_spikes(config, board, server, complain)
         for port in self._refusing:  # Not earlier, because clients would wait for a reply.
             port.listen()
 
@@ -154,28 +135,6 @@ class ServedBench:
             self.pages[page] = int(port.name.rpartition(":")[2])
             self.tables[page] = f"{name}.{kind_of(device).place}"
         return line
-
-    def _bound_for_spikes(self) -> socket.socket:
-        server = bound(self._tcp + len(self.ports) if self._tcp else 0)
-        self._closing.callback(server.close)
-        self.spike_port = {"spikes": f"tcp://{HOST}:{server.getsockname()[1]}"}
-        return server
-
-    def _begin_spikes(
-        self, config: Config, board: VirtualStage, server: socket.socket, complain: Callable[[str], object]
-    ) -> None:
-        from rig.bench.served_spikes import ServedSpikes
-
-        assert self._wanted is not None
-        spikes = ServedSpikes(config, truth(config), self._wanted, server, lsl=self._lsl, complain=complain)
-        self._closing.callback(self._end_spikes)
-        self.spikes = spikes
-        spikes.begin(self.scheduler, true_carriage(board, config, smooth=True), rises_of(board, config))
-
-    def _end_spikes(self) -> None:
-        if self.spikes is not None:
-            self.spike_statistics = self.spikes.close()
-            self.spikes = None
 
     def _finger(self, config: Config, board: VirtualStage, complain: Callable[[str], object]) -> Load:
         carriage: Carriage = true_carriage(board, config)

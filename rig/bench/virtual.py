@@ -1,6 +1,6 @@
 """Virtual bench: real drivers and bytes, virtual devices on one virtual clock."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -39,7 +39,6 @@ from sim.devices.line import (
     Load,
     Relay,
     SerialLine,
-    SmoothStage,
     StopPins,
     TwinError,
     VirtualForceSpec,
@@ -90,14 +89,11 @@ def with_kinds(config: Config, stage: str | None, force: str | None) -> Config:
     return config.model_copy(update=parts)
 
 
-def true_carriage(stage: VirtualStage, config: Config, *, smooth: bool = False) -> Carriage:
-    """Return the true carriage: true screws, true position of the finger.
-
-    smooth: between whole steps too, where the stage knows that.
-    """
+def true_carriage(stage: VirtualStage, config: Config) -> Carriage:
+    """Return the true carriage: true screws, true position of the finger."""
     virtual, frame = config.virtual, config.frame
     return Carriage(
-        stage.nut_position_at if smooth and isinstance(stage, SmoothStage) else stage.nut_steps_at,
+        stage.nut_steps_at,
         Screws(_screw(config, "x"), _screw(config, "z")),
         Placement(
             frame.pad_centre_x_mm + virtual.finger_x_offset_mm,
@@ -191,15 +187,6 @@ def wire_hardware_trip(config: Config, stage: object, sensor: object) -> None:
     if name is None or not (isinstance(stage, StopPins) and isinstance(sensor, Relay)):
         return
     sensor.wire(lambda closed: stage.press(name) if closed else stage.release(name))
-
-
-def rises_of(stage: VirtualStage, config: Config) -> Callable[[float], list[float]]:
-    """Return a function of a time, which gives the later rises of the output for the amplifier (s)."""
-    sync = config.sync
-    device = getattr(stage, sync.drive, None) if sync.output == "drive" else stage
-    on = {"coolant": "M8", "spindle": "M3", "drive": sync.on_word}.get(sync.output)
-    switched: Iterable[tuple[float, object]] = getattr(device, "outputs", ()) if on is not None else ()
-    return lambda after_s: [at_s for at_s, word in switched if at_s > after_s and word == on]
 
 
 def refuse_twinless(*devices: DeviceSettings) -> None:

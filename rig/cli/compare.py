@@ -13,7 +13,7 @@ import typer
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
-from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json, renamed
+from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
@@ -90,7 +90,6 @@ def command(
         bool,
         typer.Option("--normalize", help="Divide rates by the largest of their family.", rich_help_panel=_RECORDING),
     ] = False,
-    normalise: Annotated[bool, typer.Option("--normalise", help="Old name of --normalize.", hidden=True)] = False,
     window_s: Annotated[
         str,
         typer.Option(
@@ -184,9 +183,6 @@ def command(
             return
         if not runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", code="needs_run")
-        if normalise:
-            normalize = True
-            renamed("--normalise", "--normalize")
         receptors = Receptors(
             numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
@@ -260,7 +256,7 @@ def command(
                 lambda shifted: outcome_of(answers(_on(comparison, shifted, normalize, plausible), form)),
             )
         with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
-            at = places(found, recordings, where, form, normalise=normalize) if where else []
+            at = places(found, recordings, where, form, normalize=normalize) if where else []
         options = {
             "--recorded": recorded or [],
             "--columns": columns or [],
@@ -372,20 +368,20 @@ def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json
 def _compared(
     answered: list[Answered],
     recordings: dict[str, Recording],
-    normalise: bool,
+    normalize: bool,
     plausible: PlausibleFingers | None,
     *,
     exact: bool,
     as_json: bool,
 ) -> Comparison:
     """Compare, with the responses of every plausible finger if ranges are set; reject incompatible input first."""
-    comparison = compare([s for one in answered for s in one.stimuli], recordings, normalise=normalise)
+    comparison = compare([s for one in answered for s in one.stimuli], recordings, normalize=normalize)
     if plausible is None:
         return comparison
     with busy("plausible fingers: reading their responses from the cache, or computing them …", as_json=as_json):
         found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
-    return compare(on_all, recordings, normalise=normalise, plausible=plausible)
+    return compare(on_all, recordings, normalize=normalize, plausible=plausible)
 
 
 def _without_copies(runs: Sequence[Run]) -> list[Run]:
@@ -406,10 +402,10 @@ def _events(run: Run) -> int:
 
 
 def _on(
-    comparison: Comparison, recordings: Mapping[str, Recording], normalise: bool, plausible: PlausibleFingers | None
+    comparison: Comparison, recordings: Mapping[str, Recording], normalize: bool, plausible: PlausibleFingers | None
 ) -> Comparison:
     """Return a comparison of the same responses with other recordings."""
-    return compare(comparison.stimuli, recordings, normalise=normalise, plausible=plausible)
+    return compare(comparison.stimuli, recordings, normalize=normalize, plausible=plausible)
 
 
 def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None) -> list[str]:

@@ -27,7 +27,7 @@ from rig.cli.coding_options import (
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
-from rig.cli.output import busy, one_line_errors, out, print_json, renamed
+from rig.cli.output import busy, one_line_errors, out, print_json
 from rig.errors import BadInputError, around
 from rig.plan.config import load_config
 from rig.printable import either
@@ -449,9 +449,6 @@ def decode_command(
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
     with one_line_errors(as_json=as_json):
         refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
-        if decoder == "ours":
-            renamed("--decoder ours", "--decoder bayes")
-            decoder = "bayes"
         name = named("--decoder", decoder, DECODERS)
         by = None if operator is None else named("--operator", operator, OPERATORS)
         receptor, at = receptor_of(gain, threshold), named("--noise", noise, NOISE_PLACES)

@@ -272,19 +272,6 @@ class PlannedStepJson(Output):
     ramp_trip_gwt: NotRequired[float]
     ramp_bound_gwt: NotRequired[float]
     """Soft trip and overshoot of a press, which the ramp does not exceed either."""
-    vibration_hz: NotRequired[float]
-    """Frequency of a vibration. The force limits below hold for the predicted stiffness."""
-    vibration_um: NotRequired[float]
-    """Amplitude: half of the distance from the highest to the lowest position."""
-    vibration_cycles: NotRequired[int]
-    vibration_highest_hz: NotRequired[float]
-    """Highest frequency of the stage with this amplitude."""
-    vibration_largest_um: NotRequired[float]
-    """Largest amplitude at which the indentor stays in the skin."""
-    vibration_peak_gwt: NotRequired[float]
-    vibration_trip_gwt: NotRequired[float]
-    vibration_bound_gwt: NotRequired[float]
-    """Soft trip and overshoot of a press, which the vibration does not exceed either."""
 
 
 class PossiblePressesJson(Output):
@@ -1336,8 +1323,6 @@ class ServedPortsJson(Output):
     """Second port of a stage with a controller for each axis."""
     http_port: NotRequired[int]
     """TCP port of the web page of a Net F/T."""
-    spikes: NotRequired[Port]
-    """TCP port of the spikes of simulated afferents."""
 
 
 class TrueParameterJson(Output):
@@ -1894,7 +1879,6 @@ OUTPUTS: Mapping[str, tuple[Any, ...]] = {
     "finger": (FingerJson,),
     "find": (FindJson,),
     "serve": (ServedPortsJson, RandomFingerJson),
-    "stranger": (RandomFingerJson,),
     "init": (InitJson,),
     "home": (HomedJson,),
     "zero": (ZeroedJson,),

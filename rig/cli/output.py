@@ -386,11 +386,6 @@ def complain(message: str) -> str:
     return line
 
 
-def renamed(old: str, new: str) -> None:
-    """Print one line on standard error: an old name works for one release."""
-    complain(f"warning: {old} is now {new}; the old name works for one release")
-
-
 class NotConfirmedError(RigError):
     """Error of a request that the person did not confirm."""
 

@@ -43,12 +43,6 @@ def panel_command(
     port: Annotated[
         int, typer.Option(metavar="N", help="TCP port on this machine, 1024 to 65535; 0 selects a free port.")
     ] = 0,
-    spikes: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PORT", help="Port of simulated spikes to show, as rig serve --afferents printed. Default: none."
-        ),
-    ] = None,
     browser: Annotated[
         bool, typer.Option("--browser/--no-browser", help="Open the page in a browser, or do not.")
     ] = True,
@@ -61,7 +55,7 @@ def panel_command(
                 "{option} {value}: must be {low} to {high}, or 0 for a free port",
                 code="outside_range", option="--port", value=port, low=_LOWEST_PORT, high=65535,
             )  # fmt: skip
-        panel = _panel(config, out_dir, port, spikes)
+        panel = _panel(config, out_dir, port)
         if as_json:
             print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})
         else:
@@ -71,11 +65,10 @@ def panel_command(
             panel.serve()
 
 
-def _panel(config: Path | None, out_dir: Path, port: int, spikes: str | None) -> "Panel":
+def _panel(config: Path | None, out_dir: Path, port: int) -> "Panel":
     from rig.panel.app import Offered, Panel  # rig by-hand starts without a web server
-    from rig.panel.spikes import port_number
 
-    return Panel(Offered(out_dir, config, port, None if spikes is None else port_number(spikes)))
+    return Panel(Offered(out_dir, config, port))
 
 
 @contextmanager

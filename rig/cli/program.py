@@ -13,7 +13,7 @@ from typing import Annotated, Literal, NamedTuple, get_args
 import typer
 
 from rig.cli.help import START_PAGE, PlainCommand, PlainGroup
-from rig.cli.output import ExitCode, fail, out, renamed, show_builds, starting
+from rig.cli.output import ExitCode, fail, out, show_builds, starting
 from rig.printable import printable
 
 # some versions of typer carry their own copy of click, whose exceptions are reached through a public one.
@@ -63,9 +63,6 @@ COMMANDS = {
     "find": Command("identify_finger.find_command", "Locate the finger from a run of find_finger.", "Experiment"),
     "export-deck": Command("finger.export_deck_command", "Write an indentation as a CalculiX deck.", "Simulation"),
     "serve": Command("serve.serve_command", "Serve virtual devices in real time on ports.", "Simulation"),
-    "stranger": Command(
-        "serve.stranger_command", "Print the parameters of a random finger.", "Simulation", hidden=True
-    ),
     "init": Command("init.init_command", "Find the devices and write a configuration file.", "Bench"),
     "home": Command("bench.home", "Home all axes of the stage.", "Bench"),
     "zero": Command("bench.zero", "Zero the force sensor.", "Bench"),
@@ -93,17 +90,6 @@ COMMANDS = {
     "doctor": Command("installation.doctor_command", "Check ports, versions, limits and cache.", "System"),
 }
 
-OLD_NAMES = {"meet": "identify"}
-"""Commands of version 0.1 and their names now; an old name works for one release."""
-
-_FLAGGED = "--accept-flagged"
-OLD_OPTIONS = {
-    "init": {"--force": "--replace"},
-    "serve": {"--force": "--force-sensor"},
-    **{name: {"--force": _FLAGGED} for name in ("check", "dry-run", "run", "design")},
-}
-"""Options of version 0.2 that had one name for several meanings; an old name works for one release."""
-
 _GROUPS: tuple[Group, ...] = get_args(Group)
 
 LOOKED_THROUGH = (50_000, 3, 3)
@@ -124,8 +110,7 @@ def run() -> None:
         out.print(START_PAGE, end="")
         sys.exit(ExitCode.BAD_INPUT)
     try:
-        arguments = _with_new_name(sys.argv[1:])
-        code = _app(arguments)(arguments, prog_name="rig", standalone_mode=False)
+        code = _app(sys.argv[1:])(sys.argv[1:], prog_name="rig", standalone_mode=False)
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
@@ -143,24 +128,6 @@ def _print_traceback(_kind: type[BaseException], error: BaseException, _trace: o
     import traceback
 
     print(printable("".join(traceback.format_exception(error))), end="", file=sys.stderr)
-
-
-def _with_new_name(arguments: list[str]) -> list[str]:
-    """Return the arguments with the new names of a renamed command and its options, and print these names."""
-    at = next((k for k, word in enumerate(arguments) if word != "--"), None)
-    if at is None:
-        return arguments
-    command, *words = arguments[at:]
-    if command in OLD_NAMES:
-        renamed(f"rig {command}", f"rig {OLD_NAMES[command]}")
-        command = OLD_NAMES[command]
-    old = OLD_OPTIONS.get(command, {})
-    for k, word in enumerate(words):
-        option, equals, value = word.partition("=")
-        if option in old:
-            renamed(f"rig {command} {option}", f"rig {command} {old[option]}")
-            words[k] = f"{old[option]}{equals}{value}"
-    return [*arguments[:at], command, *words]
 
 
 def _app(arguments: list[str]) -> typer.Typer:

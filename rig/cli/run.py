@@ -201,7 +201,6 @@ def _print_check(found: dict[str, Any]) -> None:
         f"stopping distance {found['stop_distance_mm']:.3g} mm, overshoot at a trip at most "
         f"{found['overshoot_gwt']:.3g} gwt",
         *(_ramp(step) for step in found["steps"] if "ramp_mm_s" in step),
-        *(_vibration(step) for step in found["steps"] if "vibration_hz" in step),
         *([_possible(found["possible"])] if "possible" in found else []),
     ):
         out.print(line)
@@ -219,15 +218,6 @@ def _ramp(step: dict[str, Any]) -> str:
         f"{step['index']}: a ramp at {step['ramp_mm_s']:g} mm/s trips at {step['ramp_trip_gwt']:.3g} gwt, is at rest "
         f"within {step['ramp_stop_mm']:.2g} mm, and stays below {step['ramp_bound_gwt']:.3g} gwt; at most "
         f"{step['ramp_fastest_mm_s']:.2g} mm/s"
-    )
-
-
-def _vibration(step: dict[str, Any]) -> str:
-    return (
-        f"{step['index']}: {step['vibration_cycles']} cycles at {step['vibration_hz']:.4g} Hz with an amplitude of "
-        f"{step['vibration_um']:g} µm reach {step['vibration_peak_gwt']:.3g} gwt, trip at "
-        f"{step['vibration_trip_gwt']:.3g} gwt, and stay below {step['vibration_bound_gwt']:.3g} gwt; at most "
-        f"{step['vibration_highest_hz']:.3g} Hz with this amplitude, and {step['vibration_largest_um']:.3g} µm"
     )
 
 
@@ -313,7 +303,6 @@ def run_command(
     subject: SubjectOption = None,
     mounted: MountedOption = None,
     yes: YesOption = False,
-    afferents: AfferentsOption = None,
     choose: ChooseOption = None,
     count_within_s: CountWithinOption = WITHIN_S,
     as_json: JsonOption = False,
@@ -325,7 +314,6 @@ def run_command(
         with ExitStack() as opened:
             finger = opened.enter_context(FingerProcess(settings.finger))
             script = load_script(protocol, [*(set_ or []), *(more or [])])
-            spikes = None if afferents is None else spike_request(afferents, seed=0)
             into = new_run(out_dir, subject)
             ready_for_a_real_run("run", settings, out_dir, yes=yes)
             choice = _adaptive(script, choose, count_within_s, settings, finger, as_json=as_json)
@@ -348,7 +336,6 @@ def run_command(
                         left_on_record(out_dir, settings), yes=yes, asking=owner.asking, button=owner.button
                     ),
                     begins=beginning.begins,
-                    spikes=spikes,
                     choose=adaptive,
                 )
     leave(done)

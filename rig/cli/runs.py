@@ -17,7 +17,7 @@ from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.data import dictionary
-from rig.data.folder import SCRIPTS, replace_text
+from rig.data.folder import SCRIPT, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import Run, RunError, provenance_of, read_provenance
 from rig.data.tables import (
@@ -366,7 +366,7 @@ def export_command(
 
 
 def _refuse_identification(run: Run) -> None:
-    if read_provenance(run.folder, "protocol")["protocol"] in SCRIPTS:
+    if read_provenance(run.folder, "protocol")["protocol"] == SCRIPT:
         raise BadInputError(
             "run folder {path}: an identification has a page of its own, which cannot be made again from its journal",
             code="identification",

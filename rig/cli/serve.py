@@ -4,12 +4,11 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.nerve import spike_request
 from rig.cli.options import FingerConfigOption, JsonOption
 from rig.cli.output import (
     THE_FINGER,
@@ -20,10 +19,8 @@ from rig.cli.output import (
     one_line_errors,
     out,
     print_json,
-    renamed,
     resting,
 )
-from rig.data.lsl import lsl as lsl_package
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -33,11 +30,7 @@ from rig.printable import either
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
-if TYPE_CHECKING:  # slow to import
-    from rig.bench.served_spikes import SpikeStatistics
-    from rig.plan.nerve import SpikeRequest
-
-_DEVICES, _FINGER, _SPIKES = "Devices", "Finger", "Simulated spikes"
+_DEVICES, _FINGER = "Devices", "Finger"
 
 
 def serve_command(
@@ -88,9 +81,6 @@ def serve_command(
             rich_help_panel=_FINGER,
         ),
     ] = None,
-    stranger: Annotated[
-        int | None, typer.Option(metavar="SEED", min=0, help="Old name of --random-finger.", hidden=True)
-    ] = None,
     reveal: Annotated[
         int | None,
         typer.Option(
@@ -104,25 +94,6 @@ def serve_command(
         Path | None,
         typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
     ] = None,
-    afferents: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Deliver spikes of simulated afferents, e.g. 3xSA1,5xRA (rig nerve), on a TCP port.",
-            rich_help_panel=_SPIKES,
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", help="Seed of --afferents. Default: 0.", rich_help_panel=_SPIKES)
-    ] = None,
-    lsl: Annotated[
-        bool,
-        typer.Option(
-            "--lsl",
-            help="Also stream the spikes over LSL, where every computer on the network can read them.",
-            rich_help_panel=_SPIKES,
-        ),
-    ] = False,
     config: FingerConfigOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -135,9 +106,6 @@ def serve_command(
             raise BadInputError(
                 "{option} requires {needs}; add it", code="needs_option", option="--beside", needs="--reveal"
             )
-        if stranger is not None:
-            renamed("rig serve --stranger", "rig serve --random-finger")
-            random_finger = stranger
         settings = _with_indentor(load_config(config), indentor)
         if pty and tcp is not None:
             raise BadInputError(
@@ -156,21 +124,18 @@ def serve_command(
         if random_finger is not None:
             settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
-        spikes = _spikes(afferents, seed, lsl=lsl, finger=both or bool(stage and force))
         with busy(THE_FINGER, quick=True):
             bench = ServedBench(
                 settings,
                 stage=_kind("stage", stage, settings.stage.kind if both else None),
                 force=_kind("force", force, settings.force.kind if both else None),
                 tcp=tcp,
-                spikes=spikes,
-                lsl=lsl,
                 complain=complain,
             )
         with bench:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
-            print_json(bench.ports | bench.pages | bench.spike_port)
+            print_json(bench.ports | bench.pages)
             if sys.stderr.isatty():
                 err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
@@ -179,38 +144,6 @@ def serve_command(
                 err.print(_statistics_line(bench.statistics))
             if bench.press is not None and bench.press.ended:
                 raise typer.Exit(ExitCode.STOPPED)
-        if bench.spike_statistics is not None:
-            err.print(_spikes_line(bench.spike_statistics))
-
-
-def _spikes(afferents: str | None, seed: int | None, *, lsl: bool, finger: bool) -> "SpikeRequest | None":
-    """Return the requested afferents. Raises BadInputError, ModelRangeError, LslMissingError."""
-    if afferents is None:
-        for option, given in (("--seed", seed is not None), ("--lsl", lsl)):
-            if given:
-                raise BadInputError(
-                    "{option} requires {needs}; add it", code="needs_option", option=option, needs="--afferents"
-                )
-        return None
-    if not finger:
-        raise BadInputError(
-            "--afferents: requires a stage and a force sensor with a finger between them; give both --stage and "
-            "--force-sensor, or neither",
-            code="no_finger",
-        )
-    wanted = spike_request(afferents, seed or 0)
-    if lsl:
-        lsl_package()
-    return wanted
-
-
-def _spikes_line(found: "SpikeStatistics") -> str:
-    from rig.bench.served_spikes import LATE_S
-
-    return (
-        f"{found.delivered} synthetic spikes delivered, {found.late} more than {1000 * LATE_S:g} ms late; the worst "
-        f"{1000 * found.worst_s:.1f} ms"
-    )
 
 
 def _tables(bench: ServedBench) -> list[str]:
@@ -246,18 +179,6 @@ def _statistics_line(found: PressStatistics) -> str:
         f"most {found.stalest_s:.2f} s old; {found.unknown} refused); {found.solved} solved, slowest "
         f"{1000.0 * found.slowest_s:.0f} ms"
     )
-
-
-def stranger_command(
-    seed: Annotated[int, typer.Argument(min=0, help="Seed of the random finger.")],
-    beside: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Finger file from rig identify to compare.")
-    ] = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Print the parameters of a random finger, as `rig serve --reveal`, under the old name."""
-    renamed("rig stranger", "rig serve --reveal")
-    _reveal(seed, beside, as_json=as_json)
 
 
 def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:

@@ -120,7 +120,7 @@ class Comparison:
     stimuli: tuple[StimulusRow, ...]
     overlays: tuple[Overlay, ...]
     plausible: PlausibleFingers | None = None
-    normalised: bool = False  # rates of each family have their own unit
+    normalized: bool = False  # rates of each family have their own unit
     wider: Mapping[StimulusRow, "WiderRun"] = field(default_factory=dict)
     """Range that would cover more of the recording, for stimuli that leave positions out."""
 
@@ -206,25 +206,25 @@ def compare(
     stimuli: Sequence[StimulusRow],
     recordings: Mapping[str, Recording],
     *,
-    normalise: bool = False,
+    normalize: bool = False,
     plausible: PlausibleFingers | None = None,
 ) -> Comparison:
     """Pair each recording, by its shape's canonical name, with every stimulus of that shape.
 
     A name such as "step:1@8 gwt" selects one condition.
 
-    `normalise` divides rates by the largest mean rate of their family; `plausible` describes the further fingers in
+    `normalize` divides rates by the largest mean rate of their family; `plausible` describes the further fingers in
     the stimuli. Raises ComparisonError if two runs pressed the same shape to the same target, or if no run pressed a
     recorded shape.
     """
-    if normalise:
-        recordings = _normalised(recordings)
+    if normalize:
+        recordings = _normalized(recordings)
     ordered = tuple(sorted(stimuli, key=lambda s: (*_ordered_group(s), natural_order(s.shape))))
     _refuse_twins(ordered)
     _refuse_strays(ordered, recordings)
     laid = [(s, recordings.get(f"{s.shape}@{s.condition}", recordings.get(s.shape))) for s in ordered]
     overlays = tuple(Overlay(s, found) for s, found in laid if found is not None)
-    return Comparison(ordered, overlays, plausible, normalise)
+    return Comparison(ordered, overlays, plausible, normalize)
 
 
 def _refuse_twins(ordered: Sequence[StimulusRow]) -> None:
@@ -253,12 +253,12 @@ def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Reco
             )
 
 
-def _normalised(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
+def _normalized(recordings: Mapping[str, Recording]) -> dict[str, Recording]:
     families: dict[str, float] = {}
     for shape, found in recordings.items():
         family = shape.partition(":")[0]
         families[family] = max(families.get(family, 0.0), float(found.rate.max()))
-    return {s: found.normalised(families[s.partition(":")[0]] or 1.0) for s, found in recordings.items()}
+    return {s: found.normalized(families[s.partition(":")[0]] or 1.0) for s, found in recordings.items()}
 
 
 def _group(stimulus: StimulusRow) -> tuple[str, str, float]:

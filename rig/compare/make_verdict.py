@@ -45,7 +45,7 @@ def answers(comparison: Comparison, form: Form = Form()) -> tuple[AfferentVerdic
 
 def afferents(comparison: Comparison) -> list[tuple[Overlay, ...]]:
     """Return overlays by afferent: one, unless families have their own units or a recording has several."""
-    if comparison.normalised:
+    if comparison.normalized:
         families = groupby(comparison.overlays, key=lambda p: p.stimulus.family)
         return [tuple(group) for _, group in families]
     laid = [id(overlay.recording) for overlay in comparison.overlays]

@@ -334,7 +334,7 @@ def common_range(runs: Sequence[Run], sought: RequestedRanges) -> PlaceRange:
 
 
 def places(
-    runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, form: Form, *, normalise: bool
+    runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, form: Form, *, normalize: bool
 ) -> list[ReceptorLocation]:
     """Return one location per afferent, in the order of the verdicts, if enough positions are covered."""
     fingers: dict[str, Fingertip] = {}
@@ -342,7 +342,7 @@ def places(
         name = config.model_dump_json()
         fingers[name] = fingers.get(name) or finger_with_grid(config, where)
     on_grid = [one for run in runs for one in stimuli(run, fingers[_finger(run).model_dump_json()])]
-    laid = afferents(compare(on_grid, recordings, normalise=normalise))
+    laid = afferents(compare(on_grid, recordings, normalize=normalize))
     return [found for overlays in laid if (found := receptor_location(overlays, where, form)) is not None]
 
 

@@ -26,11 +26,11 @@ from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, SilentScriptError, impatient
 from rig.protocol.script import Script, find_script, script_with, shipped_protocols
 from rig.records import Pace, Prediction, Target
+from rig_shared.accounts import only_ours
 from rig_shared.user_files import read_bytes, read_text
 from sim.errors import SimError
 from sim.models.cache import cached_arrays, content_key
 from sim.models.fingertip import Fingertip
-from sim.trust import open_trusted, refuse_if_changeable, this_account
 
 _STEP_MM = 0.05
 """Ends of a recommended range are multiples of this."""
@@ -110,7 +110,7 @@ def _script(run: Run) -> Script | None:
 
 
 def _ours(path: Path, name: str) -> Path:
-    """Return the shipped protocol if a run has a copy of it, else the copy. Raises OSError if others can change it.
+    """Return the shipped protocol if a run has a copy of it, else the copy. Raises OSError if it may be others'.
 
     A comparison reads runs of other accounts, and must not run what they wrote.
     """
@@ -118,9 +118,9 @@ def _ours(path: Path, name: str) -> Path:
     if shipped.is_file() and read_bytes(shipped) == read_bytes(path):
         return shipped
     real = path.resolve()
-    refuse_if_changeable(real.parent, this_account())
-    for code in real.parent.glob("*.py"):  # the script, and what it imports
-        open_trusted(code, this_account()).close()
+    code = real.parent.glob("*.py")  # the script, and what it imports
+    if not all(map(only_ours, (real.parent, *code))):
+        raise PermissionError(f"{real}: another account can change it")
     return real
 
 

@@ -363,6 +363,3 @@ SCRIPT = "identification_script.py"
 
 IDENTIFICATION_PAGE = "identification.html"
 """Page of an identification in the run folder, if a press was evaluated."""
-
-SCRIPTS, IDENTIFICATION_PAGES = (SCRIPT, "meeting_script.py"), (IDENTIFICATION_PAGE, "meeting.html")
-"""The same names, and those that version 0.1 wrote."""

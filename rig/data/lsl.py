@@ -1,13 +1,11 @@
 """Outlets of the Lab Streaming Layer (LSL): readings and steps of the runs in a folder, read from their journals.
 
-Data flow one way: a run knows nothing of its streams, so they can neither delay a press nor stop one. Simulated
-spikes of a served bench have an outlet of their own.
+Data flow one way: a run knows nothing of its streams, so they can neither delay a press nor stop one.
 """
 
 import json
 import math
 import platform
-import time
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Protocol
@@ -23,8 +21,6 @@ CHANNELS = {"force_gwt": "gwt", "doi_mm": "mm", "x_mm": "mm", "height_mm": "mm"}
 
 SAMPLES, MARKERS = "rig_samples", "rig_markers"
 """Names of the two streams."""
-SPIKES = "synthetic_spikes"
-"""Name of the stream of simulated spikes."""
 
 _HIDDEN = {"note": ("text",), "start": ("parameters", "subject"), "resume": ()}
 """Keys that a marker omits, because other computers can read it."""
@@ -165,23 +161,3 @@ def open_streams() -> RunStreams:
         return float((before_s + after_s) / 2 - unix_s)
 
     return RunStreams(pylsl.StreamOutlet(about), pylsl.StreamOutlet(marks), offset_s)
-
-
-def open_spikes(afferents: Sequence[Mapping[str, Any]]) -> Callable[[str, float], None]:
-    """Open the outlet of simulated spikes, which other computers can find. Raises LslMissingError.
-
-    afferents: description of each, written into the description of the stream. Returns a function that pushes the
-    name of an afferent with the time of its spike (s, monotonic clock of this computer).
-    """
-    pylsl = lsl()
-    about = pylsl.StreamInfo(SPIKES, "Markers", 1, pylsl.IRREGULAR_RATE, "string", f"{SPIKES}@{platform.node()}")
-    list_ = about.desc().append_child("afferents")
-    for afferent in afferents:
-        described = list_.append_child("afferent")
-        for name, value in afferent.items():
-            described.append_child_value(name, str(value))
-    outlet = pylsl.StreamOutlet(about)
-    pairs = [(time.monotonic(), pylsl.local_clock(), time.monotonic()) for _ in range(_PAIRS)]
-    before_s, lsl_s, after_s = min(pairs, key=lambda one: one[2] - one[0])
-    apart_s = lsl_s - (before_s + after_s) / 2
-    return lambda afferent, at_s: outlet.push_sample([afferent], at_s + apart_s)

@@ -23,10 +23,6 @@ PRESS_STREAMS = {
         "index": "", "speed_mm_s": "mm/s", "measured_gwt": "gwt", "trip_gwt": "gwt", "bound_gwt": "gwt",
         "stop_mm": "mm",
     },
-    "vibrate": {
-        "index": "", "frequency_hz": "1/s", "amplitude_um": "µm", "cycles": "", "preload_mm": "mm",
-        "measured_gwt": "gwt", "trip_gwt": "gwt", "bound_gwt": "gwt", "stop_mm": "mm",
-    },
     "hold_start": {"index": "", "hold": "", "target": "", "commanded": "", "doi_mm": "mm", "force_gwt": "gwt"},
     "hold_end": {
         "index": "", "hold": "", "x_mm": "mm", "doi_mm": "mm", "doi_sd_mm": "mm",
@@ -39,7 +35,7 @@ PRESS_STREAMS = {
 }  # fmt: skip
 """Streams of one press. Keys starting with `true_` come from the virtual plant and are absent on hardware."""
 
-_NOT_DATA = {name: keys for name, keys in PRESS_STREAMS.items() if name not in ("ramp", "vibrate")}
+_NOT_DATA = {name: keys for name, keys in PRESS_STREAMS.items() if name != "ramp"}
 
 STREAMS = {
     "mount": {"indentor": ""},

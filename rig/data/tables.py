@@ -88,7 +88,7 @@ _LEADS_TO = {
     "back off": "touch-off",
     "touch": "touch-off",
     **dict.fromkeys(("press", "ramp"), "press and seek"),
-    **dict.fromkeys(("hold", "vibrate"), "hold"),
+    "hold": "hold",
     "retract": "lift",
 }
 _INSTANT = ("note", "checkpoint")
@@ -147,12 +147,10 @@ def booked_s(run: Run) -> dict[str, float]:
 
 
 def motions_in_contact(run: Run) -> list[tuple[str, str]]:
-    """Return the ramps and vibrations of a run by command, with their force limits, in words."""
+    """Return the ramps of a run by command, with their force limits, in words."""
     found: dict[str, list[TableRow]] = {}
     for event in run.stream("ramp"):
         found.setdefault(f"ramps at {event['speed_mm_s']:g} mm/s", []).append(event)
-    for event in run.stream("vibrate"):
-        found.setdefault(f"vibrations {sine_in_words(event)}", []).append(event)
     return [
         (
             what,
@@ -161,11 +159,6 @@ def motions_in_contact(run: Run) -> list[tuple[str, str]]:
         )
         for what, some in found.items()
     ]
-
-
-def sine_in_words(event: Mapping[str, Any]) -> str:
-    """Return the sine of a vibration in words."""
-    return f"at {event['frequency_hz']:.4g} Hz, {event['amplitude_um']:g} µm"
 
 
 def _stamps(run: Run) -> Iterator[tuple[float, str]]:

@@ -269,38 +269,6 @@ class Stage(Protocol):
         """
         ...
 
-    def vibrating(self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float = LOOK_S) -> Looks:
-        """Start a sine of the vertical axis that the caller monitors; by default there is none.
-
-        The axis goes from where it stands down by twice the amplitude and back, and ends there by itself.
-
-        Parameters
-        ----------
-        amplitude_mm : float
-            Half of the distance between the highest and the lowest position (mm).
-        period_s : float
-            Duration of a cycle (s).
-        cycles : int
-            Number of cycles.
-        look_s : float, optional
-            Time between two status polls (s).
-
-        Returns
-        -------
-        iterator of StageStatus or None
-            As `moving`.
-
-        Raises
-        ------
-        MoveError
-            If the stage cannot make this motion; nothing was sent.
-        StageNotHomed
-            If the position is not trusted; nothing was sent.
-        StageError
-            If the controller reports an error, or does not answer.
-        """
-        raise MoveError("the stage cannot vibrate", code="no_vibration")
-
     @abstractmethod
     def halt(self) -> None:
         """Halt the motion under way and return at rest; the position stays as trusted as before.

@@ -167,10 +167,6 @@ class StageKind(DeviceKind):
         Whether a move of the vertical axis may be a ramp into the finger: it has one speed from start to end, the
         target is confirmed or protected by a checksum, and `Stage.moving` reports the position every look_s while
         `Stage.halt` can end the move. Default: no ramp.
-    vibrates : callable, optional
-        Returns the highest frequency (Hz) of a sine of the vertical axis, from its settings and the amplitude (mm).
-        The controller makes the sine: `Stage.vibrating` starts it by one confirmed command with a number of cycles,
-        so that it ends by itself, and `Stage.halt` can end it earlier. Default: none, no vibration.
     """
 
     room: ClassVar[Room] = "stage"
@@ -183,7 +179,6 @@ class StageKind(DeviceKind):
     outputs: tuple[str, ...] = ("off",)
     inputs: tuple[str, ...] = ()
     ramps: bool = False
-    vibrates: Callable[[StageSettings, float], float] | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -364,12 +359,6 @@ def moves_along(stage: StageSettings) -> bool:
 def ramps(stage: StageSettings) -> bool:
     """Return whether the stage may move into the finger at constant speed."""
     return find(StageKind, stage.kind).ramps
-
-
-def highest_hz(stage: StageSettings, amplitude_mm: float) -> float | None:
-    """Return the highest frequency (Hz) at which the stage may vibrate with an amplitude (mm); None: not at all."""
-    vibrates = find(StageKind, stage.kind).vibrates
-    return None if vibrates is None else vibrates(stage, amplitude_mm)
 
 
 def checked(settings: type[D], device: Any) -> D:

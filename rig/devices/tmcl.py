@@ -190,13 +190,9 @@ class TmclAxis(WatchedAxis[Look]):
             if not keep_on():
                 raise self._stopped()
             self.refuse_alarms(found)
-            if strayed(found) is not None:  # Two bytes of one reply may have changed places.
-                found = self.look()
-                self.refuse_alarms(found)
-                problem = strayed(found)
-                if problem is not None:
-                    self._link.send_now([self.motor])
-                    raise problem
+            if (problem := strayed(found)) is not None:
+                self._link.send_now([self.motor])
+                raise problem
             if found.busy:
                 stood_at = None
                 return found, False
@@ -337,7 +333,7 @@ class TmclAxis(WatchedAxis[Look]):
     def _aim(self, target: int) -> None:
         """Send a target and read it back; an axis that moves already stops if they differ."""
         self._command(MVP, ABSOLUTE, target)
-        if (found := self._confirmed(TARGET, target)) != target:
+        if (found := self._number(TARGET)) != target:
             self._link.send_now([self.motor])
             self._refuse_setting("target", TARGET, found, target)
 
@@ -345,15 +341,10 @@ class TmclAxis(WatchedAxis[Look]):
         """Set the maximum speed and read it back; the axis stops if they differ."""
         self._max_speed = None
         self._command(SAP, MAX_SPEED, speed)
-        if (found := self._confirmed(MAX_SPEED, speed)) != speed:
+        if (found := self._number(MAX_SPEED)) != speed:
             self._link.send_now([self.motor])
             self._refuse_setting("maximum speed", MAX_SPEED, found, speed)
         self._max_speed = speed
-
-    def _confirmed(self, parameter: int, expected: int) -> int:
-        """Return a parameter, asked for again if it is not as expected: two bytes may have changed places."""
-        once = self._number(parameter)
-        return once if once == expected else self._number(parameter)
 
     def _stop(self, within_s: float) -> None:
         deadline_s = self._clock.monotonic_s() + within_s
@@ -385,23 +376,14 @@ class TmclAxis(WatchedAxis[Look]):
         return again == once and not (speed or search)
 
     def _standing(self, *, trusted: bool) -> int:
-        """Return the position at rest; read twice, since an error would become a wrong target."""
+        """Return the position at rest."""
         found = self.look()
         self.refuse_alarms(found) if trusted else self.refuse_flags()
         if found.busy:
             raise StageOverridden("{port}: {axis} axis moves already; another program moves it", **self._names)
         if trusted:
             self.refuse_news(found)
-        again = self._number(POSITION)
-        if abs(found.position - again) > self._tolerance:
-            raise StageError(
-                "{port}: {axis} axis reports position {once} and then {again} at rest; check whether it moves",
-                code="answers_differ",
-                once=found.position,
-                again=again,
-                **self._names,
-            )
-        return again
+        return found.position
 
     @property
     def _tolerance(self) -> float:

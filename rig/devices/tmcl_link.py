@@ -5,7 +5,7 @@ exchanged with it.
 
 A reply repeats the command, but neither the parameter nor the motor, so a reply too many would shift every later one.
 Each group of questions therefore ends with a question of another command: a reply too many comes before its reply,
-and the group is asked again. A checksum is a sum, so it does not notice two bytes that have changed places.
+and the group is asked again.
 """
 
 import re

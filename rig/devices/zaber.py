@@ -4,26 +4,23 @@ Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker
 
 A device counts microsteps away from its home position, and machine coordinates fall away from home, so the counts of
 an axis are minus the machine coordinate. The driver writes only `limit.min` and `limit.max`, and only if they differ,
-`limit.min` before the first steps of homing, and `limit.max` around a sine: a device stores its settings permanently.
+`limit.min` before the first steps of homing: a device stores its settings permanently.
 """
 
 import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
 from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
-    LOOK_S,
     Looks,
     MoveError,
     Stage,
     StageAlarm,
     StageError,
     StageHeld,
-    StageNotHomed,
     StageOverridden,
     StageReset,
     StageTimeout,
@@ -40,11 +37,6 @@ STOP_S, HALT_S = 1.0, 2.0
 # A stage that still moves so long after a stop gets an emergency stop.
 ESTOP_AFTER_S = 0.3
 TOLERANCE_MM = 2.5e-3
-SHORTEST_SINE_MS = 1.0
-# A sine has to take so much of its time at least, and not much more: two digits of its command may change places.
-SINE_IN_TIME, LATE_SINE_S = 0.98, 1.0
-# By so much a device may begin its sine before or after the exchange that commands it.
-SINE_LATE_S = 0.02
 LEAST_FIRMWARE = (7, 25)
 # Way up that `limit.min` must leave to jogs before homing.
 UNHOMED_ROOM_MM = 1.0
@@ -79,28 +71,6 @@ HARMLESS = frozenset((*UNREFERENCED, MANUAL, INTERRUPTED, "WV", "WT", "WP", "ND"
 _VERSION = re.compile(r"(\d+)\.(\d+)(?:\.\d+)?")
 
 
-@dataclass(frozen=True)
-class _SineInTime:
-    """A sine from a turning point at `start` (counts), that began between begun_s and known_s."""
-
-    start: int
-    amplitude: int
-    period_s: float
-    begun_s: float
-    known_s: float
-    tolerance: float
-
-    def misses(self, at: int, asked_s: float, heard_s: float) -> bool:
-        """Return whether the sine does not pass `at` between two times; beyond its ends it is off its way instead."""
-        late_s = SINE_LATE_S + (1 - SINE_IN_TIME) * (heard_s - self.begun_s)
-        first = (asked_s - self.known_s - late_s) / self.period_s
-        last = (heard_s - self.begun_s + late_s) / self.period_s
-        ends = [self.amplitude * (1 - math.cos(2 * math.pi * share)) for share in (first, last)]
-        low = -math.inf if math.floor(last) > first else min(ends)
-        high = math.inf if math.floor(last + 0.5) > first + 0.5 else max(ends)
-        return not low - self.tolerance <= at - self.start <= high + self.tolerance
-
-
 class ZaberAxis(WatchedAxis[Reply]):
     """One axis of a chain, in machine mm. counts_per_mm: microsteps for each mm of travel, positive."""
 
@@ -123,10 +93,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self._acceleration_mm_s2 = math.inf
         self._question = "get encoder.pos" if address.encoder else "get pos"
         self._jogs_to: int | None = None
-        # A program killed about a sine leaves a low limit.max and the indentor on the finger: homing comes first.
-        self._swings = name == "z"
         self.warned = frozenset[str]()  # warnings when they were last asked for
-        self._narrow = False  # whether limit.max may be that of a sine
 
     @property
     def steps_per_mm(self) -> float:
@@ -151,9 +118,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         if self._acceleration_mm_s2 < self._least_acceleration_mm_s2:
             least = f"at least {math.ceil(self._least_acceleration_mm_s2 * unit)} (stage.acceleration_mm_s2)"
             self._refuse_setting("accel", acceleration, least)
-        longest = self._number("get limit.max")
-        if not self._swings:
-            self._refuse_short_travel(longest)
+        self._refuse_short_travel(self._number("get limit.max"))
         axis = self._address.axis
         return f"{self.name}: Zaber device {address}, axis {axis}, id {device_id}, firmware {version}"
 
@@ -164,11 +129,10 @@ class ZaberAxis(WatchedAxis[Reply]):
         """
         for setting, value in (("limit.min", 0), ("limit.max", self._travel)):
             found = self._number(f"get {setting}")
-            if setting == "limit.max" and not self._narrow:
+            if setting == "limit.max":
                 self._refuse_short_travel(found)
             if found != value:
                 self._set_limit(setting, value)
-        self._narrow = False
 
     def allow_unhomed_jogs(self) -> None:
         """Lower `limit.min` if it leaves no way up to an axis without a home position; set_limits() sets it again.
@@ -185,9 +149,9 @@ class ZaberAxis(WatchedAxis[Reply]):
         if longest < self._travel:
             self._refuse_setting("limit.max", longest, f"at least {self._travel} (stage.travel_mm)")
 
-    def _set_limit(self, setting: str, value: int, tries: int = READ_TRIES) -> None:
+    def _set_limit(self, setting: str, value: int) -> None:
         """Set a limit and read it back; again if a message was wrong, since no motion follows. Raises StageError."""
-        for left in reversed(range(tries)):
+        for left in reversed(range(READ_TRIES)):
             try:
                 self._command(f"set {setting} {value}")
                 found = self._number(f"get {setting}")
@@ -233,12 +197,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         speed, target = self.native_speed(speed_mm_s), self._counts(to_mm)
         self._jogs_to = None
         start = self._standing()
-        if self._narrow:
-            try:
-                self.set_limits()
-            except StageError:
-                if target > start:  # The way up needs no limit.
-                    raise
         if not keep_on():
             raise self._stopped()
         self._command(f"move abs {target} {speed}")
@@ -256,72 +214,6 @@ class ZaberAxis(WatchedAxis[Reply]):
         what = f"the move to {to_mm:g} mm"
         yield from self._until(look, LATE_FACTOR * expected_s + LATE_S, expected_s, what, look_s)
         self._be_at(target)
-
-    def sine_counts(self, amplitude_mm: float) -> int:
-        """Return the amplitude of a sine in microsteps, rounded down. Raises MoveError below 1."""
-        amplitude = math.floor(amplitude_mm * self._counts_per_mm + 1e-9)
-        if amplitude < 1:
-            raise MoveError(
-                "amplitude_mm must be at least {least_mm:.5f}, one microstep, got {amplitude_mm}",
-                code="too_small",
-                least_mm=1 / self._counts_per_mm,
-                amplitude_mm=amplitude_mm,
-            )
-        return amplitude
-
-    def vibrating(
-        self, amplitude_mm: float, period_s: float, cycles: int, keep_on: Callable[[], bool], look_s: float
-    ) -> Iterator[Reply]:
-        """Swing in a sine, from here to twice the amplitude away from home and back; yield each status until the end.
-
-        The device counts the cycles, so that it ends by itself. The amplitude is rounded down to a microstep and the
-        period to 0.1 ms. A motion that leaves its way is stopped. A sine may be so fast that no report shows its
-        lower end, and its command cannot be read back, so the device gets that end as its limit first: it refuses a
-        larger amplitude. Raises StageError; MoveError before any byte.
-        """
-        amplitude = self.sine_counts(amplitude_mm)
-        self._jogs_to = None
-        start = self._standing()
-        lasts_s, period_ms = cycles * period_s, f"{period_s * 1000:.1f}".removesuffix(".0")
-        lowest = self._agreed(self._number("get pos"), self._number("get pos")) + 2 * amplitude
-        self._narrow, tries = True, READ_TRIES
-        try:
-            self._set_limit("limit.max", min(lowest, self._travel))
-            if not keep_on():
-                raise self._stopped()
-            begun_s = self._clock.monotonic_s()
-            self._command(f"move sin {amplitude} {period_ms} {cycles}")
-            sine = _SineInTime(start, amplitude, period_s, begun_s, self._clock.monotonic_s(), self._tolerance)
-            tries = 1  # The sine is looked at first.
-        finally:
-            with suppress(StageError):  # A later move or homing tries again, at rest.
-                self._set_limit("limit.max", self._travel, tries)
-                self._narrow = False
-        what = f"the vibration over {cycles} cycles"
-
-        def look() -> tuple[Reply, bool]:
-            asked_s = self._clock.monotonic_s()
-            reply = self.look()
-            if not keep_on():
-                raise self._stopped()
-            self._refuse_interference(reply)
-            self._refuse_off_its_way(reply, start, start + 2 * amplitude)
-            if self._out_of_time(sine, reply, asked_s) and self._out_of_time(sine):
-                self._end_sine(what, period_s)
-            return reply, not reply.busy
-
-        yield from self._until(look, lasts_s / SINE_IN_TIME + LATE_SINE_S, lasts_s, what, look_s)
-        lasted_s = self._clock.monotonic_s() - begun_s
-        if lasted_s < SINE_IN_TIME * lasts_s:
-            raise StageError(
-                "{port}: {axis} axis: {what} was over after {lasted_s:.2f} s instead of {expected_s:.2f} s",
-                code="over_early",
-                what=what,
-                lasted_s=lasted_s,
-                expected_s=lasts_s,
-                **self._names,
-            )
-        self._be_at(start)
 
     def jog(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], *, trusted: bool) -> None:
         """Extend the present motion by a distance, and return at once.
@@ -459,26 +351,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         low, high = min(start, target) - self._tolerance, max(start, target) + self._tolerance
         at = self._position(reply)
         if not low <= at <= high:
-            at = self._position(self.look())  # Two digits of one reply may have changed places.
-        if not low <= at <= high:
             self._link.send_now("stop")
             raise self._not_there(at, target)
-
-    def _out_of_time(self, sine: "_SineInTime", reply: Reply | None = None, asked_s: float | None = None) -> bool:
-        """Return whether a reply, or a new one, shows a sine of another period."""
-        asked_s = self._clock.monotonic_s() if asked_s is None else asked_s
-        reply = self.look() if reply is None else reply
-        return reply.busy and sine.misses(self._position(reply), asked_s, self._clock.monotonic_s())
-
-    def _end_sine(self, what: str, period_s: float) -> None:
-        """End a sine of another period with its cycle and raise: from its speed a stop might pass the lower end."""
-        self._command("move sin stop")
-        until_s = self._clock.monotonic_s() + min(period_s, ESTOP_AFTER_S)
-        while self.look().busy and self._clock.monotonic_s() < until_s:
-            self._clock.wait_s(POLL_S)
-        raise StageError(
-            "{port}: {axis} axis: {what} has another period", code="out_of_time", what=what, **self._names
-        )
 
     def _be_at(self, target: int) -> None:
         """Raise an error unless the axis is at the target, by one of two status reports."""
@@ -502,25 +376,14 @@ class ZaberAxis(WatchedAxis[Reply]):
             )
 
     def _standing(self) -> int:
-        """Return the position at rest; read twice, since an error would become a wrong target."""
+        """Return the position at rest."""
         reply = self.look()
         warnings = self.warnings(reply)
         self.refuse_alarm(warnings)
         self.refuse_unreferenced(warnings)
         if reply.busy:
             raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._link.name}: {self.name} axis: ")
-        return self._agreed(self._position(reply), self._position(self.look()))
-
-    def _agreed(self, once: int, again: int) -> int:
-        if abs(once - again) > self._tolerance:
-            raise StageError(
-                "{port}: {axis} axis reports position {once} and then {again} at rest; check whether it moves",
-                code="answers_differ",
-                once=once,
-                again=again,
-                **self._names,
-            )
-        return again
+        return self._position(reply)
 
     @property
     def _travel(self) -> int:
@@ -603,7 +466,7 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
     def homing(self) -> Looks:
         """Home z, then x, and set the limits of the devices. A fault is not cleared. Raises StageError.
 
-        A motion that a program left behind, such as a sine, is ended first: the device reports it as interrupted.
+        A motion that a program left behind, is ended first: the device reports it as interrupted.
         """
         self._trusted = False
         keep_on = self._until_stopped()
@@ -617,14 +480,6 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
                 yield None
             axis.set_limits()
         self._trusted = keep_on()
-
-    def vibrating(self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float = LOOK_S) -> Looks:
-        """Vibrate the z axis. Raises StageError; MoveError, StageNotHomed before any byte."""
-        if not self._trusted:
-            raise StageNotHomed(self._name)
-        axis = self._axes["z"]
-        axis.sine_counts(amplitude_mm)
-        return self._watched("z", axis.vibrating(amplitude_mm, period_s, cycles, lambda: self._trusted, look_s))
 
     def unlock(self) -> None:
         """Clear the warnings of both axes; the position stays untrusted. Raises StageError."""
@@ -660,14 +515,6 @@ def steps_per_mm(stage: StageSettings, axis: str) -> float:
     """Return the microsteps per mm that the configuration gives; y has no motor."""
     own = stage.own(ZaberSettings)
     return -1e3 / (own.x if axis == "x" else own.z).microstep_um
-
-
-def highest_hz(stage: StageSettings, amplitude_mm: float) -> float:
-    """Return the frequency (Hz) at which a sine of this amplitude needs the acceleration of the stage.
-
-    The device does not limit a sine by its own `accel`; the shortest period is what the maker recommends.
-    """
-    return min(math.sqrt(stage.acceleration_mm_s2 / amplitude_mm) / (2 * math.pi), 1000 / SHORTEST_SINE_MS)
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
@@ -726,7 +573,6 @@ DEVICE = StageKind(
     steps_per_mm=steps_per_mm,
     twin="sim.devices.zaber:zaber_twin",
     ramps=True,
-    vibrates=highest_hz,
     probe=_probe,
     tests=("tests/rig/test_zaber_driver.py", "tests/rig/test_makers_clients.py"),
     evidence=Evidence(

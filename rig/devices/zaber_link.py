@@ -1,9 +1,6 @@
 """ASCII protocol of Zaber X-series devices: frames, checksums, message ids, warnings.
 
 Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker's client, zaber-motion 10.3.0.
-
-A checksum is a sum, so it does not notice two bytes that have changed places. A position is therefore read again
-before it is held against the stage, and a motion that leaves its path is stopped (`ZaberAxis`).
 """
 
 import math

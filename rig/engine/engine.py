@@ -34,7 +34,7 @@ from rig.engine.motion import (
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
-from rig.records import NO_PRESS, Phase, PressId, SineMotion, as_fine
+from rig.records import NO_PRESS, Phase, PressId, as_fine
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -182,15 +182,6 @@ class Engine:
         self.move(
             lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
         )
-
-    def vibrate(self, vibration: SineMotion, each: EachReading) -> None:
-        """Swing from here down by twice the amplitude and back; `each` receives the readings as they arrive."""
-        lowest_mm = self.height_mm - 2 * vibration.amplitude_mm
-        refuse_height(self.settings, self.height_mm, lowest_mm, vibration.speed_mm_s, lowest_mm)
-        self._below_clearance()
-        self.beat()
-        look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
-        self.move(lambda: self.motion.vibrate(vibration, look_s), each=each)
 
     def move(
         self,

@@ -25,7 +25,7 @@ _FASTEST_MM_S = 10.0  # No stage homes faster.
 _TINY_MM = 1e-6
 _EXAMINATIONS = 3  # A finger that moves may contradict the first one.
 _UNEXPLAINED = 3  # Halts of one homing by a force that the height does not explain.
-_NOISIEST_GWT = 0.5  # A finger that moves changes the force by more than noise and vibration do.
+_NOISIEST_GWT = 0.5  # A finger that moves changes the force by more than noise and a shaking stage do.
 _STEADY = 0.02  # Share of a steady force by which two readings may differ.
 
 Cause = Literal["finger", "not the finger"]
@@ -156,7 +156,7 @@ def _home(watch: _Watch) -> None:
         unexplained += 1
         if unexplained > _UNEXPLAINED:
             _refuse_disturbance(engine, grown_gwt)
-        # The motion itself may cause it, such as a vibration: only more than it counts from now on.
+        # The motion itself may shake the sensor: only more than it counts from now on.
         engine.sensing.shakes_gwt += min(abs(grown_gwt), _NOISIEST_GWT)
 
 

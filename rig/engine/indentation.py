@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, NoReturn
 
-from rig.devices.registry import highest_hz, ramps
+from rig.devices.registry import ramps
 from rig.engine.engine import Engine
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, VibrationBound, fit_contact
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, fit_contact
 from rig.engine.press import Press, pulse
 from rig.engine.verbs import retract, safe_point, unpaused
 from rig.errors import LimitError, NotReadyError, TripError
-from rig.records import ContactFit, Hold, Indentation, Phase, PressId, SineMotion, Target
+from rig.records import ContactFit, Hold, Indentation, Phase, PressId, Target
 
 _SHOWN_BY = 4  # readings
 
@@ -217,40 +217,6 @@ def ramp(
         return (press.ramp_and_hold(doi_mm, bound, hold_s),)
 
     asked, press_mm_s = ScriptedPress("ramp", target, 1, speed_mm_s, hold_s), engine.settings.habits.press_speed_mm_s
-    return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
-
-
-def vibrate(
-    engine: Engine,
-    target: Target,
-    vibration: SineMotion,
-    *,
-    expected_contact_mm: float = 0.0,
-    contact_area_mm2: float = math.inf,
-    predicted: PredictedPress | None = None,
-    press_id: PressId | None = None,
-) -> Indentation:
-    """Touch off at the present x, press by increments to a preload, vibrate about it, and lift to clearance.
-
-    The press to the preload measures the stiffness. Raises LimitError, after a lift, if the stage cannot vibrate so
-    fast, the amplitude with this stiffness leaves the skin, or the force could pass the trip and the overshoot of a
-    press. Otherwise as `indent`.
-    """
-    if highest_hz(engine.settings.stage, vibration.amplitude_mm) is None:
-        raise NotReadyError(
-            "vibrate: a {kind} stage cannot generate a sine", code="no_vibration", kind=engine.settings.stage.kind
-        )
-
-    def holds(approach: Approach, press: Press, before: Reached) -> tuple[Hold, ...]:
-        doi_mm, force_gwt = press.reach(target)
-        # A press ends within half a step of its depth; that may be above contact.
-        deep_mm, felt_gwt = max(doi_mm, engine.settings.stage.resolution_mm), max(force_gwt, engine.sensing.touch_gwt)
-        bound = VibrationBound.of(engine.settings, vibration, engine.trip_gwt, felt_gwt, deep_mm)
-        bound.refuse_beyond(LimitError, engine.x_mm)
-        return (press.vibrate(target, bound),)
-
-    press_mm_s = engine.settings.habits.press_speed_mm_s
-    asked = ScriptedPress("vibrate", target, 1, press_mm_s, vibration.duration_s)
     return _indentation(engine, asked, press_mm_s, holds, expected_contact_mm, contact_area_mm2, predicted, press_id)
 
 

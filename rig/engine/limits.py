@@ -3,17 +3,14 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S
-from rig.devices.registry import highest_hz
-from rig.engine.corridor import PRINTED_MM
 from rig.errors import LimitError, RigError, TripError
-from rig.records import ContactFit, PlannedIndentation, SineMotion
+from rig.records import ContactFit, PlannedIndentation
 from rig.settings import SLOWEST_MM_S, LimitSettings, RigSettings
 from rig.units import GWT_N
 
@@ -25,7 +22,7 @@ class Trips:
     """Four force limits (gwt); a reading of either sign beyond one of them trips.
 
     Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_kpa times the expected contact
-    area. Ramp or vibration: lower than both during one, by what it may overshoot. Hard: the same for every plan and
+    area. Ramp: lower than both during one, by what it may overshoot. Hard: the same for every plan and
     every reading.
     """
 
@@ -34,28 +31,27 @@ class Trips:
         self.soft_gwt = lowest_n / GWT_N
         self.hard_gwt = limits.hard_trip_n / GWT_N
         self._max_pressure_kpa = limits.max_pressure_kpa
-        self._area_gwt = self._move_gwt = math.inf
-        self._move = ""
+        self._area_gwt = self._ramp_gwt = math.inf
 
     def press_on(self, contact_area_mm2: float) -> None:
-        """Apply the pressure limit to this contact area, and no limit of a motion; infinity disables it."""
+        """Apply the pressure limit to this contact area, and no limit of a ramp; infinity disables it."""
         self._area_gwt = pressure_limit_gwt(self._max_pressure_kpa, contact_area_mm2)
-        self._move_gwt = math.inf
+        self._ramp_gwt = math.inf
 
-    def move_at(self, move: Literal["ramp", "vibration"], trip_gwt: float) -> None:
-        """Apply the limit of a motion in contact, until the next press_on."""
-        self._move, self._move_gwt = move, trip_gwt
+    def ramp_at(self, trip_gwt: float) -> None:
+        """Apply the limit of a ramp, until the next press_on."""
+        self._ramp_gwt = trip_gwt
 
     @property
     def lowest_gwt(self) -> float:
         """Lowest limit of a press (gwt)."""
-        return min(self.soft_gwt, self._area_gwt, self._move_gwt)
+        return min(self.soft_gwt, self._area_gwt, self._ramp_gwt)
 
     @property
     def lowest(self) -> str:
         """Name of the lowest limit."""
-        if self._move_gwt < min(self.soft_gwt, self._area_gwt):
-            return f"{self._move} trip"
+        if self._ramp_gwt < min(self.soft_gwt, self._area_gwt):
+            return "ramp trip"
         return "soft trip" if self.soft_gwt <= self._area_gwt else "pressure limit"
 
     @property
@@ -411,116 +407,6 @@ class RampBound:
 
 # Share of its force that tissue keeps in a hold; it responds to a fast move as if it still had all of it.
 RELAXED_TO = 0.6
-
-
-def swing_gwt(amplitude_mm: float, force_gwt: float, doi_mm: float) -> float:
-    """Return by how much the force at the ends of a sine differs from the one at its middle (gwt).
-
-    By the slope of F ∝ d^1.5 at the depth and the force there, over `RELAXED_TO`.
-    """
-    return CONTACT_EXPONENT * force_gwt / doi_mm / RELAXED_TO * amplitude_mm
-
-
-@dataclass(frozen=True)
-class VibrationBound:
-    """Force limits of a vibration about a preload, for F ∝ d^1.5 through its depth and force.
-
-    The stage swings between two positions and ends by itself. In whatever phase it is halted, it goes no deeper than
-    the preload and the amplitude, because it brakes at least as hard as the sine does. So the distance in which it
-    stops is that from end to end at most, and that of a ramp at the highest speed if it is shorter.
-
-    Attributes
-    ----------
-    vibration : SineMotion
-    force_gwt : float
-        Force at the preload.
-    least_gwt, peak_gwt : float
-        Forces at the ends, by the slope of the force law at the preload, over `RELAXED_TO`.
-    trip_gwt : float
-        Force that trips the vibration; 0 if its stopping distance alone exceeds the bound.
-    stop_mm : float
-        Longest way that the indentor may still go down after the force passed the trip.
-    bound_gwt : float
-        Force that a vibration, like a press, does not exceed.
-    highest_hz : float
-        Highest frequency of the stage at this amplitude; 0 if it cannot vibrate.
-    largest_um : float
-        Largest amplitude at which the indentor stays in the skin.
-    """
-
-    vibration: SineMotion
-    force_gwt: float
-    least_gwt: float
-    peak_gwt: float
-    trip_gwt: float
-    stop_mm: float
-    bound_gwt: float
-    highest_hz: float
-    largest_um: float
-
-    @classmethod
-    def of(
-        cls, settings: RigSettings, vibration: SineMotion, trip_gwt: float, force_gwt: float, doi_mm: float
-    ) -> "VibrationBound":
-        """Return it below the lowest trip of a press (gwt), for the force at the depth of the preload (mm)."""
-        amplitude_mm = vibration.amplitude_mm
-        press = Stopping.of(settings, settings.limits.max_press_speed_mm_s)
-        bound_gwt = trip_gwt + press.overshoot_gwt(trip_gwt, force_gwt, doi_mm)
-        way_mm = 2 * amplitude_mm + settings.stage.resolution_mm + PRINTED_MM
-        stop_mm = min(Stopping.in_one_move(settings, vibration.speed_mm_s).distance_mm, way_mm)
-        deepest_mm = doi_mm * (bound_gwt / force_gwt) ** (1 / CONTACT_EXPONENT)
-        left_mm = max(deepest_mm - stop_mm / RELAXED_TO, 0.0)  # A sensor may show the upper end alone.
-        end_gwt = swing_gwt(amplitude_mm, force_gwt, doi_mm)
-        return cls(
-            vibration,
-            force_gwt,
-            force_gwt - end_gwt,
-            force_gwt + end_gwt,
-            min(trip_gwt, force_gwt * (left_mm / doi_mm) ** CONTACT_EXPONENT),
-            stop_mm,
-            bound_gwt,
-            highest_vibration_hz(settings, amplitude_mm),
-            1000 * max(force_gwt - settings.habits.touch_force_gwt, 0.0) / swing_gwt(1.0, force_gwt, doi_mm),
-        )
-
-    def refuse_beyond(self, kind: type[RigError], x_mm: float) -> None:
-        """Raise an error of this kind for a vibration at x_mm that stage, skin or trip does not allow."""
-        fields = {**vars(self.vibration), "frequency_hz": self.vibration.frequency_hz, "x_mm": x_mm}
-        fields |= {"amplitude_um": self.vibration.amplitude_um, **vars(self)}
-        del fields["vibration"]
-        if self.vibration.frequency_hz > self.highest_hz:
-            raise kind(
-                "a vibration at {frequency_hz:.4g} Hz with an amplitude of {amplitude_um:g} µm is too fast for the "
-                "stage: at most {highest_hz:.3g} Hz, by stage.acceleration_mm_s2 and limits.max_press_speed_mm_s",
-                code="vibration_too_fast",
-                **fields,
-            )
-        if self.vibration.amplitude_um > self.largest_um:
-            raise kind(
-                "a vibration at x = {x_mm:g} mm with an amplitude of {amplitude_um:g} µm leaves the skin, which is "
-                "pressed with {force_gwt:.3g} gwt: at most {largest_um:.3g} µm; press deeper",
-                code="vibration_leaves_skin",
-                **fields,
-            )
-        if self.peak_gwt > TRIP_MARGIN * self.trip_gwt:
-            raise kind(
-                "a vibration at x = {x_mm:g} mm with an amplitude of {amplitude_um:g} µm reaches {peak_gwt:.3g} gwt, "
-                "and would have to trip at {trip_gwt:.3g} gwt to stay below {bound_gwt:.3g} gwt; make the amplitude "
-                "or the preload smaller",
-                code="vibration_too_large",
-                **fields,
-            )
-
-
-def highest_vibration_hz(settings: RigSettings, amplitude_mm: float) -> float:
-    """Return the highest frequency (Hz) with an amplitude (mm): of the stage, and of the highest speed in contact.
-
-    0 if the stage cannot vibrate.
-    """
-    stage_hz = highest_hz(settings.stage, amplitude_mm)
-    if stage_hz is None:
-        return 0.0
-    return min(stage_hz, settings.limits.max_press_speed_mm_s / (2 * math.pi * amplitude_mm))
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,6 @@ from rig.clock import Clock
 from rig.devices.base import LOOK_S, Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
 from rig.errors import RigError, recast
-from rig.records import SineMotion
 from rig.settings import RigSettings
 
 _ATTEMPTS = 5
@@ -101,16 +100,6 @@ class Motion:
         x, y, _ = self._machine_mm
         self._watched(looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
         self.height_mm = height_mm
-
-    def vibrate(self, vibration: SineMotion, look_s: float = LOOK_S) -> None:
-        """Swing down by twice the amplitude and back, polled every look_s. Raises as `to_height`."""
-        x, y, z = self._machine_mm
-        looks = self._stage.vibrating(
-            amplitude_mm=vibration.amplitude_mm, period_s=vibration.period_s, cycles=vibration.cycles, look_s=look_s
-        )
-        corridor = self._corridor(x, y, z - 2 * vibration.amplitude_mm, vibration.speed_mm_s)
-        self._watched(looks, self._be_at_height, self._stage.halt, corridor)
-        self._be_at_height(self._stage.status())
 
     @property
     def _machine_mm(self) -> tuple[float, float, float]:

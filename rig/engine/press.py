@@ -15,7 +15,6 @@ from rig.engine.limits import (
     UNREAD_S,
     RampBound,
     SampleAge,
-    VibrationBound,
 )
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.verbs import safe_point
@@ -23,7 +22,6 @@ from rig.errors import LimitError, TripError, recast
 from rig.records import ContactFit, Hold, Phase, PressId, Target
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
-_SLOW = 4.0  # ages of a reading in a cycle of a vibration, at least, for the reading to follow it
 
 
 class Unanswered:
@@ -60,25 +58,6 @@ class Unchanged:
             return False
         enough_gwt = max(_STEPS * self._resolution_gwt, _SHARE * force_gwt)
         return self._height_mm - height_mm > self._late_mm and expected_gwt - self._expected_gwt > enough_gwt
-
-
-class Still:
-    """Since when, in a vibration, the reading has not changed by half a step, although the force must swing.
-
-    most_s: longest time without a change. Only for a sine that is slow beside the age of a reading: a fast one may be
-    averaged out, or read in the same phase each time.
-    """
-
-    def __init__(self, resolution_gwt: float, most_s: float) -> None:
-        self._resolution_gwt, self._most_s = resolution_gwt, most_s
-        self._force_gwt = self._since_s = math.nan
-
-    def too_long(self, force_gwt: float, now_s: float, swing_gwt: float) -> bool:
-        """Return whether it is so for too long; swing_gwt: by how much the force swings."""
-        if not abs(force_gwt - self._force_gwt) <= 0.5 * self._resolution_gwt:
-            self._force_gwt, self._since_s = force_gwt, now_s
-            return False
-        return now_s - self._since_s > self._most_s and swing_gwt > _STEPS * self._resolution_gwt
 
 
 def pulse(engine: Engine, press: PressId, at: str) -> None:
@@ -164,7 +143,7 @@ class Press:
         safe_point(engine)
         to_mm = self._contact_mm - doi_mm - engine.sensing.deflection_mm(bound.force_gwt)
         engine.limit_depth(to_mm - self._habits.increment_mm)
-        engine.trips.move_at("ramp", bound.trip_gwt)
+        engine.trips.ramp_at(bound.trip_gwt)
         data = {"index": self.id.index, "speed_mm_s": bound.speed_mm_s}
         limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
         engine.record(self.id.stream("ramp"), {**data, "measured_gwt": bound.force_gwt, **limits})
@@ -213,79 +192,6 @@ class Press:
         self._seek_force(target.value)
         self.reached = self._doi_mm, self._force_gwt
         return self.reached
-
-    def vibrate(self, target: Target, bound: VibrationBound) -> Hold:
-        """Vibrate about the present depth, and journal this as a hold, whose readings are those of the vibration.
-
-        The stage first goes up by the amplitude, and at the end down to the preload again. Each reading is compared
-        with the trip of the vibration as it arrives, then journalled. A vibration also trips if no reading arrives,
-        and at one that is too small for a finger.
-        """
-        preload_mm = self._doi_mm
-        self._refuse_too_deep(preload_mm + bound.vibration.amplitude_mm)
-
-        def held(target: Target, hold_s: float) -> tuple[list[float], list[float]]:
-            return self._vibrated(preload_mm, bound)
-
-        return self._hold(target, 1, bound.vibration.duration_s, held)
-
-    def _vibrated(self, preload_mm: float, bound: VibrationBound) -> tuple[list[float], list[float]]:
-        engine, vibration = self._engine, bound.vibration
-        readings, times = list[float](), list[float]()
-        safe_point(engine)
-        height_mm = engine.height_mm
-        engine.go_to_height(height_mm + vibration.amplitude_mm, self._speed)
-        engine.limit_depth(engine.height_mm - 2 * vibration.amplitude_mm - self._habits.increment_mm)
-        engine.trips.move_at("vibration", bound.trip_gwt)
-        data = {
-            "index": self.id.index,
-            "frequency_hz": round(vibration.frequency_hz, 6),
-            "amplitude_um": vibration.amplitude_um,
-            "cycles": vibration.cycles,
-            "preload_mm": round(preload_mm, 6),
-            "measured_gwt": bound.force_gwt,
-        }
-        limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
-        engine.record(self.id.stream("vibrate"), {**data, **limits})
-        engine.vibrate(vibration, self._each_of_vibration(bound, readings, times))
-        engine.contact.refuse_more()
-        safe_point(engine)  # A pause ends the vibration.
-        while (left_mm := engine.height_mm - height_mm) > 1e-9:
-            engine.go_to_height(engine.height_mm - min(left_mm, self._habits.increment_mm), self._speed)
-        self._force_gwt = self._read("hold")
-        return readings or [self._force_gwt], times or [engine.clock.monotonic_s()]
-
-    def _each_of_vibration(
-        self, bound: VibrationBound, readings: list[float], times: list[float]
-    ) -> Callable[[float], None]:
-        engine, vibration = self._engine, bound.vibration
-        age_s = SampleAge.of(engine.settings).wait_s
-        most_s = vibration.period_s + age_s if vibration.period_s >= _SLOW * age_s else math.inf
-        still = Still(engine.sensing.resolution_gwt, most_s)
-        before_s = engine.clock.monotonic_s()
-
-        def each(force_gwt: float) -> None:
-            nonlocal before_s
-            force, now_s = round(force_gwt, 6), engine.clock.monotonic_s()
-            unread_s, before_s = now_s - before_s, now_s
-            self._peak_gwt = max(self._peak_gwt, force)
-            engine.record_in_motion(self.id, "vibrate", force, engine.doi_mm(self._contact_mm, force))
-            readings.append(force)
-            times.append(now_s)
-            if unread_s > UNREAD_S:
-                raise InterruptedMotionError(
-                    "no force reading for {unread_s:.2f} s in a vibration, longer than {limit_s:g} s",
-                    force,
-                    code="vibration_unread",
-                    unread_s=unread_s,
-                    limit_s=UNREAD_S,
-                )
-            if lost := self._lost_finger(force):
-                raise recast(InterruptedMotionError, lost)
-            if still.too_long(force, now_s, bound.peak_gwt - bound.least_gwt):
-                raise recast(InterruptedMotionError, _frozen(force))
-
-        return each
 
     def _press_to_doi(self, doi_mm: float) -> None:
         """Press to within half a step of the stage. Raises LimitError if a compliant rig never gets there."""
@@ -431,14 +337,8 @@ class Press:
         doi = max(self._doi_mm, self._smallest_mm)
         return self._force_gwt * (max(doi + step_mm, 0.0) / doi) ** CONTACT_EXPONENT
 
-    def _hold(
-        self,
-        target: Target,
-        hold: int,
-        hold_s: float,
-        held: Callable[[Target, float], tuple[list[float], list[float]]] | None = None,
-    ) -> Hold:
-        """Carry out and journal a hold. held: replaces the hold at rest, and ends at the present depth."""
+    def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
+        """Carry out and journal a hold."""
         engine, clock = self._engine, self._engine.clock
         about = {"index": self.id.index, "hold": hold}
         pulse(engine, self.id, "hold_start")
@@ -450,7 +350,7 @@ class Press:
         begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
         commanded = {"target": target.kind, "commanded": target.value}
         engine.record(self.id.stream("hold_start"), {**about, **commanded, **begin})
-        readings, times = (held or self._held_readings)(target, hold_s)
+        readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
         pulse(engine, self.id, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)

@@ -238,7 +238,7 @@ def _counted_from_here(engine: Engine) -> Iterator[None]:
 def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
     """Move sideways; contact is measured before, and a touch ends the move and trips.
 
-    A late reading interrupts the move. A touch that vanishes at rest (vibration of the stage) is passed by a step no
+    A late reading interrupts the move. A touch that vanishes at rest (the stage shakes) is passed by a step no
     longer than the way that the finger may be dragged. From the park height on, which no finger reaches, the stage
     has its travel speed.
     """
@@ -386,7 +386,7 @@ def _go_to_clearance(engine: Engine, speed_mm_s: float) -> None:
     """Descend slowly to clearance; a touch ends the descent, since frame and calibration may be wrong.
 
     This keeps a carriage that goes twice as far as commanded, with a sensor half a second late, within the bound of
-    docs/safety_design.md. A touch that vanishes at rest (vibration of the stage) is passed by one step. Before the
+    docs/safety_design.md. A touch that vanishes at rest (the stage shakes) is passed by one step. Before the
     first zero, forces count from readings before the descent.
     """
     down_mm = engine.settings.habits.clearance_mm

@@ -29,7 +29,6 @@ from rig.panel.drawing import Drawer
 from rig.panel.owners import Find, ManualProcess
 from rig.panel.requests import Posts, RequestError
 from rig.panel.run_files import RunFiles
-from rig.panel.spikes import SpikeView
 from rig.panel.stream import MOST_STREAMS, stream
 from rig.panel.watcher import BenchView, Watcher
 from rig.plan.config import load_config
@@ -102,12 +101,11 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if
 
 @dataclass(frozen=True)
 class Offered:
-    """Folder of runs, optional configuration of a bench, port (0: any free one), and that of simulated spikes."""
+    """Folder of runs, optional configuration of a bench, port (0: any free one)."""
 
     out: Path
     config: Path | None = None
     port: int = 0
-    spikes: int | None = None
 
 
 class Panel:
@@ -125,7 +123,6 @@ class Panel:
         self._watcher.last_line = lambda: self._bench.last_line
         self._drawer = Drawer(lambda: self._watcher.job, self._watcher.outlet, self._watcher.clock)
         clock = self._watcher.clock
-        self._spikes = None if offered.spikes is None else SpikeView(offered.spikes, self._watcher.outlet, clock)
         connections = Connections(self._socket, lambda headers: has_token(headers, self._token), clock)
         app = application(self._watcher, self._bench, self.port, self._token, connections.room_for_stop)
         self._server = _Server(_quiet(app), connections, self._watcher.outlet.close)
@@ -160,8 +157,7 @@ class Panel:
         """Serve, and raise the first failure."""
         self._end_at_signals()
         serving = asyncio.create_task(self._server.serve(sockets=[]))
-        polled = (self._watcher, self._drawer, *(() if self._spikes is None else (self._spikes,)))
-        polling = [asyncio.create_task(one.follow()) for one in polled]
+        polling = [asyncio.create_task(one.follow()) for one in (self._watcher, self._drawer)]
         await asyncio.wait([serving, *polling], return_when=asyncio.FIRST_COMPLETED)
         self._server.should_exit = True
         await serving

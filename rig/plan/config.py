@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self, get_args, get_origin
 
 import tomlkit
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator, AliasChoices, BaseModel, Field, ValidationError, ValidationInfo, model_validator
+from pydantic import AfterValidator, BaseModel, Field, ValidationError, ValidationInfo, model_validator
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import BUILT_IN, KINDS, KnownBench, find, names, with_kind_tables
@@ -105,7 +105,6 @@ class Config(RigSettings, KnownBench):
     virtual: VirtualSettings = VirtualSettings()
     identified: IdentifiedFinger | None = Field(
         None,
-        validation_alias=AliasChoices("identified", "met"),  # met: version 0.1
         description="results of the identification of this finger: docs/identify.md",
         json_schema_extra=WRITTEN_BY_COMMANDS,
     )

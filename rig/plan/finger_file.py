@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 import tomlkit
-from pydantic import AliasChoices, Field, ValidationError, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 import rig
 from rig.errors import BadInputError, RuleError, first_problem
@@ -175,15 +175,12 @@ class IdentifiedFinger(Settings):
         return self
 
 
-Met = IdentifiedFinger  # so named in pickles of 0.1
-
-
 class FingerFile(Settings):
     """Content of a finger file."""
 
     finger: FingertipConfig
     relaxation: Relaxation
-    identified: IdentifiedFinger = Field(validation_alias=AliasChoices("identified", "met"))  # met: version 0.1
+    identified: IdentifiedFinger
 
     _lasts = field_validator("relaxation")(checked_relaxation)
 
@@ -197,8 +194,8 @@ class FingerFile(Settings):
 
 
 def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:
-    """Raise BadInputError for a collapsed identification, which files of version 0.1 show by equal draws."""
-    if identified.collapsed or all(draw == identified.draw[0] for draw in identified.draw):
+    """Raise BadInputError for a collapsed identification."""
+    if identified.collapsed:
         raise BadInputError(
             "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
             "repeat `rig identify` until it ends with exit code 0",
@@ -259,7 +256,7 @@ def example_finger() -> dict[str, Any]:
 
 def is_finger_file(tables: dict[str, Any]) -> bool:
     """Return whether the tables include the result of an identification."""
-    return "identified" in tables or "met" in tables
+    return "identified" in tables
 
 
 def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFile:

@@ -39,7 +39,7 @@ from sim.nerve.population import (
 )
 from sim.nerve.skin import SkinUnderIndentor, table_of_presses
 from sim.nerve.spike_stream import SpikeStream
-from sim.nerve.staircase import Staircase, Swing
+from sim.nerve.staircase import Staircase
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -145,8 +145,6 @@ class _Walk:
         self._indentor = ""
         self._x_mm, self._along_mm = math.nan, 0.0
         self._knots: list[Knot] = []
-        self._swings: list[Swing] = []
-        self._swinging = False
         self._contact_mm: float | None = None
         self._bias_mm: list[float] = []
         self._true_x_mm: float | None = None
@@ -169,12 +167,6 @@ class _Walk:
             self._contact_mm = float(event["contact_height_mm"])
             if event.get("true_doi_bias_mm") is not None:
                 self._bias_mm = [float(event["true_doi_bias_mm"])]
-        elif name == "vibrate" and self._knots:
-            amplitude_mm = float(event["amplitude_um"]) / 1000
-            before = self._knots[-1]
-            self._add(Knot(t_s, before.height_mm + amplitude_mm, before.force_gwt, self._press_mm_s))
-            self._swinging = True
-            self._swings.append(Swing(t_s, 1 / float(event["frequency_hz"]), int(event["cycles"]), amplitude_mm))
         elif name == "hold_end" and event.get("true_doi_mm") is not None:
             self._bias_mm.append(float(event["true_doi_mm"]) - float(event["doi_mm"]))
             self._true_x_mm = float(event["true_x_mm"])
@@ -195,18 +187,11 @@ class _Walk:
             self.close()
             self._knots = []
             self._x_mm = float(event["x_mm"])
-        if event["phase"] == "vibrate":
-            return  # The sine itself is known.
         press = event["phase"] in ("press", "hold", "compliance")
         speed_mm_s = self._press_mm_s if press else self._approach_mm_s
         self._add(Knot(t_s, float(event["height_mm"]), float(event["force_gwt"]), speed_mm_s))
 
     def _add(self, knot: Knot) -> None:
-        if self._swinging:  # It stays at the upper end, but for the sine, which a trip or a pause may cut short.
-            self._swinging, last, (*_, upper) = False, self._swings[-1], self._knots
-            end_s = min(last.begins_s + last.cycles * last.period_s, knot.t_s - 1e-6)
-            self._swings[-1] = replace(last, cycles=(end_s - last.begins_s) / last.period_s)
-            self._add(upper._replace(t_s=end_s))
         if self._knots and knot.t_s <= self._knots[-1].t_s:
             self._knots.pop()
         self._knots.append(knot)
@@ -227,9 +212,9 @@ class _Walk:
                 speed = [*speed, self._travel_mm_s]
             if max(depth) > 0:
                 x_mm = self._x_mm if self._true_x_mm is None else self._true_x_mm
-                path = Staircase(t, depth, speed, self._acceleration_mm_s2, self._swings)
+                path = Staircase(t, depth, speed, self._acceleration_mm_s2)
                 self.found.append(Visit(self._indentor, x_mm, self._along_mm, path))
-        self._knots, self._swings, self._swinging = knots[-1:], [], False
+        self._knots = knots[-1:]
         self._contact_mm, self._bias_mm, self._true_x_mm = None, [], None
 
 
@@ -327,16 +312,11 @@ def firing_speeds_of(finger: Fingertip, wanted: SpikeRequest, presses: Sequence[
 
 
 def presses_of_plan(plan: Plan) -> list[PressAtSpeed]:
-    """Return the presses of a plan at their speeds; a vibration counts with its highest speed."""
+    """Return the presses of a plan at their speeds."""
     ramps = [(press.ramp_mm_s, press) for press in plan.all_presses if press.ramp_mm_s is not None]
-    swings = [
-        (2 * math.pi * press.vibration.amplitude_mm / press.vibration.period_s, press)
-        for press in plan.all_presses
-        if press.vibration is not None
-    ]
     return [
         PressAtSpeed(press.indentor, press.x_mm, 0.0, press.predicted_doi_mm, speed_mm_s)
-        for speed_mm_s, press in [*plan.speeds_mm_s, *ramps, *swings]
+        for speed_mm_s, press in [*plan.speeds_mm_s, *ramps]
     ]
 
 

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from rig.data import Run
-from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, VibrationBound, pressure_limit_gwt, swing_gwt
+from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_file, with_stored_file
 from rig.protocol.api import Handler, Rig
-from rig.protocol.check import Spot, Walk, refuse_force
+from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
 from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
@@ -70,11 +70,8 @@ class Plan:
 
     @property
     def peak_force_gwt(self) -> float:
-        """Highest predicted force (gwt); for an identified finger the upper end of its band.
-
-        That of a vibration is the force at its lower end.
-        """
-        return max(map(_peak_gwt, self.all_presses), default=0.0)
+        """Highest predicted force (gwt); for an identified finger the upper end of its band."""
+        return max((press.highest_gwt for press in self.all_presses), default=0.0)
 
     @property
     def soft_trip_n(self) -> float:
@@ -134,7 +131,6 @@ def make_plan(
         )
     refuse_unseen(plan, config)
     refuse_fast_ramps(plan, config)
-    refuse_vibrations(plan, config)
     return plan
 
 
@@ -161,33 +157,10 @@ def ramp_bound(plan: Plan, config: Config, ramp: PlannedIndentation) -> RampBoun
     )
 
 
-def vibration_bound(plan: Plan, config: Config, press: PlannedIndentation) -> VibrationBound | None:
-    """Return the bound of a planned vibration with the predicted stiffness; None for another press."""
-    if press.vibration is None:
-        return None
-    trip_gwt = _trip_gwt(plan, config, press)
-    return VibrationBound.of(config, press.vibration, trip_gwt, press.highest_gwt, press.predicted_doi_mm)
-
-
 def _trip_gwt(plan: Plan, config: Config, press: PlannedIndentation) -> float:
     """Return the lowest trip of a planned press (gwt)."""
     area_gwt = pressure_limit_gwt(config.limits.max_pressure_kpa, press.contact_area_mm2)
     return min(config.limits.soft_trip_n / GWT_N, plan.soft_trip_n / GWT_N, area_gwt)
-
-
-def _peak_gwt(press: PlannedIndentation) -> float:
-    """Return the highest predicted force of a press (gwt)."""
-    if press.vibration is None:
-        return press.highest_gwt
-    return press.highest_gwt + swing_gwt(press.vibration.amplitude_mm, press.highest_gwt, press.predicted_doi_mm)
-
-
-def refuse_vibrations(plan: Plan, config: Config) -> None:
-    """Raise an error for a vibration that the stage cannot make, or that is predicted to leave skin or limits."""
-    for press in plan.all_presses:
-        if bound := vibration_bound(plan, config, press):
-            bound.refuse_beyond(BadInputError, press.x_mm)
-            refuse_force("vibrate", press, _peak_gwt(press), config.limits)
 
 
 def refuse_fast_ramps(plan: Plan, config: Config) -> None:

@@ -21,7 +21,6 @@ from rig.protocol.steps import (
     Retract,
     Step,
     Touch,
-    Vibrate,
     Zero,
 )
 from rig.protocol.turns import Turns
@@ -238,56 +237,6 @@ class Rig:
             predicts.
         """
         return self._do(Ramp(doi_mm=doi_mm, speed_mm_s=speed_mm_s, hold_s=hold_s))
-
-    def vibrate(
-        self,
-        *,
-        frequency_hz: float,
-        amplitude_um: float,
-        duration_s: float,
-        doi_mm: float | None = None,
-        force_gwt: float | None = None,
-    ) -> Indentation:
-        """Find contact, press by increments to a preload, vibrate about it in a sine, and lift to clearance.
-
-        The press to the preload measures the stiffness. Then the stage goes up by the amplitude and swings down and
-        up, in whole cycles, as many as come nearest to the duration. It counts the cycles itself, ends at the upper
-        end, and returns to the preload. A vibration trips at a force such that it comes to rest within the trip and
-        the overshoot of a press.
-
-        Parameters
-        ----------
-        frequency_hz : float
-            Cycles per second. The period is rounded up to 0.1 ms.
-        amplitude_um : float
-            Half of the distance from the highest to the lowest position (µm).
-        duration_s : float
-            Duration of the vibration (s).
-        doi_mm : float, optional
-            Depth of the preload past contact (mm), in the middle of the sine. Pass either a depth or a force.
-        force_gwt : float, optional
-            Force of the preload (gwt).
-
-        Returns
-        -------
-        Indentation
-            Depth of the preload (mm), and mean force (gwt) of the vibration.
-
-        Raises
-        ------
-        BadInputError
-            As `indent`; if the stage cannot vibrate, or not so fast with this amplitude; if by the finger model the
-            amplitude leaves the skin, or the force comes too near to the trip.
-        """
-        return self._do(
-            Vibrate(
-                frequency_hz=frequency_hz,
-                amplitude_um=amplitude_um,
-                duration_s=duration_s,
-                doi_mm=doi_mm,
-                force_gwt=force_gwt,
-            )
-        )
 
     def precondition(
         self, *, presses: int, doi_mm: float | None = None, force_gwt: float | None = None, hold_s: float = 1.0

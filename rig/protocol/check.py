@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
-from rig.devices.registry import highest_hz, moves_along, ramps
+from rig.devices.registry import moves_along, ramps
 from rig.errors import BadInputError, RigError
-from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, SineMotion, Target
+from rig.records import Pace, PlannedIndentation, Prediction, PressId, Purpose, Target
 from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, LimitSettings, RigSettings, StageSettings
 from rig.units import GWT_N
 
@@ -284,44 +284,6 @@ def refuse_no_ramps(verb: str, stage: StageSettings) -> None:
             verb=verb,
             kind=stage.kind,
         )
-
-
-_FASTEST_HZ = 1000.0
-
-
-def refuse_vibration(
-    verb: str, frequency_hz: float, amplitude_um: float, duration_s: float, settings: RigSettings
-) -> None:
-    """Raise an error for a vibration that the stage cannot make, or that is out of range."""
-    refuse_seconds(verb, "duration_s", duration_s)
-    ranges = {
-        "frequency_hz": (frequency_hz, 1 / _LONGEST_S, _FASTEST_HZ),
-        "amplitude_um": (amplitude_um, 1000 * settings.stage.resolution_mm, 1000 * settings.limits.max_doi_mm),
-    }
-    for key, (value, low, high) in ranges.items():
-        refuse_no_number(verb, key, value)
-        if not low <= value <= high:
-            raise BadInputError("{verb}: {key} = {value!r}: expected {low:.2g} … {high:g}", code="outside_range",
-                                verb=verb, key=key, value=value, low=low, high=high)  # fmt: skip
-    if highest_hz(settings.stage, amplitude_um / 1000) is None:
-        raise BadInputError(
-            "{verb}: a {kind} stage cannot generate a sine; single confirmed moves would give a triangle wave of "
-            "{low_hz:g} to {high_hz:g} Hz",
-            code="no_vibration",
-            verb=verb,
-            kind=settings.stage.kind,
-            low_hz=2.0,
-            high_hz=5.0,
-        )
-
-
-def refuse_vibration_depth(
-    verb: str, planned: PlannedIndentation, vibration: SineMotion, limits: LimitSettings
-) -> None:
-    """Raise an error for a vibration whose lower end is predicted to be too deep."""
-    doi_mm = planned.deepest_mm + vibration.amplitude_mm
-    if doi_mm > limits.max_doi_mm:
-        raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
 
 
 def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: RigSettings) -> None:

@@ -16,7 +16,6 @@ from rig.protocol.steps import (
     Reference,
     Rest,
     Step,
-    Vibrate,
 )
 from rig.records import PressId, Purpose
 
@@ -66,7 +65,7 @@ def asked_of(step: Step[Any, Any], spot: Spot, press: PressId, press_mm_s: float
     place = {"indentor": spot.indentor, "x_mm": spot.x_mm, **press.marks}
     if press.purpose == "find":
         return {**place, "along_mm": spot.along_mm}
-    if not isinstance(step, Indent | Ramp | Vibrate | Precondition | Reference):
+    if not isinstance(step, Indent | Ramp | Precondition | Reference):
         return place
     speed_mm_s = getattr(step, "speed_mm_s", None)
     asked = {
@@ -77,25 +76,17 @@ def asked_of(step: Step[Any, Any], spot: Spot, press: PressId, press_mm_s: float
         "increments": getattr(step, "increments", 1),
         "speed_mm_s": press_mm_s if speed_mm_s is None else speed_mm_s,
     }
-    if isinstance(step, Vibrate):
-        sine = step.vibration
-        more = {"hold_s": sine.duration_s, "frequency_hz": sine.frequency_hz, "amplitude_um": sine.amplitude_um}
-        return {**asked, **more}
     return {**asked, "hold_s": step.hold_s}
 
 
 def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]:
     """Yield what each press in the journal was asked for; journals of 0.2 have neither verb, speed nor duration."""
-    sines = {event["index"]: event for event in before.stream("vibrate")}
     speeds_mm_s = {event["index"]: event["speed_mm_s"] for event in before.stream("ramp")}
     for purpose, stream in _STARTS.items():
         for event in before.stream(stream):
             asked = {key: value for key, value in event.items() if key not in _NOT_ASKED}
             if purpose == "data" and event["index"] in speeds_mm_s:
                 asked |= {"verb": Ramp.verb, "speed_mm_s": speeds_mm_s[event["index"]]}
-            if purpose == "data" and event["index"] in sines:
-                sine = sines[event["index"]]
-                asked |= {"verb": Vibrate.verb, **{key: sine[key] for key in ("frequency_hz", "amplitude_um")}}
             yield (purpose, event["index"]), asked
 
 

@@ -31,10 +31,8 @@ from rig.protocol.check import (
     refuse_seconds,
     refuse_speeds,
     refuse_target,
-    refuse_vibration,
-    refuse_vibration_depth,
 )
-from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, SineMotion, Target
+from rig.records import Hold, Indentation, Pace, PlannedIndentation, PressId, Target
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -221,7 +219,6 @@ def expect_press(
     hold_s: float,
     speed_mm_s: float | None = None,
     ramp: bool = False,
-    vibration: SineMotion | None = None,
 ) -> ExpectedPresses:
     """Return the prediction for a press, checked against the limits.
 
@@ -240,8 +237,6 @@ def expect_press(
         Default: habits.press_speed_mm_s.
     ramp : bool, optional
         Whether the press is a ramp, at constant speed without increments.
-    vibration : SineMotion, optional
-        What the hold is, instead of at rest.
 
     Returns
     -------
@@ -270,9 +265,7 @@ def expect_press(
     except NoPredictionError as error:
         raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
     ramp_mm_s = pace.speed_mm_s if ramp else None
-    planned = PlannedIndentation(
-        **vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s, vibration=vibration
-    )
+    planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
     refuse_reach(verb, planned, walk.settings)
     refuse_pressure(verb, planned, walk.settings.limits)
     return ExpectedPresses(spot.ids, planned)
@@ -385,49 +378,6 @@ class Ramp(PressStep):
             speed_mm_s=self.speed_mm_s,
             ramp=True,
         )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Vibrate(PressStep):
-    """Find contact, press by increments to a preload, vibrate about it, and lift."""
-
-    verb: ClassVar[str] = "vibrate"
-
-    frequency_hz: float
-    amplitude_um: float
-    duration_s: float
-    doi_mm: float | None = None
-    force_gwt: float | None = None
-
-    @property
-    def target(self) -> Target:
-        """Preload: depth or force. Raises BadInputError."""
-        return checked_target(self.verb, self.doi_mm, self.force_gwt)
-
-    @property
-    def vibration(self) -> SineMotion:
-        """Sine, in whole cycles."""
-        return SineMotion.of(self.frequency_hz, self.amplitude_um, self.duration_s)
-
-    def check(self, walk: Walk) -> Spot:
-        check_press(self.verb, self.target, walk, increments=1, hold_s=0.0)
-        refuse_vibration(self.verb, self.frequency_hz, self.amplitude_um, self.duration_s, walk.settings)
-        walk.hold(self.verb, self.vibration.duration_s)
-        return walk.spot("data", 1, self.marks)
-
-    def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
-        vibration = self.vibration
-        expected = expect_press(
-            self.verb,
-            self.target,
-            spot,
-            walk,
-            increments=1,
-            hold_s=vibration.duration_s,
-            vibration=vibration,
-        )
-        refuse_vibration_depth(self.verb, expected.planned, vibration, walk.settings.limits)
-        return expected
 
 
 @dataclass(frozen=True, kw_only=True)

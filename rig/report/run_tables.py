@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
-from rig.data.tables import booked_s, motions_in_contact, sine_in_words, tables
+from rig.data.tables import booked_s, motions_in_contact, tables
 from rig.engine.press import force_tolerance_gwt
 from rig.plan.finger_model import PredictedHold
 from rig.records import SAME_DECIMALS, grouped
@@ -96,7 +96,7 @@ _DEPTHS = 60
 class Condition:
     """Presses with the same indentor, x and target of the last hold, and the indices of the repeats.
 
-    Ramps and vibrations also have the same motion; a press by increments has none.
+    Ramps also have the same speed; a press by increments has none.
     """
 
     indentor: str
@@ -130,7 +130,6 @@ class Loading:
 def conditions(run: Run) -> list[Condition]:
     """Return the conditions of finished indentations, by indentor, target and position."""
     motions = {event["index"]: f"at {event['speed_mm_s']:g} mm/s" for event in run.stream("ramp")}
-    motions |= {event["index"]: sine_in_words(event) for event in run.stream("vibrate")}
 
     def alike(start: dict[str, Any]) -> tuple[str, str, float, str, float]:
         value, x_mm = (round(start[key], SAME_DECIMALS) + 0.0 for key in ("value", "x_mm"))
@@ -172,10 +171,7 @@ def _curve(samples: Sequence[Mapping[str, Any]]) -> tuple[Array, Array]:
 
 
 def past_touch(samples: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return the readings of press and hold; of a ramp, without the press that may have come first.
-
-    Readings of a vibration are left out: their depths are those of the poll before.
-    """
+    """Return the readings of press and hold; of a ramp, without the press that may have come first."""
     down = "ramp" if any(sample["phase"] == "ramp" for sample in samples) else "press"
     return [sample for sample in samples if sample["phase"] in (down, "hold")]
 
@@ -224,7 +220,8 @@ def delivered(run: Run) -> list[DeliveredPress]:
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     for index, holds in sorted(run.done.items()):
         last, key = holds[-1], starts[index]["target"]
-        asked = float(last.get("commanded", starts[index]["value"]))
+        commanded = last.get("commanded")
+        asked = float(starts[index]["value"] if commanded is None else commanded)
         tolerance = step_mm if key == "doi_mm" else force_tolerance_gwt(asked, step_gwt)
         sd = last.get({"doi_mm": "doi_sd_mm", "force_gwt": "force_sd_gwt"}[key]) or 0.0
         found.append(DeliveredPress(index, key, asked, float(last[key]), float(sd), tolerance))

@@ -23,7 +23,6 @@ from rig.protocol.steps import (
     Retract,
     Step,
     Touch,
-    Vibrate,
     Zero,
 )
 from rig.records import Indentation, PlannedIndentation, PressId
@@ -149,21 +148,6 @@ def ramp(engine: Engine, step: Ramp, expected: ExpectedPresses) -> Indentation:
         planned.target.value,
         float(step.speed_mm_s),
         hold_s=float(planned.hold_s),
-        expected_contact_mm=planned.expected_contact_mm,
-        contact_area_mm2=planned.contact_area_mm2,
-        predicted=_predicted(planned),
-        press_id=expected.ids[0],
-    )
-
-
-@executes(Vibrate)
-def vibrate(engine: Engine, step: Vibrate, expected: ExpectedPresses) -> Indentation:
-    """Vibrate at the present position, about a preload."""
-    planned = expected.planned
-    return indentation.vibrate(
-        engine,
-        planned.target,
-        step.vibration,
         expected_contact_mm=planned.expected_contact_mm,
         contact_area_mm2=planned.contact_area_mm2,
         predicted=_predicted(planned),

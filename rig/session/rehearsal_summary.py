@@ -9,7 +9,7 @@ from rig.devices.registry import stage_ports
 from rig.engine import EngineError
 from rig.engine.limits import CONTACT_EXPONENT, SampleAge, Stopping
 from rig.plan.config import Config
-from rig.plan.plan import Plan, ramp_bound, vibration_bound
+from rig.plan.plan import Plan, ramp_bound
 from rig.protocol.script import Script
 from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
@@ -90,7 +90,6 @@ class Preflight:
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),
             **self._ramp(planned),
-            **self._vibration(planned),
         }
 
     def _ramp(self, planned: PlannedIndentation) -> dict[str, Any]:
@@ -104,22 +103,6 @@ class Preflight:
             "ramp_stop_mm": bound.stop_mm,
             "ramp_trip_gwt": bound.trip_gwt,
             "ramp_bound_gwt": bound.bound_gwt,
-        }
-
-    def _vibration(self, planned: PlannedIndentation) -> dict[str, Any]:
-        """Return sine and force limits of a vibration, if it is one."""
-        bound = vibration_bound(self.plan, self.config, planned)
-        if bound is None:
-            return {}
-        return {
-            "vibration_hz": bound.vibration.frequency_hz,
-            "vibration_um": bound.vibration.amplitude_um,
-            "vibration_cycles": bound.vibration.cycles,
-            "vibration_highest_hz": bound.highest_hz,
-            "vibration_largest_um": bound.largest_um,
-            "vibration_peak_gwt": bound.peak_gwt,
-            "vibration_trip_gwt": bound.trip_gwt,
-            "vibration_bound_gwt": bound.bound_gwt,
         }
 
 
@@ -199,7 +182,6 @@ class Page:
             "trips": f"soft {in_both_units(self._soft_trip_n)}, hard {in_both_units(config.limits.hard_trip_n)}",
             **self.speed,
             **self._ramps,
-            **self._vibrations,
             "first": self._first,
             "safety": "check that the emergency stop is in reach and the finger is clear of the indentor",
         }
@@ -281,21 +263,6 @@ class Page:
             "ramps": f"{len(bounds)} at up to {max(one.speed_mm_s for one in bounds):g} mm/s, tripped from "
             f"{in_both_units(min(one.trip_gwt for one in bounds) * GWT_N)} on, at rest within "
             f"{max(one.stop_mm for one in bounds):.2g} mm and below "
-            f"{in_both_units(max(one.bound_gwt for one in bounds) * GWT_N)}"
-        }
-
-    @property
-    def _vibrations(self) -> Lines:
-        """Sines and force limits of all vibrations, if there are any."""
-        planned = (vibration_bound(self._plan, self.session.config, press) for press in self._plan.all_presses)
-        bounds = [bound for bound in planned if bound is not None]
-        if not bounds:
-            return {}
-        sines = [bound.vibration for bound in bounds]
-        return {
-            "vibrations": f"{len(bounds)} at up to {max(one.frequency_hz for one in sines):.4g} Hz and "
-            f"{max(one.amplitude_um for one in sines):g} µm, tripped from "
-            f"{in_both_units(min(one.trip_gwt for one in bounds) * GWT_N)} on, below "
             f"{in_both_units(max(one.bound_gwt for one in bounds) * GWT_N)}"
         }
 

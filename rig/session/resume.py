@@ -15,7 +15,7 @@ from typing import Any
 from rig.clock import WallClock
 from rig.data import FolderBusyError, Run, RunError, RunFolder, read_run
 from rig.data.documents import JournalError
-from rig.data.folder import IDENTIFICATION_PAGES, SCRIPTS, UnwritableError
+from rig.data.folder import IDENTIFICATION_PAGE, SCRIPT, UnwritableError
 from rig.data.journal import mend_journal
 from rig.data.run import read_provenance
 from rig.data.run_time import resumed_s
@@ -130,9 +130,9 @@ def _never_planned(run: Run) -> bool:
 
 def _results(folder: RunFolder) -> str:
     """Return where the results of an identification are, in words."""
-    for page in (folder.path / name for name in IDENTIFICATION_PAGES):
-        if page.exists():
-            return f"its result is in its finger file and in {page}"
+    page = folder.path / IDENTIFICATION_PAGE
+    if page.exists():
+        return f"its result is in its finger file and in {page}"
     return "its presses remain in its journal"
 
 
@@ -146,7 +146,7 @@ def _read(folder: RunFolder) -> StoppedRun:
             files=", ".join(changed),
         )
     about = read_provenance(folder, "protocol", "parameters", "virtual")
-    if about["protocol"] in SCRIPTS:
+    if about["protocol"] == SCRIPT:
         raise BadInputError(
             "run folder {path}: an identification cannot be resumed; repeat `rig identify`. In this run, {left}",
             code="identification",

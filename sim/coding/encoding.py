@@ -1,12 +1,11 @@
 """Block diagram of Raju (1998, Fig. 6-6): pressure, SED, noise, receptor, rate."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._moved import renamed
 from sim.coding.operators import ForwardOperator
 
 Array = NDArray[np.float64]
@@ -76,8 +75,3 @@ def _output(noisy: Array, receptor: Receptor | None, *, before: bool) -> Array:
     if receptor is None:
         return noisy
     return receptor.rate(noisy) if before else np.maximum(0.0, noisy)
-
-
-if not TYPE_CHECKING:
-    _MOVED = ("FEWEST_AT_REST", "LOWEST_SD", "QUIET_SD", "Readings", "sd_at_rest")
-    __getattr__ = renamed(__name__, {name: f"sim.coding.receptor_readings.{name}" for name in _MOVED})

@@ -8,12 +8,10 @@ corners sharper than a sample to 1 to 6 %; normal pressures alone differ by 3 to
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim._moved import renamed
 from sim.coding.operators import ForwardOperator, influence
 from sim.coding.section import Energy, ReceptorSection, SampledSection
 from sim.contact.patch import X, Y
@@ -177,7 +175,3 @@ def _skin(section: ReceptorSection, ends_mm: Array) -> SectionSkin:
 def _interpolation(at: Array, knots: Array) -> Array:
     """Return (len(at), len(place)) weights of linear interpolation."""
     return np.stack([np.interp(at, knots, row) for row in np.eye(len(knots))], axis=1)
-
-
-if not TYPE_CHECKING:
-    __getattr__ = renamed(__name__, {"borne_by": f"{__name__}.contact_pressure"})

@@ -2,14 +2,13 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import cumulative_simpson
 from scipy.interpolate import CubicSpline
 
-from sim._moved import renamed
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y
 from sim.errors import ModelRangeError
@@ -262,7 +261,3 @@ def squared_parts(strain: Array, material: Elastic, energy: Energy) -> Array:
 def sed_of(strain: Array, material: Elastic, energy: Energy) -> Array:
     """Return (…) SED of (3 or 6, …) strains."""
     return (squared_parts(strain, material, energy) ** 2).sum(axis=0)
-
-
-if not TYPE_CHECKING:
-    __getattr__ = renamed(__name__, {"felt_section": f"{__name__}.receptor_section"})

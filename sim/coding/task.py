@@ -7,7 +7,6 @@
 """
 
 import time
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple, get_args
@@ -251,8 +250,7 @@ class DecodeTask:
     source : sequence of float, SectionPress or FileReadings
         Pressures (pseudo-units) or a press, as for `EncodeTask`; or readings, from `read_readings`.
     decoder : {"bayes", "univariate", "grid", "table", "global"}
-        Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes. The old name
-        "ours" works for one release.
+        Only `bayes` gives standard deviations and bands, and only it decodes sheets and axial shapes.
     operator : {"convolution", "influence"}, optional
         Operator that encodes and decodes. Default: convolution for pressures, influence for a press.
         Readings always go by influence.
@@ -286,11 +284,6 @@ class DecodeTask:
     axial_mm: tuple[float, ...] = ()
     search: SearchOptions = field(default_factory=SearchOptions)
     finger: FingertipConfig = field(default_factory=FingertipConfig)
-
-    def __post_init__(self) -> None:
-        if str(self.decoder) == "ours":
-            warnings.warn("the decoder ours is now bayes", DeprecationWarning, stacklevel=3)
-            object.__setattr__(self, "decoder", "bayes")
 
 
 @dataclass(frozen=True)

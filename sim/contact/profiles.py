@@ -131,9 +131,6 @@ class SinusoidalStep(IndentorProfile):
         return profile_curves.flank(s_mm, 0.5 * STEP_HEIGHT_MM, np.pi / STEP_HALF_WAVELENGTH_MM[self.number])
 
 
-Step = SinusoidalStep  # so named in pickles of 0.1
-
-
 @dataclass(frozen=True)
 class Wedge(IndentorProfile):
     """Wedge with its edge along z, rounded at the tip."""

@@ -14,7 +14,7 @@ from math import sqrt
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.grbl.planner import ConstantAcceleration, Piece, Sine, Track
+from sim.devices.grbl.planner import ConstantAcceleration, Piece, Track
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 from sim.devices.modbus import ILLEGAL_ADDRESS, ILLEGAL_VALUE, ModbusBus, RegisterFault, signed, words
 
@@ -43,10 +43,6 @@ class DriveAxis:
     def nut_at(self, t_s: float) -> int:
         """Return the nut's whole pulses at a time: behind the motor by the play where it went up last."""
         return self._track.nut_at(t_s)[0]
-
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in pulses, not rounded."""
-        return self._track.nut_position_at(t_s)[0]
 
     def velocity_at(self, t_s: float) -> float:
         """Return the signed velocity in pulses/s."""
@@ -89,21 +85,6 @@ class DriveAxis:
         path.run(velocity, ramps)
         self._follow(path, now_s)
 
-    def oscillate(self, amplitude: float, period_s: float, halves: int, now_s: float) -> None:
-        """Swing in half cycles of a sine between the position at rest and one at twice the amplitude from it."""
-        path = _Path(self._track.position_at(now_s)[0], now_s)
-        half_s = period_s / 2
-        if self._track.has_play:  # No axis may reverse within a piece.
-            for number in range(halves):
-                path.run(-amplitude if number % 2 else amplitude, [Sine(half_s, half_s, abs(amplitude))])
-        else:
-            path.run(amplitude, [Sine(halves * half_s, half_s, abs(amplitude))])
-        self._follow(path, now_s)
-
-    def end_at(self, t_s: float) -> None:
-        """End the planned motion at a time at which it is at rest."""
-        self._track.replace_from(t_s, [], self._track.position_at(t_s))
-
     def brake(self, down: float, now_s: float) -> None:
         """Brake to rest."""
         self._follow(self._braked(down, now_s), now_s)
@@ -125,7 +106,7 @@ class _Path:
         self.position, self._t_s = position, t_s
         self.pieces: list[Piece] = []
 
-    def run(self, direction: float, ramps: Sequence[ConstantAcceleration | Sine]) -> None:
+    def run(self, direction: float, ramps: Sequence[ConstantAcceleration]) -> None:
         sign = 1.0 if direction >= 0 else -1.0
         for ramp in ramps:
             if ramp.duration_s > 0:
@@ -226,10 +207,6 @@ class VirtualDrive:
     def nut_at(self, t_s: float) -> int:
         """Return the nut's position: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in pulses, not rounded."""
-        return self._axis.nut_position_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, its position becomes zero, unsaved registers are lost."""
@@ -413,10 +390,6 @@ class DrivePair:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' position in pulses from the home switches (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in pulses, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
 
 def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> DrivePair:

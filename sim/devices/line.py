@@ -2,11 +2,10 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
-from sim._moved import renamed
 from sim.devices.clock import Scheduler, sample_at
 from sim.errors import ArgumentError, SimError
 from sim.units import GWT_N
@@ -203,15 +202,6 @@ class VirtualStage(Protocol):
         ...
 
 
-@runtime_checkable
-class SmoothStage(Protocol):
-    """Virtual stage whose positions are known between its steps."""
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in steps, not rounded."""
-        ...
-
-
 @dataclass(frozen=True)
 class VirtualStageSpec:
     """Specification of a virtual stage, with values along x, y and z.
@@ -271,9 +261,3 @@ class Relay(Protocol):
 
 StageTwin = Callable[[Scheduler, SerialLine, VirtualStageSpec], VirtualStage]
 ForceTwin = Callable[[Scheduler, SerialLine, VirtualForceSpec, Load], object]
-
-
-if not TYPE_CHECKING:
-    __getattr__ = renamed(
-        __name__, {"StageTold": f"{__name__}.VirtualStageSpec", "ForceTold": f"{__name__}.VirtualForceSpec"}
-    )

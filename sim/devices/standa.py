@@ -115,10 +115,6 @@ class VirtualStandaController:
         """Return the nut's height: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
 
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in microsteps, not rounded."""
-        return self._axis.nut_position_at(t_s)
-
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, and the home position is lost."""
         self._brake(inf)
@@ -341,10 +337,6 @@ class StandaPair:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in microsteps, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch both off and on."""

@@ -96,10 +96,6 @@ class VirtualTmclAxis:
         """Return the nut's height: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
 
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in microsteps, not rounded."""
-        return self._axis.nut_position_at(t_s)
-
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, position and parameters are those of the start."""
         self._brake(inf)
@@ -293,10 +289,6 @@ class TmclModules:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in microsteps, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the motors' true position in microsteps, + up, from home (x, y, z)."""

@@ -26,10 +26,6 @@ CLEARED = frozenset(("FQ", "FI", "FA", "FR", "FS", "FB", "FP", "FE", "FT", "WL",
 NO_WARNING = "--"
 DEVICE_ID, FIRMWARE, BUILD = 50081, "7.38", "20000"
 ESTOP_S, BACK_OFF_MM, HOME_MM_S = 0.01, 0.5, 5.0
-SINE_MS = 0.2, 429496729.5
-"""Shortest and longest period of a sine."""
-LONGEST_SINE = 100_000
-"""Half cycles after which a sine ends here; a real device continues as commanded."""
 _SEALED = re.compile(rb"/(.*):([0-9A-F]{2})")
 _LONGEST = 256
 
@@ -79,7 +75,6 @@ class VirtualZaberAxis:
         self._warnings: set[str] = set()
         self._referenced = self._homing = False
         self._zero = start
-        self._sine: tuple[float, float] | None = None  # when the present sine began, and its period
         self._ending: Handle | None = None
         self.on_idle: Callable[[], None] = lambda: None
 
@@ -92,10 +87,6 @@ class VirtualZaberAxis:
     def nut_at(self, t_s: float) -> int:
         """Return the nut's height: behind by the play where the motor went up last."""
         return self._axis.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> float:
-        """Return the nut's position in counts, not rounded."""
-        return self._axis.nut_position_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, the home position and the warnings are lost."""
@@ -177,10 +168,6 @@ class VirtualZaberAxis:
                 self._end(self._acceleration(None))
             case ["estop"]:
                 self._end(abs(self._axis.velocity_at(self._now_s)) / ESTOP_S)
-            case ["move", "sin", "stop"]:
-                self._end_sine()
-            case ["move", "sin", amplitude, period, *count]:
-                self._begin_sine(_whole(amplitude), _decimal(period), *map(_decimal, count))
             case ["move", "abs" | "rel" | "vel" | "min" | "max" as kind, *numbers]:
                 self._move(kind, [_whole(number) for number in numbers])
             case _:
@@ -230,34 +217,6 @@ class VirtualZaberAxis:
         acceleration = self._acceleration(rest[1] if len(rest) > 1 and rest[1] else None)
         self._go([(self._zero - target, native / self._units.speed)], acceleration)
 
-    def _begin_sine(self, amplitude: int, period_ms: float, *counts: float) -> None:
-        """Swing between here and twice the amplitude from here, which is half of the peak-to-peak distance."""
-        count, *more = counts or (inf,)
-        here, low, high = self.position(), self.settings["limit.min"], self.settings["limit.max"]
-        if more:
-            raise CommandRejected("BADCOMMAND")
-        whole = count == inf or (0 < count < 2**32 - 1 and (2 * count).is_integer())
-        if not (low <= here <= high and low <= here + 2 * amplitude <= high and whole):
-            raise CommandRejected("BADDATA")
-        if not SINE_MS[0] <= period_ms <= SINE_MS[1]:
-            raise CommandRejected("BADDATA")
-        self._begin()
-        self._brake(inf)
-        period_s, halves, now_s = period_ms / 1000, int(min(2 * count, LONGEST_SINE)), self._now_s
-        self._axis.oscillate(-amplitude, period_s, halves, now_s)
-        self._sine = now_s, period_s
-        self._schedule_end()
-
-    def _end_sine(self) -> None:
-        """End the present sine with its present cycle."""
-        if self._sine is None or not self.busy:
-            raise CommandRejected("NOTSIN")
-        begun_s, period_s = self._sine
-        over_s = begun_s + ceil((self._now_s - begun_s) / period_s) * period_s
-        if over_s < self._axis.end_s:
-            self._axis.end_at(over_s)
-            self._schedule_end()
-
     def _begin(self) -> None:
         """Begin a movement command, which interrupts a running one and clears the warnings that last until then."""
         if any(flag in DISABLING for flag in self._warnings):
@@ -266,12 +225,12 @@ class VirtualZaberAxis:
             self._warnings.add("NI")
         else:
             self._warnings -= {"NI", "WM", "NC"}
-        self._homing, self._sine = False, None
+        self._homing = False
 
     def _end(self, deceleration: float) -> None:
         if self.busy:
             self._warnings.add("NI")
-            self._homing, self._sine = False, None
+            self._homing = False
             self._brake(deceleration)
             self._schedule_end()
 
@@ -313,12 +272,6 @@ def _whole(text: str) -> int:
     if not re.fullmatch(r"-?\d{1,10}", text):
         raise CommandRejected("BADDATA")
     return int(text)
-
-
-def _decimal(text: str) -> float:
-    if not re.fullmatch(r"\d{1,10}(\.\d{1,9})?", text):
-        raise CommandRejected("BADDATA")
-    return float(text)
 
 
 @dataclass
@@ -400,10 +353,6 @@ class ZaberChain:
     def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the nuts' true position in counts, + up, from home (x, y, z)."""
         return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in counts, not rounded."""
-        return self.x.nut_position_at(t_s), 0.0, self.z.nut_position_at(t_s)
 
     def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
         """Return the motors' true position in counts, + up, from home (x, y, z)."""

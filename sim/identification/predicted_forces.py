@@ -75,9 +75,6 @@ class MeasuredPress:
         return replace(self.trajectory, height_mm=self.trajectory.height_mm - self.contact_mm, by_depth=True)
 
 
-Given = MeasuredPress  # so named in pickles of 0.1
-
-
 def nominal_trajectory(
     indentor: str, x_mm: float, doi_mm: float, pace: "RampAndHold", shares: Sequence[float]
 ) -> PressTrajectory:
@@ -236,9 +233,6 @@ class PredictedForces:
 
     def _column(self, draws: Array, name: str) -> Array:
         return draws[:, self.prior.index(name)]
-
-
-Foreseen = PredictedForces  # so named in pickles of 0.1
 
 
 def made_of(config: FingertipConfig) -> object:

@@ -18,11 +18,11 @@ from filelock import FileLock
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from rig_shared.user_files import open_file
 from sim.announce import taking_long
 from sim.compiling import cache_dir as cache_dir
 from sim.errors import SimError
 from sim.finger.surface import FingertipSurface
-from sim.trust import ChangeableError, open_new, open_trusted, trusted_in
 
 Arrays = dict[str, NDArray[np.generic]]
 Kind = Literal["model", "node", "columns", "skin", "answers", "sites"]
@@ -42,7 +42,6 @@ _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *(
         "compiling.py",
-        "trust.py",
         "errors.py",
         "units.py",
         "tables.py",
@@ -54,7 +53,7 @@ _CODE = (
     ),
     *("models/adjoint.py", "models/condensed.py", "models/finger_3d.py"),
 )
-"""Folders and modules of `sim` that determine a finger's model; the reader of their tables is in `rig_shared`."""
+"""Folders and modules of `sim` that determine a finger's model; what they share with `rig` is in `rig_shared`."""
 
 
 class CacheError(SimError, ValueError):
@@ -147,7 +146,8 @@ def simulator_code() -> str:
 
 def model_code(root: Path) -> list[Path]:
     """Return the modules of `sim`, at `root`, and of `rig_shared` beside it that determine a finger's model."""
-    paths = [root.parent / "rig_shared" / "user_files.py", *(root / code for code in _CODE)]
+    shared = [root.parent / "rig_shared" / name for name in ("accounts.py", "user_files.py")]
+    paths = [*shared, *(root / code for code in _CODE)]
     return [source for path in paths for source in (sorted(path.rglob("*.py")) if path.is_dir() else [path])]
 
 
@@ -157,8 +157,7 @@ def cached_arrays(
     """Return the arrays stored under a key, and whether they were on disk; make and store them if not.
 
     `kind` is the file's suffix. A file counts only if it is whole: it begins with the SHA-256 of the key and of all
-    that follows. It must be of an account that the folder trusts, and have the arrays of `layout`. One process at a
-    time makes it.
+    that follows. It must have the arrays of `layout`. One process at a time makes it.
     """
     folder, path = cache_dir(), path_of(key, kind)
     found = _read(path, key, layout)
@@ -174,7 +173,7 @@ def cached_arrays(
         _log.debug("made: %s", kind, extra={"made": True})
         content = _packed(made)
         try:
-            with _replacing(path) as partial, open_new(partial) as stream:
+            with _replacing(path) as partial, partial.open("wb") as stream:
                 stream.write(_seal(key, content))
                 stream.write(content)
         except OSError as error:  # a full disk does not cost the answer
@@ -211,9 +210,9 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
 
 
 def _read(path: Path, key: str, layout: Layout | None, report: bool = False) -> Arrays | None:
-    """Return the stored arrays, or None if they are missing, damaged or of an account that is not trusted."""
+    """Return the stored arrays, or None if they are missing or damaged."""
     try:
-        with open_trusted(path, trusted_in(path.parent)) as stream:
+        with open_file(path) as stream:
             arrays = _unsealed(stream, key)
             with contextlib.suppress(OSError):  # a folder that may only be read
                 os.utime(stream.fileno() if os.utime in os.supports_fd else path)
@@ -222,8 +221,6 @@ def _read(path: Path, key: str, layout: Layout | None, report: bool = False) -> 
         problem = "does not have the expected arrays"
     except FileNotFoundError:
         return None
-    except ChangeableError as error:
-        problem = f"{error.strerror}"
     except OSError as error:
         problem = f"cannot be read: {error.strerror}"
     except Exception:  # numpy reads a header as Python text, and text that is none raises anything
@@ -300,7 +297,7 @@ def _seal(key: str, content: memoryview) -> bytes:
 @contextlib.contextmanager
 def _replacing(path: Path) -> Iterator[Path]:
     """Yield a temporary path that replaces `path` after a write without errors."""
-    partial = path.with_suffix(f".{os.getpid()}.part")  # another account may know it before: `open_new`
+    partial = path.with_suffix(f".{os.getpid()}.part")
     try:
         yield partial
         partial.replace(path)

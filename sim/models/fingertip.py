@@ -2,7 +2,6 @@
 
 import math
 import time
-import warnings
 from collections.abc import Hashable, Sequence
 from copy import copy
 from dataclasses import replace
@@ -113,7 +112,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         receptor_depth_mm: float | Sequence[float] = DEFAULT_DEPTH_MM,
         receptor_z_mm: float | Sequence[float] | None = None,
         exact: bool = True,
-        solver: object = None,
     ) -> "Fingertip":
         """Load the fingertip of a configuration: read its model from the cache, or build it in seconds.
 
@@ -133,10 +131,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             Positions along the finger (mm). Default: the receptor plane.
         exact : bool, optional
             If False, interpolate between fingers that differ in the moduli of dermis and fat (`docs/library.md`).
-        solver : optional
-            Ignored; there is one sparse solver.
-
-            .. deprecated:: 0.3
 
         Returns
         -------
@@ -154,8 +148,6 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         ModelRangeError
             If `exact` is False and a modulus is outside the interpolated range.
         """
-        if solver is not None:
-            warnings.warn("Fingertip.load ignores `solver`", DeprecationWarning, stacklevel=2)
         config = finger_config(config)
         surface = FingertipSurface.fit(config.geometry)
         keep_tops(surface)

@@ -453,18 +453,12 @@ class IndentationRequest(NamedTuple):
     force_gwt: float | None
 
 
-Asked = IndentationRequest  # the name in pickles of 0.1
-
-
 class IndentationOutcome(NamedTuple):
     """A result, or the reason why there is none; an indentation that did not converge has both."""
 
     result: IndentationResult | None
     problem: str = ""
     code: str = ""  # of the problem
-
-
-Answer = IndentationOutcome  # so named in pickles of 0.1
 
 
 @dataclass(frozen=True, repr=False)

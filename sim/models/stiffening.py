@@ -38,9 +38,6 @@ class DimensionlessPress(NamedTuple):
     roof: float | Array  # stiffness of the stretched epidermis / that of the compressed tissue below it
 
 
-Press = DimensionlessPress  # so named in pickles of 0.1
-
-
 class ForceFactor(NamedTuple):
     """Coefficients of the force factor.
 

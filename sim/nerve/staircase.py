@@ -1,7 +1,6 @@
 """Depth of an indentor that a stage moves from one known position to the next, with a rest after each move."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,31 +9,6 @@ from sim.errors import ArgumentError
 from sim.nerve.stimulus import Stimulus
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class Swing:
-    """A sine that a stage makes between two positions: from the upper one down by twice the amplitude, and back.
-
-    Attributes
-    ----------
-    begins_s, period_s : float
-        Time at the upper position, and duration of a cycle (s).
-    cycles : float
-        Number of cycles.
-    amplitude_mm : float
-        Half of the way between the positions (mm).
-    """
-
-    begins_s: float
-    period_s: float
-    cycles: float
-    amplitude_mm: float
-
-    def depth_mm(self, t_s: Array) -> Array:
-        """Return the depth below the upper position at times (mm)."""
-        share = np.clip((t_s - self.begins_s) / self.period_s, 0.0, self.cycles)
-        return np.asarray(self.amplitude_mm * (1.0 - np.cos(2 * np.pi * share)))
 
 
 class Staircase(Stimulus):
@@ -51,8 +25,6 @@ class Staircase(Stimulus):
         Speed of the move to each position (mm/s); the first is not used.
     acceleration_mm_s2 : float
         Acceleration of the stage (mm/s²).
-    swings : sequence of Swing, optional
-        Sines that begin and end at a known position.
 
     Raises
     ------
@@ -66,10 +38,8 @@ class Staircase(Stimulus):
         depths_mm: Sequence[float],
         speeds_mm_s: Sequence[float],
         acceleration_mm_s2: float,
-        swings: Sequence[Swing] = (),
     ) -> None:
         super().__init__(times_s, depths_mm)
-        self.swings = tuple(swings)
         if not len(speeds_mm_s) == len(times_s) or not acceleration_mm_s2 > 0:
             raise ArgumentError("a staircase needs a speed for each position", code="bad_stimulus")
         self._speeds_mm_s, self._acceleration_mm_s2 = np.array(speeds_mm_s, dtype=float), acceleration_mm_s2
@@ -92,20 +62,13 @@ class Staircase(Stimulus):
             self.depths_mm.tolist(),
             self._speeds_mm_s.tolist(),
             self._acceleration_mm_s2,
-            [replace(one, begins_s=one.begins_s + by_s) for one in self.swings],
         )
 
     @property
-    def deepest_mm(self) -> float:
-        """Largest depth (mm), with both ends of all swings."""
-        return super().deepest_mm + 2 * max((one.amplitude_mm for one in self.swings), default=0.0)
-
-    @property
     def fastest_in_contact_mm_s(self) -> float:
-        """Highest speed of a move deeper into the skin, swings included (mm/s)."""
+        """Highest speed of a move deeper into the skin (mm/s)."""
         into = (self._sign > 0) & (self.depths_mm[1:] > 0)
-        swung = [2 * np.pi * one.amplitude_mm / one.period_s for one in self.swings]
-        return float(max([*self._speed[into], *swung], default=0.0))
+        return float(max(self._speed[into], default=0.0))
 
     def depth_mm(self, t_s: ArrayLike) -> Array:
         """Return depths at times (mm)."""
@@ -116,7 +79,4 @@ class Staircase(Stimulus):
         gone = np.where(left < ramp, self._length[k] - gain * left**2 / 2, self._speed[k] * (since - ramp / 2))
         gone = np.where(since < ramp, gain * since**2 / 2, gone)
         gone = np.where(left <= 0, self._length[k], np.where(since > 0, gone, 0.0))
-        depth = np.asarray(self.depths_mm[k] + self._sign[k] * gone)
-        for one in self.swings:
-            depth = depth + one.depth_mm(t)
-        return depth
+        return np.asarray(self.depths_mm[k] + self._sign[k] * gone)

@@ -70,16 +70,6 @@ class PtyPort:
             os.write(self._far, data)
 
 
-def bound(port: int) -> socket.socket:
-    """Return a socket on a local TCP port, any free one for 0. Raises PortBusyError."""
-    server = socket.socket()
-    if os.name == "posix":  # a recently closed port may be reused at once
-        server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    with _or_busy(server, port):
-        server.bind((HOST, port))
-    return server
-
-
 @contextlib.contextmanager
 def _or_busy(server: socket.socket, port: int | None = None) -> Iterator[None]:
     try:
@@ -100,7 +90,11 @@ class TcpPort:
         self._scheduler, self._line = scheduler, line
         self._client: socket.socket | None = None
         self._listens = False
-        self._server = bound(port)
+        self._server = socket.socket()
+        if os.name == "posix":  # a recently closed port may be reused at once
+            self._server.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with _or_busy(self._server, port):
+            self._server.bind((HOST, port))
         self._server.setblocking(False)
         self.name = f"tcp://{HOST}:{self._server.getsockname()[1]}"
         line.forward(self._to_client)
@@ -167,68 +161,6 @@ class TcpPort:
             self._scheduler.unwatch(self._client)
             self._client.close()
             self._client = None
-
-
-MOST_LISTENERS = 8
-
-
-class LinePort:
-    """Lines of text for all clients of a local TCP port; what they send is ignored."""
-
-    def __init__(self, scheduler: WallScheduler, server: socket.socket, greeting: bytes) -> None:
-        """Accept clients of a bound socket; each begins with the greeting."""
-        self._scheduler, self._server, self._greeting = scheduler, server, greeting
-        self._clients: list[socket.socket] = []
-        server.setblocking(False)
-        server.listen()
-        scheduler.watch(server, self._accept)
-
-    def write(self, lines: bytes) -> None:
-        """Send whole lines; a client that does not read them is dropped."""
-        for client in tuple(self._clients):
-            self._send(client, lines)
-
-    def close(self) -> None:
-        for client in tuple(self._clients):
-            self._drop(client)
-        self._scheduler.unwatch(self._server)
-        self._server.close()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            client, _ = self._server.accept()
-            if len(self._clients) >= MOST_LISTENERS:
-                client.close()
-                return
-            client.setblocking(False)
-            client.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            self._clients.append(client)
-            self._scheduler.watch(client, lambda: self._ignore(client))
-            self._send(client, self._greeting)
-
-    def _send(self, client: socket.socket, lines: bytes) -> None:
-        try:
-            whole = client.send(lines) == len(lines)
-        except OSError:
-            whole = False
-        if not whole:
-            self._drop(client)
-
-    def _ignore(self, client: socket.socket) -> None:
-        try:
-            ended = not client.recv(_CHUNK)
-        except BlockingIOError:
-            return
-        except OSError:
-            ended = True
-        if ended:
-            self._drop(client)
-
-    def _drop(self, client: socket.socket) -> None:
-        if client in self._clients:
-            self._clients.remove(client)
-            self._scheduler.unwatch(client)
-            client.close()
 
 
 _PAGE = b"HTTP/"

@@ -75,7 +75,8 @@ def main() -> None:
     for part, what in record(*wire):
         found[part] = what
         if told.save:
-            told.save.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+            parts = [f"{json.dumps(name)}: {json.dumps(part)}" for name, part in found.items()]
+            told.save.write_text("{\n" + ",\n".join(parts) + "\n}\n", encoding="utf-8")
     if told.against:
         _print_comparison(found, json.loads(told.against.read_text(encoding="utf-8")))
 

@@ -8,7 +8,6 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import partial
 from itertools import pairwise
 from typing import Any, ClassVar
 
@@ -502,12 +501,9 @@ class StageContract:
             _unconfirmed(bench, limit)
         bench.refuses_to_move()
 
-    def test_what_it_cannot_do_it_refuses_and_inputs_that_it_cannot_report_are_none(self, device: StageBytes) -> None:
+    def test_inputs_that_it_cannot_report_are_none(self, device: StageBytes) -> None:
         """Before any byte."""
         kind, bench = find(StageKind, device.kind), StageBench(device, homed=True)
-        if kind.vibrates is None:
-            with bench.fails(MoveError, "no_vibration"):
-                bench.stage.vibrating(amplitude_mm=0.1, period_s=0.1, cycles=1)
         if not kind.inputs:
             assert bench.stage.active_inputs() == frozenset()
         assert bench.wire.writes == []
@@ -519,31 +515,6 @@ class StageContract:
                 bench.stage.set_output(on)
         assert bench.wire.writes == []
         assert bench.stage.homed
-
-
-def sentences(device: StageBytes) -> Iterator[str]:
-    """What a user reads of each error that the contract is about, a line each: what is done, code, sentence."""
-    yield _told(device, "move unhomed", StageBench.move, homed=False)
-    for to in NO_MOVES[0][1], NO_MOVES[-1][1], {"speed_mm_s": 1.0}:
-        yield _told(device, f"move {to}", partial(_move_to, to=to))
-    for state in ("elsewhere", "held", "alarm"):
-        yield _told(device, f"{state} under way", partial(_under_way, state=state))
-    for verb, act in VERBS.items():
-        yield _told(device, f"silence, {verb}", act, silent=True)
-    for garbled in {garbled.code: garbled for garbled in device.garbled.values()}.values():
-        yield _told(device, "garbled", partial(_garbled, garbled=garbled))
-    yield _told(device, "unlock is refused", _refused, homed=False)
-    if device.limit is not None:
-        yield _told(device, "limit unconfirmed", partial(_unconfirmed, limit=device.limit))
-    yield _told(device, "output", lambda bench: bench.stage.set_output(True))
-
-
-def _told(device: StageBytes, name: str, act: Verb, *, homed: bool = True, silent: bool = False) -> str:
-    bench = StageBench(device, homed=homed)
-    bench.wire.silent = silent
-    with pytest.raises(RigError) as caught:
-        act(bench)
-    return f"{name}: {type(caught.value).__name__} {caught.value.code}: {caught.value}"
 
 
 def _move_to(bench: StageBench, to: dict[str, float]) -> None:

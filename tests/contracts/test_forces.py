@@ -1,12 +1,8 @@
 """Every registered force sensor keeps the contract, and has said everything that it asks of its device.
-
-Its sentences stand in `forces.txt`; `GOLDEN=write pytest tests/contracts/test_forces.py` writes them anew.
 """
 
 import importlib
-import os
 import pkgutil
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -27,7 +23,6 @@ DEVICES: list[ForceBytes] = [
     for found in vars(importlib.import_module(f"tests.contracts.bytes.{info.name}")).values()
     if isinstance(found, ForceBytes)
 ]
-SENTENCES = Path(__file__).with_name("forces.txt")
 TO_BE_SAID = {"overload", "underload", "busy", "cell error", "nan"}
 
 
@@ -71,35 +66,6 @@ def test_a_load_that_the_program_subtracts_is_subtracted_once_however_often_it_i
         driver.zero()
         assert driver.subtracted_n == pytest.approx(load_n)
         assert driver.read().force_n == pytest.approx(0.0, abs=1e-12)
-
-
-def _sentences(device: ForceBytes) -> Iterator[str]:
-    silent = Connected(device)
-    silent.wire.silent = True
-    yield f"{device.name}, silent: {_sentence(silent.driver.connect)}"
-    for name, refusal in (*device.refusals.items(), *list(device.garbled.items())[:1]):
-        there = Connected(device)
-        there.hears(refusal.reply)
-        yield f"{device.name}, {name}: {_sentence(there.driver.read)}"
-    for name, zeroing in device.zeroing.items():
-        if zeroing.kind is not None and zeroing.code != "garbled":  # some show the words of a library
-            there = Connected(device)
-            there.answers(zeroing.replies)
-            yield f"{device.name}, zero, {name}: {_sentence(there.driver.zero)}"
-
-
-def _sentence(ask: Callable[[], object]) -> str:
-    with pytest.raises(ForceError) as caught:
-        ask()
-    return str(caught.value)
-
-
-def test_sentences_are_as_they_stand() -> None:
-    found = "".join(f"{line}\n" for device in DEVICES for line in _sentences(device))
-    if os.environ.get("GOLDEN") == "write":
-        SENTENCES.write_text(found, encoding="utf-8")
-    else:
-        assert found == SENTENCES.read_text(encoding="utf-8")
 
 
 # --- a driver that raises plain text ---

@@ -53,7 +53,7 @@ from tests.rig.compare import test_neo_file as neo_files
 from tests.rig.identify.finger_file import SERIES, identified_file
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES, OLD = ROOT / "examples", ROOT / "tests" / "data" / "runs_of_0_1"
+EXAMPLES, OLD = ROOT / "examples", ROOT / "tests" / "data" / "runs"
 
 
 @dataclass(frozen=True)
@@ -399,12 +399,12 @@ RUN_WRITES = ("*/out", "*/out/*", "*/*.csv", "*/data.h5", "*/SHA256SUMS", "*/.lo
 READERS: dict[str, Reader] = {
     "configuration": Reader(
         "rig.toml", of.of_toml,
-        _files(OLD / "every_key.toml", OLD / "small.toml", OLD / "complete" / "config.toml"),
+        _files(OLD / "small.toml", OLD / "complete" / "config.toml"),
         load_config,
         in_suite=200,
     ),
     "configuration, for a stop": Reader(
-        "rig.toml", of.of_toml, _files(OLD / "every_key.toml", OLD / "small.toml"), stage_alone,
+        "rig.toml", of.of_toml, _files(OLD / "small.toml"), stage_alone,
         in_suite=200,
     ),
     "identified finger": Reader("finger.toml", of.of_toml, _finger_files, read_finger_file,

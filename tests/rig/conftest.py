@@ -2,8 +2,6 @@
 
 import io
 import json
-import math
-import re
 import shutil
 import threading
 from collections import deque
@@ -32,11 +30,6 @@ from tests.program import Program, program_of
 from tests.waiting import DEADLINE_S
 
 Pair = tuple[bytes, bytes | list[bytes]]
-
-
-AS_RECORDED = Path(__file__).parents[1] / "data" / "as_recorded"
-# Of seconds, mm and gwt that are rounded to 1e-6 where they are recorded.
-ROUND_OFF = 2e-6
 
 
 @pytest.fixture(autouse=True)
@@ -280,35 +273,3 @@ def served() -> Iterator[Callable[..., ServedBench]]:
         thread.join(DEADLINE_S)
         assert not thread.is_alive()
         bench.close()
-
-
-@pytest.fixture
-def recorded() -> Callable[[str, Any], None]:
-    """Compare something with the file of that name under tests/data/as_recorded; written where there is none."""
-    return _compare
-
-
-def _compare(name: str, found: Any) -> None:
-    """Compare with the file of that name; write it where there is none."""
-    path = AS_RECORDED / (re.sub(r"\W+", "_", name) + ".json")
-    if not path.exists():
-        path.write_text(json.dumps(found, indent=0, default=str) + "\n", encoding="utf-8")
-        pytest.fail(f"{path.name} was not there and is written now: look at it, and run again")
-    known = _flat(json.loads(path.read_text(encoding="utf-8")))
-    now = _flat(json.loads(json.dumps(found, default=str)))
-    assert [place for place, _ in now] == [place for place, _ in known]
-    pairs = [(place, was, then) for (place, was), (_, then) in zip(known, now, strict=True)]
-    different = [(place, was, then) for place, was, then in pairs if not _same(was, then)]
-    assert not different
-
-
-def _same(was: Any, now: Any) -> bool:
-    return was == now or (isinstance(was, float) and math.isclose(was, now, rel_tol=1e-7, abs_tol=ROUND_OFF))
-
-
-def _flat(value: Any, place: str = "") -> list[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        return [leaf for key in sorted(value) for leaf in _flat(value[key], f"{place}.{key}")]
-    if isinstance(value, list):
-        return [leaf for k, item in enumerate(value) for leaf in _flat(item, f"{place}[{k}]")]
-    return [(place, value)]

@@ -1,6 +1,5 @@
 """A bench without a wire: its stage is exactly where it was told to be, its sensor shows what a test says."""
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
@@ -52,24 +51,13 @@ class PlainStage(StubStage):
 
 
 class GlidingStage(PlainStage):
-    """On its way at every look, with time passing; it can make a sine, too."""
+    """On its way at every look, with time passing."""
 
     look_s = LOOK_S
 
     def moving(self, *, look_s: float = LOOK_S, **to: float) -> Iterator[StageStatus | None]:
         self.look_s = look_s
         yield from super().moving(**to)
-
-    def vibrating(
-        self, *, amplitude_mm: float, period_s: float, cycles: int, look_s: float
-    ) -> Iterator[StageStatus | None]:
-        self.look_s, top_mm, begun_s = look_s, self.at_mm[2], self.clock.monotonic_s()
-        self.told.append(("sine", amplitude_mm, period_s, cycles))
-        while (gone_s := self.clock.monotonic_s() - begun_s) < cycles * period_s:
-            self.at_mm[2] = top_mm - amplitude_mm * (1 - math.cos(2 * math.pi * gone_s / period_s))
-            yield self.status()
-            self.clock.wait_s(look_s)
-        self.at_mm[2] = top_mm
 
     def _going(self, to_mm: list[float], lasts_s: float) -> Iterator[StageStatus | None]:
         from_mm, begun_s = list(self.at_mm), self.clock.monotonic_s()

@@ -24,7 +24,6 @@ from rig.devices.registry import (
     NumberedIdentity,
     StageKind,
     find,
-    highest_hz,
     moves_along,
     ramps,
     stage_ports,
@@ -154,14 +153,14 @@ def test_every_error_has_a_code_of_its_own(root: type[RigError]) -> None:
 
 USUAL_ENTRY = {
     "table": "", "datagrams": False, "page_port": "", "further_ports": (), "serial_keys": (), "axes": "xz",
-    "outputs": ("off",), "inputs": (), "ramps": True, "vibrates": False, "probe": True, "also": 0,
+    "outputs": ("off",), "inputs": (), "ramps": True, "probe": True, "also": 0,
 }  # fmt: skip
 ENTRIES: dict[str, tuple[dict[str, object], set[str]]] = {
     "grbl": ({"axes": "xyz", "outputs": ("off", "coolant", "spindle"), "inputs": ("door", "hold")},
              {"manual", "firmware"}),
     "leadshine": ({"table": "drives", "outputs": ("off", "drive"), "inputs": tuple(f"di{n}" for n in range(1, 8))},
                   {"manual", "client"}),
-    "zaber": ({"vibrates": True}, {"manual", "client"}),
+    "zaber": ({}, {"manual", "client"}),
     "standa": ({"further_ports": ("x_port",), "serial_keys": ("z.serial", "x.serial")}, {"manual", "client"}),
     "tmcl": ({}, {"manual", "client"}),
     "mtsics": ({}, {"manual"}),
@@ -177,7 +176,7 @@ def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None
     of = StageKind if name in BUILT_IN["stage"] else ForceKind
     entry, (unusual, evidence) = find(of, name), ENTRIES[name]
     found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
-    found |= {key: bool(found[key]) for key in ("vibrates", "probe") if key in found}
+    found |= {key: bool(found[key]) for key in ("probe",) if key in found}
     found |= {key: len(found[key]) for key in ("also",) if key in found}
     assert found == {**{key: usual for key, usual in USUAL_ENTRY.items() if key in found}, **unusual}
     assert {one.name for one in fields(entry.evidence) if getattr(entry.evidence, one.name)} == evidence
@@ -190,15 +189,12 @@ def test_an_entry_of_the_registry_says_what_its_device_can_do(name: str) -> None
 
 @pytest.mark.parametrize("kind", BUILT_IN["stage"])
 def test_what_a_stage_can_do_is_asked_of_its_entry(kind: str) -> None:
-    """A stage of two ports names both; one that makes a sine itself has a highest frequency, lower if it is wide."""
+    """A stage of two ports names both."""
     stage = KnownBench.model_validate({"stage": {"kind": kind, "port": "/dev/a"}}).stage
     assert ramps(stage)
     assert moves_along(stage) is (kind == "grbl")
     assert stage_ports(stage)[0] == "/dev/a"
     assert len(stage_ports(stage)) == (2 if kind == "standa" else 1)
-    narrow_hz, wide_hz = (highest_hz(stage, amplitude_mm) for amplitude_mm in (0.01, 1.0))
-    assert (narrow_hz is None) == (wide_hz is None) == (kind != "zaber")
-    assert narrow_hz is None or wide_hz is None or narrow_hz > wide_hz > 0
 
 
 def test_an_identity_may_have_a_number() -> None:
@@ -210,7 +206,7 @@ def test_an_entry_that_says_little_claims_nothing() -> None:
     """One of a package: the stage has three axes on its own port, and may not press in one motion."""
     named: Any = {"name": "n", "device": "d", "tests": (), "driver": None}
     bench = KnownBench()
-    nothing = {**USUAL_ENTRY, "axes": "xyz", "ramps": False, "vibrates": None, "probe": None, "also": ()}
+    nothing = {**USUAL_ENTRY, "axes": "xyz", "ramps": False, "probe": None, "also": ()}
     for entry in (StageKind(**named), ForceKind(**named)):
         found = {field.name: getattr(entry, field.name) for field in fields(entry) if field.name in USUAL_ENTRY}
         assert found == {key: value for key, value in nothing.items() if key in found}

@@ -18,7 +18,7 @@ from rig.protocol.script import shipped_protocols
 from tests.error_codes import raises
 from tests.program import Program
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 HOLDER = "Ada Byron"
 SCRIPT = '''\
 """Presses for Ada B."""

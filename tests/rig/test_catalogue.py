@@ -174,7 +174,7 @@ def test_the_command_tells_what_an_entry_says_and_claims_no_more(
 STAGES_CAN = {
     "grbl": ("xyz", ["ramps"], ["manual", "firmware"]),
     "leadshine": ("xz", ["ramps"], ["manual", "client"]),
-    "zaber": ("xz", ["ramps", "vibrates"], ["manual", "client"]),
+    "zaber": ("xz", ["ramps"], ["manual", "client"]),
     "standa": ("xz", ["ramps"], ["manual", "client"]),
     "tmcl": ("xz", ["ramps"], ["manual", "client"]),
 }
@@ -186,7 +186,7 @@ def test_what_each_stage_can_and_what_it_was_tried_with() -> None:
     assert {
         name: (
             one.axes,
-            [can for can in ("ramps", "vibrates") if getattr(one, can)],
+            [can for can in ("ramps",) if getattr(one, can)],
             [what for what, text in asdict(one.evidence).items() if text],
         )
         for name, one in found.items()

@@ -9,7 +9,7 @@ import pytest
 
 from rig.errors import BadInputError
 from rig.protocol import check
-from rig.records import PlannedIndentation, PredictionBand, PressId, SineMotion, Target
+from rig.records import PlannedIndentation, PredictionBand, PressId, Target
 from rig.settings import SLOWEST_MM_S, ZERO_LIFT_MM, RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -44,15 +44,6 @@ def _speeds(value: float | None, settings: RigSettings = SETTINGS) -> None:
 
 def _reach(settings: RigSettings = SETTINGS, **press: Any) -> None:
     check.refuse_reach("indent", planned(**press), settings)
-
-
-def _vibration(frequency_hz: float = 4.0, amplitude_um: float = 50.0) -> None:
-    check.refuse_vibration("vibrate", frequency_hz, amplitude_um, 1.0, ZABER)
-
-
-def _vibration_depth(deepest_mm: float) -> None:
-    sine = SineMotion.of(4.0, 50.0, 1.0)
-    check.refuse_vibration_depth("vibrate", planned(deepest_mm - sine.amplitude_mm), sine, LIMITS)
 
 
 def _target(kind: Any, value: float) -> None:
@@ -119,12 +110,6 @@ CHECKS: dict[str, Row] = {
                              -FRAME.apex_z_mm - ZERO_LIFT_MM, "outside_travel", {"axis": "z"}),
     "along the finger": (lambda v: check.refuse_along(v, SETTINGS), *LIMITS.along_mm, "outside_limits",
                          {"verb": "move_to", "key": "along_mm"}),
-    "a frequency": (lambda v: _vibration(frequency_hz=v), 1 / 3600, 1000.0, "outside_range",
-                    {"key": "frequency_hz", "low": 1 / 3600, "high": 1000.0}),
-    "an amplitude": (lambda v: _vibration(amplitude_um=v), 1000 * ZABER.stage.resolution_mm, 1000 * LIMITS.max_doi_mm,
-                     "outside_range", {"key": "amplitude_um", "high": 1000 * LIMITS.max_doi_mm}),
-    "the lower end of a sine": (_vibration_depth, None, LIMITS.max_doi_mm, "means_beyond_limit",
-                                {"limit": "max_doi_mm", "doi_mm": pytest.approx(LIMITS.max_doi_mm)}),
 }  # fmt: skip
 
 
@@ -178,9 +163,6 @@ def test_a_number_is_an_integer_or_a_float(value: Any) -> None:
         check.refuse_no_number("rest", "seconds", value)
     with raises(BadInputError, "no_number", key="speed_mm_s" if value is not None else "doi_mm"):
         _speeds(value) if value is not None else check.refuse_no_number("indent", "doi_mm", value)
-    for key in ("frequency_hz", "amplitude_um"):
-        with raises(BadInputError, "no_number", key=key):
-            _vibration(**{key: value})
     with raises(BadInputError, "no_number", key="along_mm"):
         check.refuse_along(value, SETTINGS)
 
@@ -217,9 +199,7 @@ def test_the_floor_of_the_bench_counts_for_the_vertical_axis_alone() -> None:
         check.refuse_travel("z", floor - 2e-9, SETTINGS)
 
 
-def test_a_sine_and_a_ramp_need_a_stage_that_makes_them() -> None:
-    with raises(BadInputError, "no_vibration", kind="grbl", low_hz=2.0, high_hz=5.0):
-        check.refuse_vibration("vibrate", 4.0, 50.0, 1.0, SETTINGS)
+def test_a_ramp_needs_a_stage_that_makes_it() -> None:
     check.refuse_no_ramps("ramp", SETTINGS.stage)
 
 

@@ -19,7 +19,7 @@ from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, tables
 from rig.engine import PressId, Target, indent, verbs
 from tests.program import Program
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
 COLUMNS = PAGE.with_name("columns_page.py")
 START = {

@@ -85,7 +85,6 @@ NOT_RUN = {
     "dask worker tcp://scheduler:8786 --nthreads 1": "tests/rig/compare/test_study_on_a_cluster.py",
     "rig dry-run bars --out rehearsals --afferents 3xSA1,5xRA": NERVE,
     "rig nerve RUN --afferents SA1@0,RA@0.5:1 --seed 3": NERVE,
-    "rig serve --tcp 5000 --afferents 3xSA1,5xRA": "tests/rig/real_time/test_served_spikes.py",
     (
         "rig dry-run bars --set doi_mm=0.8 increments=1 from_mm=2.4 to_mm=-2.4 spacing_mm=0.4 --out rehearsals "
         "--afferents SA1@0"
@@ -116,7 +115,7 @@ NOT_RUN = {
     "python -m venv elsewhere && elsewhere/bin/pip install dist/indentation_rig-*.whl": "tests/test_wheel.py",
     "elsewhere/bin/python examples/gallery/library/01_press_and_plot.py": "tests/test_wheel.py",
     "mbpoll -m tcp -p 5020 -a 1 -t 4:hex -0 -r 25088 -c 8 -1 127.0.0.1": "tests/rig/test_modbus_counterparties.py",
-    "mkdir -m 700 /scratch/me/cache && export RIG_CACHE_DIR=/scratch/me/cache": "tests/test_other_accounts.py",
+    "mkdir -m 755 /scratch/me/cache && export RIG_CACHE_DIR=/scratch/me/cache": "tests/sim/test_cache.py",
     "python -m pip install --require-hashes -r requirements/setup.txt": "tests/test_supply_chain.py",
     "py -m venv .venv": "a command of Windows",
     r".venv\Scripts\pip install -e .": "a command of Windows",
@@ -136,7 +135,6 @@ NOT_RUN = {
     "DEVICE = ForceKind(": SKETCH,
     "afferent,shape,force_gwt,file": SKETCH,
     "shape,x_mm,doi_mm,count": SKETCH,
-    "# synthetic spikes, not data: SA1-1 SA1-2 RA-1": PRINTED,
     "for e_fat in (0.03, 0.05, 0.1, 0.2):": f"{SLOW}: sixteen fingers; tests/sim/test_moduli.py builds smaller ones",
     "force_gwt = h5read('data.h5', '/sample/force_gwt');": "not tried in MATLAB",
 }
@@ -291,8 +289,6 @@ def test_every_command_and_option_that_is_named_is_there() -> None:
         named = re.findall(r"`(?:\.venv/bin/)?rig ([a-z][a-z-]*)([^`\n]*)`", text)
         named += re.findall(r"^ *(?:\.venv/bin/)?rig ([a-z][a-z-]*)(?= |$)([^\n#]*)", text, flags=re.MULTILINE)
         for command, rest in named:
-            if command in the_program.OLD_NAMES:
-                continue
             assert command in the_program.COMMANDS, (page, command)
             options = set(re.findall(r"(?<![\w-])--[a-z][a-z-]*", rest))
             assert options <= _options(command), (page, command, options - _options(command))

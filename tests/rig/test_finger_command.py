@@ -136,7 +136,7 @@ def test_poor_elements_are_doubted(finger_command: Finger) -> None:
 
 
 def test_points_before_the_finger_are_refused_where_they_end(finger_command: Finger) -> None:
-    """What else is refused stands in tests/golden/simulation.txt."""
+    """What else is refused stands in tests/refusals/simulation.txt."""
     path = configure('length_mm = 11\npoints = "mine.csv"', mine=POINTS)
     code, out, err = finger_command("--config", path, "--json")
     assert (code, json.loads(out)["exit_code"], err.count("\n")) == (2, 2, 1)

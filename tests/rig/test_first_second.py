@@ -23,7 +23,7 @@ from rig.cli.error_exit_codes import BAD_INPUT, STOPPED, UNWRITABLE
 from rig.cli.program import COMMANDS
 from sim import devices
 
-OLD_RUN = Path(__file__).parents[1] / "data" / "runs_of_0_1" / "complete"
+OLD_RUN = Path(__file__).parents[1] / "data" / "runs" / "complete"
 LIBRARIES = {
     "numpy",
     "scipy",

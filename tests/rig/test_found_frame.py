@@ -80,9 +80,8 @@ MOVED, TURNED = (0.4, -0.15, 0.3, 0.0, 0.0), (0.2, 0.1, -0.3, 3.0, -2.0)
 
 
 def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre(
-    finger: Fingertip, above: Above, recorded: Any
+    finger: Fingertip, above: Above
 ) -> None:
-    """The steps of the derivatives and the points of the skin show in the third digit of what is stated."""
     lie = _found(finger, above, WIDE, TURNED)
     assert lie.touches == 9
     assert list(lie.value) == list(NAMES)
@@ -90,8 +89,6 @@ def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre
     off = np.abs(np.array(list(lie.value.values())) - FRAME - TURNED)
     assert off[:3].max() < 0.01
     assert off[3:].max() < 0.15
-    told = {"sd": lie.sd, "correlation": dict(zip(NAMES, lie.correlation[0], strict=True))}
-    recorded("the frame of a finger", {key: {n: f"{x:.3g}" for n, x in v.items()} for key, v in told.items()})
 
 
 def test_a_small_sphere_will_do(finger: Fingertip) -> None:

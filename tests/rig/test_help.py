@@ -128,17 +128,3 @@ def _help(program: Program, monkeypatch: pytest.MonkeyPatch, *words: str) -> str
     assert (ended.code, ended.err) == (0, "")
     assert all(len(line) <= COLUMNS for line in ended.out.splitlines())
     return ended.out
-
-
-def test_a_renamed_command_prints_its_new_name(program: Program) -> None:
-    old, new = program("meet", "--help"), program("identify", "--help")
-    assert (old.code, old.out) == (0, new.out)
-    assert old.complaint == "warning: rig meet is now rig identify; the old name works for one release"
-    assert new.err == ""
-
-
-def test_an_old_name_prints_the_new_one(program: Program) -> None:
-    old, new = program("stranger", 3, "--json"), program("serve", "--reveal", 3, "--json")
-    assert (old.code, old.out) == (0, new.out)
-    assert old.complaint == "warning: rig stranger is now rig serve --reveal; the old name works for one release"
-    assert new.err == ""

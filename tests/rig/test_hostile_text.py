@@ -24,7 +24,7 @@ from tests.program import Program
 
 STEERING = [chr(one) for one in range(0x110000) if unicodedata.category(chr(one)) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
 HOSTILE = "\x1b[2J\x1b]0;a\x07\r\b\x00\x9b31m\u202e\u2066\u2028\u2029\ud800\x7f<script>alert(1)</script>\nrig: fine"
-RUN = Path(__file__).parents[1] / "data" / "runs_of_0_1" / "complete"
+RUN = Path(__file__).parents[1] / "data" / "runs" / "complete"
 
 
 def steers(text: str) -> list[str]:

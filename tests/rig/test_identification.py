@@ -28,7 +28,7 @@ from rig.cli.identify_finger import (
     usual_goals,
 )
 from rig.data import RunFolder, read_run
-from rig.data.folder import IDENTIFICATION_PAGE, SCRIPTS
+from rig.data.folder import IDENTIFICATION_PAGE
 from rig.errors import BadInputError, LimitError, TripError
 from rig.identify.adaptive_presses import Identification, IdentificationOptions, with_reliable_touch
 from rig.identify.expected_duration import ExpectedDuration, expected_duration
@@ -274,24 +274,18 @@ def test_a_band_is_wider_where_readings_are_farther_off_than_usual(
     assert file.identified.band.model_error == pytest.approx(identification.own_error, abs=1e-6)
 
 
-@pytest.mark.parametrize(("page", "old"), [(True, False), (False, True)])
+@pytest.mark.parametrize("page", [True, False])
 def test_an_identification_is_not_resumed(
     identified: tuple[Identification, FinishedRun],
     program: Program,
-    monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
     page: bool,
-    old: bool,
 ) -> None:
     run = shutil.copytree(identified[1].folder.path, tmp_path / "run")
     if page:
         (run / IDENTIFICATION_PAGE).touch()
     with (run / "events.jsonl").open("a") as journal:
         journal.write('{"doc": "ev')  # killed while it wrote
-    if old:
-        provenance = (run / "provenance.json").read_text(encoding="utf-8")
-        (run / "provenance.json").write_text(provenance.replace(*SCRIPTS), encoding="utf-8")
-        monkeypatch.setattr(RunFolder, "changed", lambda folder: [])
     there = {path.name: path.read_bytes() for path in run.iterdir() if path.name != ".lock"}
     ended = program("resume", run)
     assert ended.code == 2

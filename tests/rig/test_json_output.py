@@ -13,7 +13,7 @@ from rig.cli.json_schemas import FORMATS, OUTPUTS, SUFFIXES, UNIT_FIELDS, schema
 from rig.cli.output import one_line_errors, print_json
 from rig.cli.program import COMMANDS
 from tests.program import as_in_its_schema
-from tests.rig.test_frozen import commands_with
+from tests.rig.test_public_interface import commands_with
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "json_examples"
 Schema = Mapping[str, Any]

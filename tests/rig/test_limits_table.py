@@ -167,14 +167,6 @@ def _strong(**keys: float) -> Tables:
     return {"limits": {**STRONG, **keys}}
 
 
-VIBRATES: Tables = {"stage": {"kind": "zaber"}}
-
-
-def _vibrate(rig: Rig, **changed: float | None) -> object:
-    sine = {"frequency_hz": 4.0, "amplitude_um": 20.0, "duration_s": 1.0, "doi_mm": 0.1}
-    return ready(rig).vibrate(**(sine | changed))  # type: ignore[arg-type]
-
-
 ASKED: Mapping[str, Asked] = {
     "move_to: x_mm": Asked(
         (0.1, 12), lambda limit: _limits(x_mm=[-limit, limit / 2]), lambda rig, x_mm: ready(rig).move_to(x_mm=x_mm),
@@ -255,40 +247,10 @@ ASKED: Mapping[str, Asked] = {
     "ramp: hold_s in all": Asked(
         (10, 3000), lambda limit: _limits(max_contact_s=limit),
         lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
-    "vibrate: doi_mm": Asked(
-        (0.1, 2), lambda limit: _limits(max_doi_mm=limit) | VIBRATES,
-        lambda rig, doi_mm: _vibrate(rig, doi_mm=doi_mm), lambda limit: (0, limit - 0.02),
-        lambda value: StandIn(), open_below=True),
-    "vibrate: force_gwt": Asked(
-        (1, 500), lambda limit: _strong(max_force_gwt=limit) | VIBRATES,
-        lambda rig, force_gwt: _vibrate(rig, doi_mm=None, force_gwt=force_gwt), lambda limit: (0, limit),
-        lambda value: STIFF, open_below=True),
-    "vibrate: frequency_hz": Asked(
-        (1000, 1000), lambda limit: VIBRATES, lambda rig, hz: _vibrate(rig, frequency_hz=hz),
-        lambda limit: (1 / 3600, limit)),
-    "vibrate: amplitude_um": Asked(
-        (1, 2), lambda limit: _limits(max_doi_mm=limit) | VIBRATES,
-        lambda rig, um: _vibrate(rig, doi_mm=0.1, amplitude_um=um), lambda limit: (2.5, 1000 * (limit - 0.1)),
-        lambda value: StandIn()),
-    "vibrate: duration_s": Asked(
-        (3600, 3600), lambda limit: _limits(max_contact_s=36000.0) | VIBRATES,
-        lambda rig, duration_s: _vibrate(rig, duration_s=duration_s), lambda limit: (0, limit)),
-    "rest: seconds": Asked(
-        (3600, 3600), lambda limit: {}, lambda rig, seconds: ready(rig).rest(seconds), lambda limit: (0, limit)),
-    "indent: increments": Asked(
-        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).indent(doi_mm=0.1, increments=n, hold_s=0),
-        lambda limit: (1, limit), whole=True),
-    "precondition: presses": Asked(
-        (100, 100), lambda limit: {}, lambda rig, n: ready(rig).precondition(presses=n, doi_mm=0.1, hold_s=0),
-        lambda limit: (1, limit), whole=True),
-    "reference: increments": Asked(
-        (100, 100), lambda limit: {},
-        lambda rig, n: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=n, hold_s=0),
-        lambda limit: (1, limit), whole=True),
 }  # fmt: skip
 ROUND_OFF = 1e-9
 JUST_BESIDE_MM = (-1e-3, -1e-6, 0.0, 1e-6, 1e-3)
-LEFT_OUT = ("indent: doi_mm", "precondition: doi_mm", "indent: speed_mm_s", "vibrate: doi_mm")
+LEFT_OUT = ("indent: doi_mm", "precondition: doi_mm", "indent: speed_mm_s")
 
 
 @pytest.mark.parametrize("name", ASKED)

@@ -12,7 +12,7 @@ from rig.data.run import RunError, read_run
 from rig.data.tables import LISTED, _holds, summarised, summary_of
 from tests.error_codes import raises
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 START = {"doc": "start", "t_s": 0.0}
 RESUME, STOP = {"doc": "resume", "t_s": 5.0}, {"doc": "stop", "t_s": 9.0, "status": "done"}
 

@@ -29,12 +29,12 @@ from sim.nerve.models import AfferentModel
 from sim.nerve.population import PATH_M, AfferentPopulation
 from sim.nerve.skin import SkinUnderIndentor
 from sim.nerve.spike_stream import SpikeStream
-from sim.nerve.staircase import Staircase, Swing
+from sim.nerve.staircase import Staircase
 from tests.error_codes import raises
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
-OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 AFFERENTS = "SA1@0,SA1@1:0.5,RA@0"
 
 
@@ -198,24 +198,11 @@ def test_a_run_that_was_killed_right_below_clearance_is_lifted_too(run: Run) -> 
     assert visit.path.depth_mm(visit.path.times_s[-1]) < 0
 
 
-@pytest.mark.parametrize(("ends_s", "cycles"), [(13.0, 4.0), (10.25, 2.5), (9.0, 0.0)])
-def test_a_sine_ends_with_its_cycles_or_where_it_was_cut_short(run: Run, ends_s: float, cycles: float) -> None:
-    """4 cycles of 0.5 s and 40 µm from 9 s on, about a depth of 0.5 mm; then a trip lifts it."""
-    sine = {"t_s": 9.0, "amplitude_um": 40.0, "frequency_hz": 2.0, "cycles": 4}
-    visit = _visit(run, _sample(8.0, -0.5), ("vibrate", sine), ("trip", {"t_s": ends_s + 1e-3}))
-    (swing,) = visit.path.swings
-    assert (swing.begins_s, swing.period_s, swing.amplitude_mm) == (9.0, 0.5, 0.04)
-    assert swing.cycles == pytest.approx(cycles, abs=0.003)
-    if cycles:
-        assert visit.path.depth_mm([9.25, 9.5]) == pytest.approx([0.54, 0.46], abs=1e-6)
-
-
 def _of(name: str, t_s: float, **data: Any) -> tuple[str, dict[str, Any]]:
     return name, {"t_s": t_s, **data}
 
 
 LONG: list[tuple[str, dict[str, Any]]] = [
-    _of("vibrate", 0.1, amplitude_um=40.0, frequency_hz=2.0, cycles=4),  # of nothing
     _of("retract", 0.2, height_mm=2.0),
     *BEGUN[:3],
     _sample(6.0, 0.1, 0.02, "approach"),
@@ -251,8 +238,6 @@ LONG: list[tuple[str, dict[str, Any]]] = [
     _sample(85.0, 0.5, x_mm=0.0),
     _of("precondition_touch", 86.0, contact_height_mm=0.0),
     _sample(88.0, -0.1, x_mm=0.0),
-    _of("vibrate", 89.0, amplitude_um=40.0, frequency_hz=2.0, cycles=4),
-    _sample(89.5, -0.14, 9.0, "vibrate", x_mm=0.0),
     _sample(95.0, -0.1, phase="hold", x_mm=0.0),
     _sample(96.0, -0.2, 3.0, x_mm=7.0),  # nobody knows how it came there
     _of("touch", 97.0, contact_height_mm=0.0),
@@ -268,14 +253,12 @@ def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> N
         ("bar:3.0", 1.02, 0.25, [1, 6, 8, 20], [-1.98, -0.08 - 0.02 * GWT_N, 0.53 - 11 * GWT_N, -1.98]),
         ("bar:3.0", 1.0, 0.25, [20, 30, 32, 35], [-2.1, -0.15, 0.2 - GWT_N, -2.1]),
         ("bar:3.0", 4.0, 0.0, [61, 63, 63.58], [-2.0, 0.2, -0.01]),
-        ("bar", 0.0, 0.0, [80, 85, 88, 89, 91, 95, 95.54], [-2.0, -0.5, 0.1, 0.06, 0.06, 0.1, -0.01]),
+        ("bar", 0.0, 0.0, [80, 85, 88, 95, 95.54], [-2.0, -0.5, 0.1, 0.1, -0.01]),
     ]
     assert [(one.indentor, one.x_mm, one.along_mm) for one in found.visits] == [row[:3] for row in expected]
     for visit, (*_, times_s, depths_mm) in zip(found.visits, expected, strict=True):
         assert visit.path.times_s == pytest.approx(times_s, abs=1e-9)
         assert visit.path.depths_mm == pytest.approx(depths_mm, abs=1e-9)
-    assert [len(one.path.swings) for one in found.visits] == [0, 0, 0, 1]
-    assert found.visits[3].path.swings == (Swing(89.0, 0.5, 4.0, 0.04),)
 
 
 # --- the signal of an afferent, and the table that it is read from ---

@@ -30,7 +30,7 @@ from rig.session.resume import StoppedRun, read_stopped
 from sim.models.fingertip import Fingertip
 from studies.speed.silence import WORDS
 
-OLD_RUNS = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 LOAD = "sim.models.fingertip.Fingertip.load"
 SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
 SCRIPT += "    rig.indent(doi_mm=0.2, hold_s=0.1)\n"
@@ -74,7 +74,6 @@ WALK = {
     "find": Walked("run", LOAD),
     "export-deck": Walked("--shape bar:3.0 --x-mm 0 --doi-mm 0.2 --out deck.inp", LOAD),
     "serve": Walked("", "rig.cli.serve.ServedBench"),
-    "stranger": Walked("3", "rig.cli.serve.truth_of", own=False),
     "home": Walked("--config rig.toml", "rig.cli.bench._home"),
     "zero": Walked("--config rig.toml", "rig.cli.bench.open_force"),
     "status": Walked("--config rig.toml", "rig.cli.bench.look_and_contact"),

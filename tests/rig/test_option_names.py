@@ -3,21 +3,10 @@
 from collections import defaultdict
 from typing import Any
 
-import pytest
 import typer
 
 from rig.cli import program as commands
-from rig.cli.program import COMMANDS, OLD_OPTIONS
-from tests.program import Program
-
-OLD = {  # command line with an old name, and the new name with its reason
-    "init --force": "--replace",  # it replaces a file
-    "serve --force=spring": "--force-sensor",  # it names a device
-    "check bars --force": "--accept-flagged",  # it accepts a finger that no prior explains
-    "dry-run bars --force": "--accept-flagged",
-    "run bars --force": "--accept-flagged",
-    "design --force": "--accept-flagged",
-}
+from rig.cli.program import COMMANDS
 
 
 def _options() -> dict[str, dict[str, str]]:
@@ -44,17 +33,4 @@ KNOWN = {  # the flag concerns the same thing as the value
 
 
 def test_no_command_has_an_option_that_is_called_force_alone() -> None:
-    options = _options()
-    assert "--force" not in options
-    for command, renamed in OLD_OPTIONS.items():
-        for old, new in renamed.items():
-            assert old not in options
-            assert any(name.startswith(command) for name in options[new])
-
-
-@pytest.mark.parametrize("words", OLD)
-def test_an_old_name_works_and_prints_the_new_one(words: str, program: Program) -> None:
-    ended = program(*words.split(), "--no-such-option")
-    assert ended.code == 2
-    assert OLD[words] in ended.err
-    assert "No such option: --no-such-option" in ended.err
+    assert "--force" not in _options()

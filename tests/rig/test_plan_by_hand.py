@@ -9,7 +9,7 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from rig.engine.limits import RampBound, SampleAge, VibrationBound, pressure_limit_gwt, swing_gwt
+from rig.engine.limits import RampBound, SampleAge, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_file import Draw, IdentifiedFinger
@@ -24,13 +24,11 @@ from rig.plan.plan import (
     ramp_bound,
     refuse_fast_ramps,
     refuse_unseen,
-    refuse_vibrations,
-    vibration_bound,
 )
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import ForceTooDeepError, NoPredictionError, Walk
-from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, PressId, SineMotion, Target
+from rig.records import Pace, PlannedIndentation, Prediction, PredictionBand, PressId, Target
 from rig.units import GWT_N
 from sim.errors import ForceOutOfReachError
 from sim.identification.uncertainty_bands import band
@@ -234,7 +232,6 @@ def _plan(*presses: PlannedIndentation, **more: Any) -> Plan:
 
 
 BANDED = PredictionBand((3.5, 4.5), (0.5, 0.5), 6.0)
-SINE = SineMotion.of(2.0, 50.0, 1.0)
 
 
 @pytest.mark.parametrize(
@@ -244,7 +241,6 @@ SINE = SineMotion.of(2.0, 50.0, 1.0)
         ([planned(), planned(5.0), planned(3.0)], 5.0, 2.0),
         ([planned(band=BANDED)], 6.0, 1.25),
         ([planned(band=BANDED), planned(5.0)], 6.0, 2.0),
-        ([planned(vibration=SINE)], 4.0 + swing_gwt(0.05, 4.0, 0.5), 2.0),
         ([planned(1.0)], 1.0, 0.02 / GWT_N),
     ],
 )
@@ -275,48 +271,30 @@ def test_presses_of_every_purpose_count() -> None:
         (2.0, 0.25, pressure_limit_gwt(Config().limits.max_pressure_kpa, 0.25)),
     ],
 )
-def test_a_motion_is_bound_by_the_lowest_trip_of_its_press(
+def test_a_ramp_is_bound_by_the_lowest_trip_of_its_press(
     soft_trip_n: float, area_mm2: float, trip_gwt: float
 ) -> None:
     """And by the force at the upper end of its band, at its predicted depth."""
     config = Config.model_validate({"stage": {"kind": "zaber"}, "limits": {"soft_trip_n": soft_trip_n}})
     for banded in (None, replace(BANDED, highest_gwt=4.25)):
         ramp = planned(area_mm2=area_mm2, ramp_mm_s=0.2, band=banded)
-        sine = planned(area_mm2=area_mm2, vibration=SINE, band=banded)
         plan = _plan(ramp, first_soft_trip_n=8.0 * GWT_N)
         force_gwt = 4.0 if banded is None else 4.25
-        of_ramp, of_sine = ramp_bound(plan, config, ramp), vibration_bound(plan, config, sine)
+        of_ramp = ramp_bound(plan, config, ramp)
         assert of_ramp is not None
-        assert of_sine is not None
         expected = vars(RampBound.of(config, 0.2, trip_gwt, force_gwt, 0.5))
         assert vars(of_ramp) == pytest.approx(expected)
-        other = vars(VibrationBound.of(config, SINE, trip_gwt, force_gwt, 0.5))
-        assert vars(of_sine) | {"vibration": None} == pytest.approx(other | {"vibration": None})
-        assert (ramp_bound(plan, config, sine), vibration_bound(plan, config, ramp)) == (None, None)
+        assert ramp_bound(plan, config, planned(area_mm2=area_mm2, band=banded)) is None
 
 
-def test_a_motion_beyond_its_bound_is_refused_whatever_its_purpose() -> None:
+def test_a_ramp_beyond_its_bound_is_refused_whatever_its_purpose() -> None:
     config = Config.model_validate({"stage": {"kind": "zaber"}})
-    fast, large = planned(ramp_mm_s=5.0), planned(vibration=SineMotion.of(0.5, 400.0, 2.0))
+    fast = planned(ramp_mm_s=5.0)
     for purpose in Plan().presses:
         plan = _plan()
         plan.presses[purpose].extend([planned(), fast])
         with raises(BadInputError, "ramp_too_fast", x_mm=0.25, speed_mm_s=5.0):
             refuse_fast_ramps(plan, config)
-        refuse_vibrations(plan, config)
-        plan.presses[purpose][1] = large
-        refuse_fast_ramps(plan, config)
-        with raises(BadInputError, "vibration_leaves_skin", x_mm=0.25):
-            refuse_vibrations(plan, config)
-    strong = _plan(planned(vibration=SINE), first_soft_trip_n=5.0)
-    peak_gwt = 4.0 + swing_gwt(0.05, 4.0, 0.5)
-    for most_gwt, refused in ((peak_gwt + 1e-6, False), (peak_gwt - 1e-6, True)):
-        limited = Config.model_validate({"stage": {"kind": "zaber"}, "limits": {"max_force_gwt": most_gwt}})
-        if refused:
-            with raises(BadInputError, "means_beyond_limit", verb="vibrate", limit="max_force_gwt"):
-                refuse_vibrations(strong, limited)
-        else:
-            refuse_vibrations(strong, limited)
 
 
 @pytest.mark.parametrize("ramp", [False, True])

@@ -28,7 +28,6 @@ from rig.protocol.steps import (
     Retract,
     Step,
     Touch,
-    Vibrate,
     Zero,
 )
 from rig.records import (
@@ -39,7 +38,6 @@ from rig.records import (
     Prediction,
     PredictionBand,
     PressId,
-    SineMotion,
     Target,
 )
 from rig.session.execute import Live, execute
@@ -103,9 +101,6 @@ PACES: dict[str, tuple[Callable[[Rig], object], Pace]] = {
         lambda rig: rig.indent(doi_mm=0.5, increments=2, speed_mm_s=0.3, hold_s=0.25), Pace(0.3, 0.05, 2, 0.25),
     ),
     "ramp": (lambda rig: rig.ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.25), Pace(0.3, math.inf, 1, 0.25)),
-    "vibrate": (
-        lambda rig: rig.vibrate(frequency_hz=4, amplitude_um=40, duration_s=0.5, doi_mm=0.5), Pace(1.0, 0.05, 1, 0.5),
-    ),
     "precondition": (lambda rig: rig.precondition(presses=3, doi_mm=0.5, hold_s=0.25), Pace(1.0, 0.05, 1, 0.25)),
     "reference": (
         lambda rig: rig.reference(x_mm=0.5, doi_mm=0.3, increments=4, hold_s=0.25), Pace(1.0, 0.05, 4, 0.25),
@@ -239,7 +234,6 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
 
 
 ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5, "predicted": PredictedPress(0.5, 5.0)}
-SINE = SineMotion.of(4.0, 50.0, 2.0)
 HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
     "indent": (
         Indent(doi_mm=0.5, increments=3, speed_mm_s=0.25, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
@@ -248,9 +242,6 @@ HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
         Indent(doi_mm=0.5, increments=3, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
         {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}),
     "ramp": (Ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.75), "ramp", (0.5, 0.3), {"hold_s": 0.75}),
-    "vibrate": (
-        Vibrate(frequency_hz=4.0, amplitude_um=50.0, duration_s=2.0, doi_mm=0.5), "vibrate",
-        (Target("doi_mm", 0.5), SINE), {}),
 }  # fmt: skip
 
 

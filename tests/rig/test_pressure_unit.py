@@ -17,12 +17,12 @@ from rig.study.parameter_study import columns
 ROOT = Path(__file__).parents[2]
 IN_PSEUDO_UNITS = ("encode", "decode", "impulse", "shift-invariance")
 """Commands of the source's coding model, whose options take pseudo-units."""
-FILES = ("rig", "docs", "examples", "tests/golden")
+FILES = ("rig", "docs", "examples", "tests/refusals")
 SAYS = re.compile(r"pressures?\b[^.\n]{0,60}(N/cm²|pseudo|\bMPa\b)|N/cm²", re.IGNORECASE)
 MAY_SAY = (
     *("rig/report/coding_figures.py", "rig/cli/encode.py", "rig/cli/decode.py", "rig/cli/coding_options.py"),
     *("rig/compare/pressure_formula.py", "examples/gallery/library/12_decode.py", "docs/coding.md"),
-    *("docs/coding_explained.md", "docs/decisions/", "docs/migration.md", "docs/model.md", "docs/library.md"),
+    *("docs/coding_explained.md", "docs/decisions/", "docs/model.md", "docs/library.md"),
     "docs/source.md",
 )
 """Pages and modules of coding, of the source's formula, and of what was renamed."""
@@ -84,7 +84,7 @@ def test_no_page_and_no_sentence_has_another_unit() -> None:
 
 
 @pytest.mark.parametrize(("old", "kpa"), [(30.0, 300.0), (0.5, 5.0), (60, 600.0)])
-def test_a_configuration_of_0_1_keeps_its_limit(old: float, kpa: float) -> None:
+def test_a_configuration_of_0_2_keeps_its_limit(old: float, kpa: float) -> None:
     assert LimitSettings.model_validate({"max_pressure_n_cm2": old}).max_pressure_kpa == kpa
 
 

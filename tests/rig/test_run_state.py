@@ -19,7 +19,7 @@ from rig.panel.run_view import RunView
 from rig.session.resume import ending_on_record
 from tests.program import Program
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 SCRIPT = """\
 def run(rig):
     rig.mount("bar:3.0")

@@ -7,7 +7,6 @@ What a run shows is compared with the wall clock in its journal.
 import csv
 import io
 import json
-import shutil
 import zipfile
 from collections.abc import Callable, Mapping
 from contextlib import closing
@@ -63,7 +62,6 @@ PLANNED_S = 5.0
 CONFIG = Config.model_validate(
     {"stage": {"port": "STAGE"}, "force": {"port": "FORCE"}, "sync": {"output": "coolant"}},
 )
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1" / "complete"
 
 
 class Computer:
@@ -180,17 +178,6 @@ def _kind(name: str, run: Run, resume: Run, tmp_path: Path) -> Path:
         return run().folder.path
     if name == "old":
         return _as_before(run().folder.path)
-    if name == "of 0.1":
-        folder = shutil.copytree(OLD, tmp_path / "runs" / "of_0_1")
-        _rewritten(
-            folder / "events.jsonl",
-            lambda one: {
-                **one,
-                "t_s": one["t_s"] + BOOTED_S,
-                **({"virtual": False} if one["doc"] == "start" else {}),
-            },
-        )
-        return folder
     folder = run(stopped=True).folder.path
     if name == "old, resumed by this version":
         _as_before(folder)
@@ -198,7 +185,7 @@ def _kind(name: str, run: Run, resume: Run, tmp_path: Path) -> Path:
     return _as_before(folder) if name == "old, resumed" else folder
 
 
-KINDS = ("fresh", "resumed", "old", "old, resumed", "old, resumed by this version", "of 0.1")
+KINDS = ("fresh", "resumed", "old", "old, resumed", "old, resumed by this version")
 
 
 @pytest.fixture(params=KINDS)
@@ -257,8 +244,7 @@ def _pulses(folder: Path) -> list[float]:
     """The pulse of a hold's end rises within 0.1 s of its record."""
     run = read_run(folder)
     found = [event for event in run.stream("sync") if event["at"] == "hold_end"]
-    if not found:  # of 0.1, without pulses
-        return _true_s(folder)
+    assert found
     assert all(abs(event["t_s"] - event["rise_s"]) < 0.1 for event in found)
     ends = [event["t_s"] for event in run.stream("hold_end")]
     assert all(abs(end - event["rise_s"]) < 0.2 for end, event in zip(ends, found, strict=True))

@@ -27,7 +27,7 @@ from rig.engine.contact import MAY_TOUCH
 from tests.program import Program
 from tests.waiting import DEADLINE_S
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 NAMES = ("complete", "complete_with_a_schedule", "stopped")
 
 
@@ -475,7 +475,7 @@ def test_one_run_in_lines(program: Program, runs: Path) -> None:
     size = sum(path.stat().st_size for path in (runs / "complete").iterdir() if path.name != "SHA256SUMS")
     lines = {line[:12].strip(): line[12:] for line in ended.out.splitlines()}
     assert lines["run"] == str(runs / "complete")
-    assert lines["source"] == "tests/data/runs_of_0_1"
+    assert lines["source"] == "tests/data/runs"
     assert lines["parameters"] == "doi_mm 0.4"
     assert lines["began"] == "2026-11-22T05:11:01+00:00, 57 s"
     assert lines["limits"].startswith("max_doi_mm 1.5, max_force_gwt 100.0, ")

@@ -23,7 +23,6 @@ from rig.protocol.steps import (
     Retract,
     Step,
     Touch,
-    Vibrate,
     Zero,
 )
 from rig.records import PressId
@@ -48,11 +47,6 @@ VERBS: dict[str, tuple[Script, Step[Any, Any], Step[Any, Any]]] = {
         lambda rig: rig.ramp(doi_mm=0.3, speed_mm_s=0.2),
         Ramp(doi_mm=0.3, speed_mm_s=0.2),
         Ramp(doi_mm=0.3, speed_mm_s=0.2, hold_s=1.0),
-    ),
-    "vibrate": (
-        lambda rig: rig.vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3),
-        Vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3),
-        Vibrate(frequency_hz=4.0, amplitude_um=20.0, duration_s=1.0, doi_mm=0.3, force_gwt=None),
     ),
     "precondition": (
         lambda rig: rig.precondition(presses=2, force_gwt=1.0),

@@ -745,20 +745,17 @@ def counting(bench: StageBench, asked: bytes, says: Callable[[int], bytes | None
 
 
 @pytest.mark.parametrize(("parameter", "expected"), [(0, 160), (4, 200)])
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_target_or_a_speed_that_is_read_back_wrong_twice_starts_nothing_more(
-    parameter: int, expected: int, times: int
-) -> None:
-    """Once is a reply of which two bytes have changed places; the axis may move already, so it is stopped."""
+def test_a_target_or_a_speed_that_is_read_back_wrong_starts_nothing_more(parameter: int, expected: int) -> None:
+    """The axis may move already, so it is stopped."""
     bench = StageBench(module.DEVICE, homed=True)
     asked = f"z GAP {parameter}".encode("ascii")
     looks = bench.stage.moving(**module.DEVICE.move)
     before = 1  # the status before the move
-    counting(bench, asked, lambda n: b"100 %d" % (900 + n) if before < n <= before + times else None)
-    fields = {"axis": "z", "parameter": parameter, "found": 903, "expected": expected}
-    with raises(StageError, "not_as_configured", **fields) if times == 2 else nullcontext():
+    counting(bench, asked, lambda n: b"100 900" if n == before + 1 else None)
+    fields = {"axis": "z", "parameter": parameter, "found": 900, "expected": expected}
+    with raises(StageError, "not_as_configured", **fields):
         next(looks)
-    assert (b"z MST 0" in bench.wire.asked) is (times == 2)
+    assert b"z MST 0" in bench.wire.asked
 
 
 def test_a_jog_whose_speed_is_not_confirmed_is_no_reset() -> None:
@@ -856,22 +853,6 @@ def test_a_module_replies_to_its_host_alone(host: int) -> None:
     assert (found.probe(bench.wire.at, bench.clock, settings) is not None) is (host == 2)
     with nullcontext() if host == 2 else raises(StageError, "garbled"):
         find(StageKind, "tmcl").driver(bench.wire.at, bench.clock, settings).connect()
-
-
-def test_an_alarm_at_the_second_look_is_one_at_once() -> None:
-    """The first one was off the way, as two bytes that have changed places are."""
-    bench = StageBench(module.DEVICE, homed=True)
-    write, asked = bench.wire.write, [0]
-
-    def writing(data: bytes, port: bytes = b"") -> None:
-        asked[0] += bench.wire.state == "moving" and module.heard(data) == b"z GAP 1"
-        bench.wire.instead = [{}, {b"z GAP 1": b"100 -50"}, {b"z GAP 10": b"100 1"}][min(asked[0], 2)]
-        write(data, port)
-
-    bench.wire.write = writing  # type: ignore[method-assign]
-    with raises(StageAlarm, "alarm", number=10, axis="z"):
-        bench.move()
-    assert asked == [2]
 
 
 RIGHT = {"tmcl": {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}}

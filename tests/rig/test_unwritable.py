@@ -17,7 +17,7 @@ from sim.models.fingertip import Fingertip
 from tests.program import Ended, Program
 
 FROZEN = Path(__file__).parents[1] / "frozen" / "commands.txt"
-RUN = FROZEN.parents[1] / "data" / "runs_of_0_1" / "complete"
+RUN = FROZEN.parents[1] / "data" / "runs" / "complete"
 NAMES = ("--out", "--to", "--table", "--picture", "--pdf")
 READ = {"stream --out", "panel --out"}
 """Folders of runs that these commands only read."""

@@ -33,7 +33,7 @@ from rig.data.run_state import Agenda, Course, Timeline, step_in_words, written_
 from rig.session.rehearse import Rehearsed
 from tests.program import Program
 
-OLD = Path(__file__).parents[1] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[1] / "data" / "runs"
 PRESS = {"indentor": "bar:3.0", "x_mm": 0.5, "target": "force_gwt", "value": 2.33, "increments": 1}
 EVENTS: list[tuple[str, dict[str, Any]]] = [
     ("mount", {"indentor": "bar:3.0"}),

@@ -104,7 +104,7 @@ class Recording:
             spikes=None if self.spikes is None else self.spikes.mirrored(),
         )
 
-    def normalised(self, largest: float) -> "Recording":
+    def normalized(self, largest: float) -> "Recording":
         """Return the recording with rates divided by `largest`; the window is scaled so that the counts do not
         change.
         """

@@ -5,7 +5,7 @@
 
 import { hasToken, headers, tab } from "/static/access.js";
 
-const EVENTS = ["state", "readings", "schedule", "prediction", "section", "spikes"];
+const EVENTS = ["state", "readings", "schedule", "prediction", "section"];
 const AGAIN_MS = 500;
 const LOST_S = 5;
 const SILENT_S = 1.5; // the server sends its state twice a second

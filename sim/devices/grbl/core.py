@@ -246,10 +246,6 @@ class GrblCore:
         """Return the nuts' position: behind the motors by the play where they went up last."""
         return self._planner.track.nut_at(t_s)
 
-    def nut_position_at(self, t_s: float) -> tuple[float, float, float]:
-        """Return the nuts' position in steps, not rounded."""
-        return self._planner.track.nut_position_at(t_s)
-
     def power_cycle(self) -> None:
         """Switch off and on: motion stops, and the board's position becomes zero."""
         now_s = self._scheduler.monotonic_s()

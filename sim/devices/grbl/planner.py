@@ -8,11 +8,11 @@ stepper.c (segments).
 from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import dropwhile
-from math import ceil, cos, floor, inf, pi, sin, sqrt
+from math import ceil, floor, inf, sqrt
 
 # --- motion ---
 #
-# Motion is stored as pieces of constant acceleration, or of a sine, exact at any time.
+# Motion is stored as pieces of constant acceleration, exact at any time.
 
 Vec = tuple[float, float, float]
 Counts = tuple[int, int, int]
@@ -45,33 +45,11 @@ class ConstantAcceleration:
 
 
 @dataclass(frozen=True, slots=True)
-class Sine:
-    """A sine from one turning point, in duration_s; half_s: from one turning point to the other."""
-
-    duration_s: float
-    half_s: float
-    amplitude_mm: float
-
-    @property
-    def mm(self) -> float:
-        return self.mm_at(self.duration_s)
-
-    def mm_at(self, tau_s: float) -> float:
-        return self.amplitude_mm * (1.0 - cos(pi * tau_s / self.half_s))
-
-    def speed_at(self, tau_s: float) -> float:
-        return self.amplitude_mm * pi / self.half_s * sin(pi * tau_s / self.half_s)
-
-    def until(self, tau_s: float) -> "Sine":
-        return Sine(tau_s, self.half_s, self.amplitude_mm)
-
-
-@dataclass(frozen=True, slots=True)
 class Piece:
-    """One such piece in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
+    """A ramp in time and space: origin in steps at t0_s, slope in steps per mm, done_mm behind it."""
 
     t0_s: float
-    ramp: ConstantAcceleration | Sine
+    ramp: ConstantAcceleration
     origin: Vec
     slope: Vec
     done_mm: float = 0.0
@@ -125,7 +103,7 @@ class Track:
         return (round(x), round(y), round(z))
 
     def speed_at(self, t_s: float) -> float:
-        """Return the speed along the path in mm/s; negative on the way back of a sine."""
+        """Return the speed along the path in mm/s."""
         piece = self.piece_at(t_s) if t_s < self.end_s else None
         if piece is None or t_s >= piece.t1_s:
             return 0.0
@@ -135,11 +113,6 @@ class Track:
         """Return the last piece that began by t_s."""
         index = bisect_right(self._starts, t_s) - 1
         return self._pieces[index] if index >= 0 else None
-
-    @property
-    def has_play(self) -> bool:
-        """Whether a nut is behind its screw on the way up."""
-        return self._has_play
 
     def replace_from(self, t_s: float, pieces: list[Piece], rest: Vec) -> None:
         """Replace all motion after t_s by pieces, after which the carriage rests at `rest`."""

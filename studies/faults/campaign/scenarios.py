@@ -13,7 +13,6 @@ from typing import Any, Protocol, TypeVar, cast
 import rig.session.session as sessions
 from rig.data import Run, RunFolder, read_run
 from rig.devices.base import StageError
-from rig.devices.registry import kind_of
 from rig.engine import Engine, Journal, Target
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
@@ -29,7 +28,7 @@ from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, NoAttendant, Session
-from studies.faults.campaign.world import RememberingBench, ScenarioBench, config_of
+from studies.faults.campaign.world import RememberingBench, ScenarioBench
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
@@ -114,7 +113,6 @@ class RunScenario:
     verbs: Mapping[str, str]  # phases by verb and its number
     events: Mapping[tuple[str, str], str]  # phases by verb and event
     stopped_first: bool = False  # whether the run that is struck is one that is resumed under force
-    needs: str = ""  # what the entry of the stage in the registry must have
 
     def play(self, world: ScenarioBench, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
@@ -211,15 +209,6 @@ def _ramp(rig: Rig) -> None:
     rig.ramp(doi_mm=0.86, speed_mm_s=0.8, hold_s=0.1)
 
 
-def _vibrate(rig: Rig) -> None:
-    rig.mount(INDENTOR)
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.vibrate(frequency_hz=4.0, amplitude_um=50.0, duration_s=1.0, doi_mm=0.86)
-    rig.vibrate(frequency_hz=1.0, amplitude_um=50.0, duration_s=1.0, force_gwt=4.0)
-
-
 PRESS = RunScenario(
     "press",
     _press,
@@ -258,20 +247,6 @@ RAMP = RunScenario(
     },
 )
 """At 0.8 mm/s to 8 gwt: the plan allows 0.806 mm/s. The second one begins without a press by increments."""
-VIBRATE = RunScenario(
-    "vibrate",
-    _vibrate,
-    2,
-    {"vibrate 1": ""},
-    {
-        ("vibrate 1", "vibrate"): "vibration",
-        ("vibrate 1", "hold_end"): "",
-        ("vibrate 2", "vibrate"): "slow vibration",
-        ("vibrate 2", "hold_end"): "",
-    },
-    needs="vibrates",
-)
-"""At 8 gwt, near the highest frequency of the stage; and slowly, at half the force."""
 RESUME = RunScenario("resume", _press, 2, {}, {("", "home"): ""}, stopped_first=True)
 
 
@@ -357,10 +332,4 @@ def _hand(world: ScenarioBench, bench: RememberingBench, sensing: Sensing | None
 
 
 HAND = HandScenario()
-SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RAMP, VIBRATE, RESUME, HAND)
-
-
-def plays(scenario: Scenario, bench: str) -> bool:
-    """Whether the stage of a bench can do what a scenario needs."""
-    needs = getattr(scenario, "needs", "")
-    return not needs or bool(getattr(kind_of(config_of(bench).stage), needs))
+SCENARIOS: tuple[Scenario, ...] = (PRESS, AGAIN, RAMP, RESUME, HAND)

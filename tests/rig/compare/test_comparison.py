@@ -195,7 +195,7 @@ def test_a_receptor_that_covers_too_little_is_not_the_best(make_stimulus: Make) 
 
 def test_rates_over_their_family_s_largest(steps: list[StimulusRow]) -> None:
     afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
-    plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalise=True)
+    plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalize=True)
     largest = max(float(p.recording.rate.max()) for p in plain.overlays)
     assert max(float(p.recording.rate.max()) for p in normalised.overlays) == pytest.approx(1.0)
     assert float(normalised.joints[0].fit.k[6, 1]) == pytest.approx(20.0 / largest)

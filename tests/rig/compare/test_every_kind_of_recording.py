@@ -193,7 +193,7 @@ def test_mirrored_and_normalised(kind: Kind, tmp_path: Path, make_stimulus: Call
     np.testing.assert_allclose(found.rate, [1, 12, 24, 6])
     assert found.changes == (*kind.changes, "mirrored")
     stimulus = make_stimulus("bar:3.0", np.array([-1.0, 1.0]), np.array([0.0]), {})
-    (overlay,) = compare([stimulus], {"bar:3": found}, normalise=True).overlays
+    (overlay,) = compare([stimulus], {"bar:3": found}, normalize=True).overlays
     np.testing.assert_allclose(overlay.recording.rate, np.array([1, 12, 24, 6]) / 24)
     assert overlay.recording.changes == (*kind.changes, "mirrored", "rates divided by 24")
 

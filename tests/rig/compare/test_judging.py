@@ -279,7 +279,7 @@ def test_one_stimulus_has_nothing_to_differ_from(steps: list[StimulusRow]) -> No
 def test_normalised_rates_are_of_one_family_each(steps: list[StimulusRow], make_stimulus: Make) -> None:
     bar = make_stimulus("bar:3.0", X, RECEPTORS, profiles(), kind="doi_mm", commanded=1.0)
     recordings = of_truth([*steps, bar])
-    found = answers(compare([*steps, bar], recordings, normalise=True))
+    found = answers(compare([*steps, bar], recordings, normalize=True))
     assert [len(one.stimuli) for one in found] == [1, 3]
     assert all(one.noise.kind == "counts" for one in found)
 

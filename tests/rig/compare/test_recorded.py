@@ -50,9 +50,9 @@ def test_mirrored_and_normalised(tmp_path: Path) -> None:
     np.testing.assert_array_equal(mirrored.position_mm, [-2, 0, 1])
     np.testing.assert_array_equal(mirrored.rate, [16, 8, 4])
     np.testing.assert_array_equal(mirrored.sd, [4, 2, 1])
-    np.testing.assert_array_equal(mirrored.normalised(16).rate, [1, 0.5, 0.25])
-    np.testing.assert_array_equal(mirrored.normalised(16).sd, [0.25, 0.125, 0.0625])
-    assert mirrored.normalised(16).changes == ("mirrored", "rates divided by 16")
+    np.testing.assert_array_equal(mirrored.normalized(16).rate, [1, 0.5, 0.25])
+    np.testing.assert_array_equal(mirrored.normalized(16).sd, [0.25, 0.125, 0.0625])
+    assert mirrored.normalized(16).changes == ("mirrored", "rates divided by 16")
     np.testing.assert_array_equal(mirrored.mirrored().position_mm, found.position_mm)
 
 
@@ -141,9 +141,9 @@ def test_a_wrong_header_says_what_was_read_and_how_to_name_it(tmp_path: Path) ->
 def test_a_window_makes_counts_of_rates_also_of_normalised_ones() -> None:
     found = recording("x", [(0.0, 4.0, np.nan), (1.0, 8.0, np.nan), (2.0, 6.0, np.nan)], window_s=0.5)
     assert found.window_s == 0.5
-    assert found.normalised(8.0).window_s == 4.0
+    assert found.normalized(8.0).window_s == 4.0
     assert found.mirrored().window_s == 0.5
-    assert recording("x", [(0.0, 4.0, np.nan)]).normalised(8.0).window_s is None
+    assert recording("x", [(0.0, 4.0, np.nan)]).normalized(8.0).window_s is None
 
 
 def test_counts_in_a_window(tmp_path: Path) -> None:

@@ -47,7 +47,7 @@ COMMANDS = {
     "as a configuration": ["dry-run", "first_press", "--config", "finger.toml"],
     "identify again from it": ["identify", "--dry-run", "--config", "finger.toml"],
     "one press": ["indent", "--shape", "bar:3.0", "--doi-mm", "1", "--x-mm", "0", "--config", "finger.toml"],
-    "reveal": ["stranger", "7", "--beside", "finger.toml"],
+    "reveal": ["serve", "--reveal", "7", "--beside", "finger.toml"],
 }
 
 

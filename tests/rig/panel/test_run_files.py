@@ -13,7 +13,7 @@ from rig.panel.access import FILE_POLICY
 from rig.panel.run_files import _pieces
 from tests.rig.panel.stub_panel import OWN, StubPanel
 
-OLD = Path(__file__).parents[2] / "data" / "runs_of_0_1"
+OLD = Path(__file__).parents[2] / "data" / "runs"
 SECRET = "nobody's business"
 
 

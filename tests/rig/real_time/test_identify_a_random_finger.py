@@ -57,5 +57,5 @@ def test_a_random_finger_is_identified_over_tcp(rig: Program, served: Serving, t
     kept = "".join(path.read_text(errors="replace") for path in run.folder.path.iterdir() if path.is_file())
     for value in truth_of(SEED).values():
         assert f"{value:.6f}" not in kept
-    beside = rig("stranger", SEED, "--beside", file, "--json").json["parameters"]
+    beside = rig("serve", "--reveal", SEED, "--beside", file, "--json").json["parameters"]
     assert all(one["low"] < one["high"] for one in beside)

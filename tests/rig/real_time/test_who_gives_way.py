@@ -60,7 +60,6 @@ NEITHER_SOLVES_NOR_DRAWS = {
 ELSEWHERE = {"rig/design/chooser.py": "tests/rig/real_time/test_choose_on_wires.py"}
 NOT_BESIDE_A_STAGE = {
     "rig/plan/fresh_passes.py": "rig check, which opens no port",
-    "rig/bench/served_spikes.py": "simulated afferents in real time, of a virtual bench",
     "sim/workers.py": "many presses at once, for studies, comparisons and benches",
     "sim/serve/force_process.py": "a virtual finger in real time: what a real one is to a real stage",
     "sim/benchmark.py": "rig bench",

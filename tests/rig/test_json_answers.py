@@ -1,0 +1,127 @@
+"""What commands answer with --json is as their schema says; `FROZEN=write` writes the examples of the documentation.
+
+tests/rig/real_time asks the commands at the bench, test_identification asks identify: whatever a test reads as JSON
+is held against the schema of its command (tests/program.py).
+"""
+
+import json
+import os
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rig.data import Run
+from rig.plan.nerve import MeasureTable, Visits
+from sim.benchmark import QUICK_SCENES, Candidate, coarse
+from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
+from sim.nerve.population import AfferentPopulation
+from tests.program import Program
+from tests.sim.coarse_mesh import as_toml, coarse_mesh
+
+ROOT = Path(__file__).parents[2]
+OLD_RUNS = ROOT / "tests" / "data" / "runs"
+WRITES = os.environ.get("FROZEN") == "write"
+SCRIPT = "def run(rig):\n    rig.mount('bar:3.0')\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n"
+COARSE = ("--config", "coarse.toml")
+ASKED = (
+    ("dry-run mine.py", ""),
+    ("dry-run nowhere.py", "that is refused"),
+    ("check mine.py", ""),
+    ("resume runs/stopped", ""),
+    ("show runs/complete", ""),
+    ("show runs/stopped", "of a stopped run"),
+    ("show --columns", "of columns"),
+    ("runs runs", ""),
+    ("watch runs/complete", ""),
+    ("export runs/complete --csv", ""),
+    ("nerve runs/complete --afferents SA1@0", ""),
+    ("compare runs/complete --recorded bar:3.0=recorded.csv", ""),
+    ("compare runs/complete --recorded afferents.csv", "of several afferents"),
+    ("config limits", ""),
+    ("config --devices", "of devices"),
+    ("doctor", ""),
+    ("doctor --bundle runs/complete", "as a bundle"),
+    ("cache", ""),
+    ("bench --quick --out bench.html", ""),
+    ("indent --shape bar:3.0 --x-mm 0 --doi-mm 0.3", ""),
+    ("indent --shape bar:3.0 --x-mm 0 --doi-mm 0.3 --model auto", "of a model that was chosen"),
+    ("indent --shape bar:3.0 --x-mm 0 --doi-mm 0.3 --other-paths", "by several ways"),
+    ("encode --pressure 20,14 --half-length 8", ""),
+    ("encode --shape cylinder:3 --doi-mm 0.4 --operator influence --half-length 8", "of a press"),
+    ("decode --pressure 20,14 --half-length 10", ""),
+    ("impulse --half-length 8", ""),
+    ("shift-invariance --spacing-mm 0.5 --half-width-mm 2", ""),
+    ("find found/*", ""),
+    ("finger", ""),
+    ("study study.toml --processes 1", ""),
+)
+FOUND = "dry-run find_finger across=5 along=1 --out found"
+ON_A_COARSE_FINGER = ("encode", "decode", "impulse", "shift-invariance")
+
+
+EXAMPLES = ROOT / "docs" / "json_examples"
+
+
+def _short(value: Any) -> Any:
+    """An answer for the documentation: the first items of a list, six digits of a number."""
+    if isinstance(value, Mapping):
+        return {key: _short(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        return [_short(inner) for inner in value[:2]]
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def _cheap_tables(run: Run, found: Visits, finger: Fingertip, afferents: AfferentPopulation, told: object) -> Any:
+    """What every afferent has at every place: as much as the depth squared."""
+    depths = np.linspace(0.05, 0.6, 4)
+    felt = [afferents.measure(dict.fromkeys(MEASURES, np.full(len(afferents), 120 * depth**2))) for depth in depths]
+    return {visit.place: MeasureTable(depths, np.array(felt)) for visit in found.visits}
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, empty_figures: None) -> Path:
+    """A script, a recording, two runs, a coarse finger and a study, in the folder where commands are asked."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("complete", "stopped"):
+        shutil.copytree(OLD_RUNS / name, tmp_path / "runs" / name)
+    shutil.copy(OLD_RUNS / "recorded.csv", tmp_path)
+    shutil.copy(OLD_RUNS / "recorded.csv", tmp_path / "another.csv")
+    study = '[[press]]\nshape = "bar:3.0"\ndoi_mm = [0.2]\n'
+    texts = {
+        "afferents.csv": "afferent,shape,file\na,bar:3.0,recorded.csv\nb,bar:3.0,another.csv\n",
+        "mine.py": f"{SCRIPT}    rig.indent(doi_mm=0.3)\n",
+        "study.toml": study,
+        "coarse.toml": as_toml(coarse_mesh(0.5, 0.5)),
+    }
+    for name, text in texts.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    monkeypatch.setattr("rig.cli.compare.stimulus_maps", lambda *_: [])  # the whole finger would be factorised
+    monkeypatch.setattr("rig.plan.nerve.tables_of", _cheap_tables)  # and here
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "one.model").write_bytes(b"kept")
+    few = (Candidate("halfspace", "0.28 mm", coarse(0.28)),)
+    monkeypatch.setattr("rig.cli.installation.QUICK", few)
+    monkeypatch.setattr("rig.cli.installation.QUICK_SCENES", QUICK_SCENES[:1])
+    return tmp_path
+
+
+@pytest.mark.parametrize(("line", "about"), ASKED)
+def test_an_answer_in_json_is_as_its_schema_says(
+    program: Program, folder: Path, monkeypatch: pytest.MonkeyPatch, line: str, about: str
+) -> None:
+    command = line.split()[0]
+    if command in ("cache", "doctor"):
+        monkeypatch.setenv("RIG_CACHE_DIR", "kept")
+    if command == "find":
+        assert program(*FOUND.split()).code == 0
+        line = line.replace("*", next(Path("found").iterdir()).name)
+    words = [*line.split(), *(COARSE if command in ON_A_COARSE_FINGER else ())]
+    answer = program(*words, "--json").json
+    if WRITES and not about:
+        text = json.dumps(_short(answer), indent=1, ensure_ascii=False)
+        (EXAMPLES / f"{command}.json").write_text(f"{text}\n", encoding="utf-8")
