@@ -68,12 +68,18 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
         f"Synthetic: spikes of simulated afferents, seed {record.seed}, at an electrode {record.electrode}. "
         f"Data: synthetic_spikes.csv, synthetic_afferents.csv."
     )
+    fired = sum(len(train.spike_s) > 0 for train in record.trains)
+    number = f"{fired} of {len(record.trains)}" if fired else "None of the"
+    raster = PageFigure(
+        "Simulated spikes",
+        Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
+        f"{number} simulated afferents fired. Each row is an afferent, each mark a spike. Above: force. {about}",
+        message=f"{number} simulated afferents fired.",
+    )
+    if not fired:
+        return [raster]
     figures = [
-        PageFigure(
-            "Simulated spikes",
-            Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
-            f"Each row is an afferent, each mark a spike. Above: force. {about}",
-        ),
+        raster,
         PageFigure(
             "Simulated spikes over the press",
             Plot(
@@ -192,7 +198,11 @@ def _rates(
         rates.append([float(each[places == one].mean()) for one in x])
         axes.plot(x, rates[-1], color=color, lw=0.8, alpha=0.6)
     axes.plot(x, np.mean(rates, axis=0), "-o", ms=2, color="black", lw=1.2)
-    axes.set_ylim(0, max(axes.get_ylim()[1], 1.0))
+    if np.any(rates):
+        axes.set_ylim(bottom=0)
+    else:  # an axis would be invented
+        axes.set(ylim=(0, 1), yticks=())
+        axes.text(0.5, 0.5, "silent in every press", transform=axes.transAxes, ha="center", color=GREY, fontsize=8)
 
 
 def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
