@@ -9,16 +9,21 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rig.compare.example import (
+    PHASES,
     RELAXATION,
     PhaseCandidate,
     PhaseVerdict,
     Rehearsal,
+    judge_phase,
+    positions,
     recorded,
+    rehearse,
 )
 from rig.compare.fit import fit_rates, predicted
 from rig.compare.verdict_text import percent, probability
 from rig.report.page_parts import PageFigure, Section
 from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number
+from sim.models.fingertip import Fingertip
 
 HEADER = (
     "candidate", "r", "held-out deviance predicted [95 %]", "p of the fit", "p in the set", "in the set",
@@ -222,6 +227,12 @@ def _profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> PageFig
         "Dots: recorded rates of one SA-I afferent (Phillips and Johnson 1981). Lines: the best measure, and the "
         "best other one, each with its own k and ε₀.",
     )
+
+
+def plot_example(figure: Figure) -> None:
+    """Plot the rates of both phases, recorded and predicted on the default finger."""
+    rehearsal = rehearse(Fingertip.load().keeping_ways(), positions())
+    draw_profiles(figure, rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES])
 
 
 def draw_profiles(figure: Figure, rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> None:

@@ -16,16 +16,13 @@ from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
 
-from rig.compare.example import PHASES, judge_phase, positions, recorded, rehearse
-from rig.report.example_page import draw_profiles
-from sim.models.fingertip import Fingertip
+from rig.report.example_page import plot_example
 
 with TemporaryDirectory() as folder:
     command = [sys.executable, "-m", "rig", "compare", "--example", "bar3", "--out", str(Path(folder, "bar3.html"))]
     done = subprocess.run([*command, "--json"], check=True, capture_output=True, text=True)
 phases = json.loads(done.stdout)["phases"]
 
-rehearsal = rehearse(Fingertip.load().keeping_ways(), positions())  # cached by the command above
 figure = plt.figure(figsize=(8, 3.3), layout="constrained")
-draw_profiles(figure, rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES])
+plot_example(figure)  # from the cache that the command above has filled
 plt.show()
