@@ -127,7 +127,8 @@ def on_dark(color: str) -> str:
         mixed = [a + (b - a) * rgb[0] for a, b in zip(ink, paper, strict=True)]
     else:
         mixed = [value + (1 - value) * _TOWARDS_WHITE for value in rgb]
-    return mpl.colors.to_hex(mixed)
+    red, green, blue = mixed
+    return mpl.colors.to_hex((red, green, blue))
 
 
 def _dark_rules(svg: str) -> str:
