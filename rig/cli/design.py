@@ -164,7 +164,7 @@ def command(
             return
         words = _command(context, to)
         with busy("checking and rehearsing the script …", as_json=as_json):
-            script = checked_script(found, settings, finger, plausible, about_the_design(found), words)
+            script = checked_script(found, settings, finger, plausible, words)
         found = script.design
         with busy("computing the power …", quick=True):
             rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []

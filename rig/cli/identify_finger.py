@@ -28,7 +28,7 @@ from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, lo
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
-from rig.data import RunFolder
+from rig.data import RunError, RunFolder
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
@@ -50,7 +50,9 @@ from rig.plan.config import Config, load_config, unit
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
-from rig.report.identification_page import IdentificationPage, write_identification_page
+from rig.report.identification_page import ForceBand, IdentificationPage, write_identification_page
+from rig.report.page_source import source_line
+from rig.report.style import signed
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N
@@ -196,6 +198,21 @@ def force_rows(identification: Identification) -> list[tuple[str, ...]]:
         (goal.indentor, f"{goal.x_mm:+.1f}", f"{goal.doi_mm:.2f}", _in_brackets(w), f"± {100 * w.half:.0f} %")
         for goal, w in zip(identification.options.goals, identification.widths, strict=True)
     ]
+
+
+def force_bands(identification: Identification) -> list[ForceBand]:
+    """Return the force of each press and of each goal with its band, for the figure of the page."""
+    made = [
+        ForceBand(f"press {report.number}: {press_name(report.press)}", width, measured_gwt)
+        for report, (width, measured_gwt) in zip(identification.reports, identification.explained, strict=True)
+    ]
+    goals = zip(identification.options.goals, identification.widths, strict=True)
+    return [*made, *(ForceBand(press_name(goal), width) for goal, width in goals)]
+
+
+def press_name(press: PressAt) -> str:
+    """Return a press in words, e.g. "bar:3.0 at −1.20 mm to 0.60 mm"."""
+    return f"{press.indentor} at {signed(press.x_mm)} mm to {press.doi_mm:.2f} mm"
 
 
 def number_rows(identification: Identification) -> list[tuple[str, ...]]:
@@ -447,7 +464,11 @@ def _write(done: FinishedRun, identification: Identification, settings: Config, 
         replace_text(to, file.as_toml())
         course = (identification.predicted, identification.measured, identification.before, identification.learned)
         rows = (press_rows(identification), force_rows(identification), number_rows(identification))
-        page = IdentificationPage(*course, *rows, identification.not_learned, identification.mismatch)
+        readable = [] if isinstance(done.recorded, RunError) else [done.recorded]
+        source = source_line(readable, f"run {done.folder.path.name}")
+        page = IdentificationPage(
+            *course, *rows, identification.not_learned, force_bands(identification), source, identification.mismatch
+        )
         write_identification_page(done.folder.path / IDENTIFICATION_PAGE, page)
     done.folder.write_checksums()
 

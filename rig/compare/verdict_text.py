@@ -130,14 +130,14 @@ def _next(answer: AfferentVerdict) -> str:
 def _controls(answer: AfferentVerdict) -> str:
     if not answer.controls:
         return ""
-    best = max(answer.controls, key=lambda row: -np.inf if np.isnan(row.left_out) else row.left_out)
+    first = answer.controls[0]
     inside = (
         f"Controls in the set: {listed(answer.controls_in_set)}"
         if answer.controls_in_set
         else "No control is in the set"
     )
-    share = percent(best.left_out)
-    return f"{inside}. The best control, {best.title}, predicts {share} of the held-out deviance."
+    share = percent(first.left_out)
+    return f"{inside}. The maximum-likelihood control, {first.title}, predicts {share} of the held-out deviance."
 
 
 def _ceiling(answer: AfferentVerdict) -> str:

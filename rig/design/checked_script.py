@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.plausible_fingers import PlausibleFingers
-from rig.design.design import Design, shortened
+from rig.design.design import Design, shortened, with_own_outcome
+from rig.design.design_text import about_the_design
 from rig.design.designed import as_block
 from rig.design.exceptions import DesignError
 from rig.design.script_text import script_text
@@ -27,15 +28,16 @@ class CheckedScript(NamedTuple):
 
 
 def checked_script(
-    found: Design, config: Config, finger: Finger, plausible: PlausibleFingers | None, about: str, command: str
+    found: Design, config: Config, finger: Finger, plausible: PlausibleFingers | None, command: str
 ) -> CheckedScript:
     """Return the script of a design; its last presses are left out if the rehearsal takes longer than the session.
 
     Raises BadInputError if the planner refuses it, EngineError if the rehearsal fails.
     """
     request = found.request
+    asked = len(found.made.order)
     for _ in range(_ROUNDS):
-        block = as_block(request, plausible)
+        block, about = as_block(request, plausible), about_the_design(found)
         text = script_text(found.blocks, found.table.presses, about, command, request.hold_s, request.rest_s, block)
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "designed.py"
@@ -51,7 +53,8 @@ def checked_script(
         duration_s = rehearsal_s + request.change_s * (len(found.blocks) - 1)
         over_s = duration_s - 60 * request.minutes
         if over_s <= 0:
-            return CheckedScript(found, text, duration_s)
+            done = found if len(found.made.order) == asked else with_own_outcome(found)
+            return CheckedScript(done, text, duration_s)
         fewer = max(1, round(over_s / float(found.times.press_s.mean())))
         if fewer >= len(found.made.order):
             break

@@ -363,8 +363,18 @@ def _relaxation(config: Config) -> tuple[tuple[float, float], ...]:
     return () if config.identified is None else config.identified.draw[0].relaxation
 
 
+def with_own_outcome(found: Design) -> Design:
+    """Return a design that was shortened with the outcome of the presses that are left."""
+    request, sizes = found.request, _QUICK_SIZES if found.request.quick else _SIZES
+    model = CountModel(request.hold_s, request.unknowns)
+    evaluate = _Evaluation(found.table, request, model, lambda *_: None)
+    (mine,) = evaluate([found.made], sizes.experiments, sizes.draws, sizes.few, "")
+    kept = (mine if one is found.outcome else one for one in found.outcomes)
+    return replace(found, outcomes=tuple(kept))
+
+
 def shortened(found: Design, presses: int) -> Design:
-    """Return the design without its last presses."""
+    """Return the design without its last presses; its outcome is still that of all of them."""
     left, blocks = presses, []
     for block in found.blocks:
         blocks.append(block[: max(left, 0)])

@@ -1,5 +1,6 @@
 """A design in words, for the terminal and the page, and as JSON."""
 
+import math
 from typing import Any
 
 from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
@@ -7,6 +8,12 @@ from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
 from rig.design.recorded_counts import FITS, SessionVerdict
 from rig_shared.plural import number_of
+
+SURE = 2.0
+"""Standard errors by which two designs must differ to count as different."""
+
+_DEPENDS = ((0.1, "hardly depend"), (0.3, "depend weakly"), (0.6, "depend moderately"), (1.0, "depend strongly"))
+"""Words for the largest |correlation| of a press with the one before, up to each value."""
 
 FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
 
@@ -16,9 +23,19 @@ def headline(found: Design) -> str:
     failed, error = share_and_error(found.outcome.failed)
     usual = [one for one in found.outcomes if one.minutes == found.request.minutes and one.name != DESIGNED]
     best = min(usual, key=lambda one: float(one.failed.mean()))
+    other, other_error = share_and_error(best.failed)
+    more, sure = other - failed, SURE * math.hypot(error, other_error)
+    gain = (
+        "so the choice of presses helps"
+        if more > sure
+        else "so this usual design is the better one"
+        if more < -sure
+        else "so this simulation shows no gain from the choice of presses"
+    )
     return (
-        f"{len(found.made.order)} presses in {found.request.minutes:g} minutes fail in {percent(failed, error)} of "
-        f"experiments; the best usual design, {best.name}, fails in {percent(*share_and_error(best.failed))}."
+        f"{number_of(len(found.made.order), 'presses')} in {found.request.minutes:g} minutes fail in "
+        f"{percent(failed, error)} of experiments, and the best usual design, {best.name}, in "
+        f"{percent(other, other_error)}, {gain}."
     )
 
 
@@ -31,10 +48,11 @@ def percent(share: float, error: float) -> str:
 def about_the_design(found: Design) -> str:
     """Return candidates, presses and seed as a paragraph of the script."""
     made = found.presses
+    different = len(set(found.made.order.tolist()))
     per_shape = ", ".join(f"{sum(p.shape == s for p in made)} with {s}" for s in dict.fromkeys(p.shape for p in made))
     return (
-        f"Candidates: {', '.join(found.request.candidates)}. {len(made)} presses in {found.request.minutes:g} "
-        f"minutes: {per_shape}. Seed {found.request.seed}."
+        f"Candidates: {', '.join(found.request.candidates)}. {number_of(len(made), 'presses')} in "
+        f"{found.request.minutes:g} minutes, of which {different} differ: {per_shape}. Seed {found.request.seed}."
     )
 
 
@@ -42,9 +60,21 @@ def separation_line(found: Design) -> str:
     """Return which pairs all presses in an hour do not separate."""
     pairs = found.bound.not_separated()
     if not pairs:
-        return f"All presses in {found.bound.minutes:g} minutes separate every pair of candidates."
+        return (
+            f"{bound_name(found).capitalize()} in {found.bound.minutes:g} minutes separate every pair of candidates."
+        )
     named = ", ".join(f"{a} and {b}" for a, b, _ in pairs)
-    return f"Not even all presses in {found.bound.minutes:g} minutes separate {named}."
+    return f"Not even {bound_name(found)} in {found.bound.minutes:g} minutes separate {named}."
+
+
+def bound_name(found: Design) -> str:
+    """Return which presses the bounding design has."""
+    possible, different = len(found.table.presses), found.bound.different
+    return (
+        f"all {possible} possible presses"
+        if different == possible
+        else f"as many of the {possible} possible presses as fit ({different})"
+    )
 
 
 def quick_line(found: Design) -> str | None:
@@ -67,9 +97,10 @@ def history_line(found: Design) -> str:
         )
     else:
         carries = f"Relaxation lowers the force of the next press by {100 * found.carried_over:.1f} %."
+    depend = next(words for most, words in _DEPENDS if found.dependence <= most + 1e-9)
     return (
         f"In each block, each {target} follows each as often as if they were independent, within "
-        f"{found.imbalance:.1f} presses, and positions depend little on the press before (|r| ≤ "
+        f"{found.imbalance:.1f} presses. Position and {target} {depend} on the press before (|r| up to "
         f"{found.dependence:.2f}). Not every press follows every other one. Washout: the approach and a rest of "
         f"{rest:g} s. {carries}"
     )

@@ -176,6 +176,17 @@ class Identification:
         self.reports.append(PressReport(len(self.reports) + 1, press, surprise, trip_gwt, self.widest))
         return self.reports[-1]
 
+    @property
+    def explained(self) -> list[tuple[Width, float]]:
+        """Highest force of each press: its band for the likely fingers, and the measured one (gwt)."""
+        found = []
+        for measured in self.measured:
+            peak = int(np.argmax(measured.force_gwt))
+            forces = self.predicted.forces_gwt(self.learned.draws, measured.by_depth)[:, peak]
+            width = band(np.maximum(forces, _LEAST_GWT), self.own_error)
+            found.append((width, float(measured.force_gwt[peak])))
+        return found
+
     def _surprise(self, measured: MeasuredPress) -> Surprise:
         peak = int(np.argmax(measured.force_gwt))
         highest_gwt = max(float(measured.force_gwt[peak]), _LEAST_GWT)

@@ -10,7 +10,12 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.report.page_parts import PageFigure, render
+from rig.report.page_source import source_line
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot
+from rig_shared.plural import number_of
+
+_GOOD = 0.05
+"""Relative error of a force that counts as small."""
 
 Row = Mapping[str, Any]
 Line = tuple[str, str]  # model and element
@@ -29,7 +34,24 @@ _FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 
 def page(rows: Sequence[Row], **about: Any) -> str:
     """Return the self-contained HTML page."""
-    return render("speed.html.j2", figures=figures(rows), table=_table(rows), families=_FAMILIES, **about)
+    source = source_line([], "no run: models against a stored reference of virtual presses")
+    shown = {"figures": figures(rows), "table": _table(rows), "families": _FAMILIES}
+    return render("speed.html.j2", source=source, message=message(rows), **shown, **about)
+
+
+def message(rows: Sequence[Row]) -> str:
+    """Return the fastest model whose forces are good enough, in one sentence."""
+    forces = [row for row in rows if row["quantity"] == "force"]
+    found = [mine for candidates in _lines(forces).values() for mine in candidates if _largest(mine) <= _GOOD]
+    if not found:
+        return f"No candidate has all forces within {100 * _GOOD:.0f} % of the reference."
+    best = min(found, key=lambda mine: _median(mine, "total_s"))
+    of_scenes = len({row["scene"] for row in best})
+    return (
+        f"The fastest candidate with all forces of {number_of(of_scenes, 'scenes')} within {100 * _GOOD:.0f} % of "
+        f"the reference is {best[0]['model']} {best[0]['element']}, {best[0]['refinement']}: "
+        f"{_median(best, 'total_s'):.2g} s without a cache, and {100 * _largest(best):.1f} % off at most."
+    )
 
 
 def pareto(rows: Sequence[Row], against: str = "total_s") -> Plot:

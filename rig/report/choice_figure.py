@@ -7,10 +7,11 @@ from matplotlib.figure import Figure
 
 from rig.data import Run
 from rig.data.choices import BY_PLAN, LEVEL, ChoiceVerdict, probabilities_of, verdict_of
+from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure
-from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, label
+from rig.report.style import DOTTED, GREY, Plot, label
 
-_COLORS = (BLUE, ORANGE, GREEN, PURPLE, YELLOW)
+_COLORED = 5
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def choice_figures(run: Run) -> list[PageFigure]:
     if verdict is None:
         return []
     truth = "" if verdict.truth is None else f" Dashed: {label(verdict.truth)}, the truth of the virtual nerve."
-    others = " Gray: all others." if len(verdict.probability) > len(_COLORS) else ""
+    others = " Thin gray: all others." if len(verdict.probability) > _COLORED else ""
     plan = "" if verdict.planned_from is None else " From there on counts are missing, and the run follows the plan."
     caption = (
         "Probability of each candidate against the number of counts. "
@@ -76,10 +77,10 @@ def _draw(figure: Figure, run: Run, verdict: ChoiceVerdict) -> None:
     found = [probabilities_of(one) for one in counted]
     steps = np.arange(len(found))
     for k, name in reversed(list(enumerate(verdict.probability))):
-        colored = k < len(_COLORS)
+        colored = k < _COLORED
         axes.plot(
             steps, [one[name] for one in found],
-            color=_COLORS[k] if colored else GREY, lw=1.8 if colored else 0.8,
+            color=color_of(name) if colored else GREY, lw=1.8 if colored else 0.8,
             ls="--" if name == verdict.truth else "-", marker="o", ms=3.5 if colored else 2,
             label=label(name) if colored else None,
         )  # fmt: skip

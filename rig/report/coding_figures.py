@@ -11,6 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
+from rig.report.measure_colors import color_of
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot
 from sim.coding.encoding import RATE_UNIT, Encoded
 from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
@@ -45,7 +46,7 @@ def _draw_decoded(figure: Figure, drawn: DecodingPlot) -> None:
     if drawn.true is not None:
         skin.plot(drawn.place_mm, drawn.true, color="black", ls="--", marker="x", ms=4, label="true")
     order = np.argsort(drawn.receptor_mm, kind="stable")
-    energy.plot(drawn.receptor_mm[order], drawn.reading[order], ".", color=ORANGE, label="readings")
+    energy.plot(drawn.receptor_mm[order], drawn.reading[order], ".", color=color_of("sed"), label="readings")
     energy.plot(drawn.receptor_mm[order], drawn.explained[order], color=GREY, lw=1, label="explained")
     skin.set_ylabel("pressure (pseudo-units)")
     energy.set(ylabel="SED (pseudo-units)", xlabel="position on the skin (mm)")
@@ -77,7 +78,7 @@ def _draw_encoding(figure: Figure, drawn: EncodingPlot) -> None:
     for (place, pressure), name, colour in zip(kinds, ("normal", "lateral"), (BLUE, ORANGE), strict=False):
         skin.plot(place, pressure, ".-", color=colour, label=name)
     skin.axhline(0, color=GREY, lw=0.6)
-    energy.plot(operator.receptor_mm, encoded.sed, color=BLUE, label=operator.name)
+    energy.plot(operator.receptor_mm, encoded.sed, color=color_of("sed"), label=operator.name)
     if drawn.true is not None:
         energy.plot(*drawn.true, color=GREY, ls="--", label="finite elements")
     skin.set_ylabel("pressure (pseudo-units)")
@@ -96,8 +97,8 @@ def _draw_encoding(figure: Figure, drawn: EncodingPlot) -> None:
 _LEAST_RATE = 1.0
 """Least height of a panel of rates: silent receptors have no negative rates."""
 
-_IMPULSE_COLOURS = (BLUE, ORANGE, GREEN)
 _MEANS = ("e11", "e22", "e12")
+_IMPULSE_COLOURS = tuple(map(color_of, _MEANS))
 
 
 class ImpulsePlot(NamedTuple):
@@ -143,7 +144,7 @@ def _spectra(axes: Axes, responses: ImpulseResponses) -> None:
 def _errors(axes: Axes, errors: ShiftErrors) -> None:
     for means, colour, values in zip(_MEANS, _IMPULSE_COLOURS, errors.strain, strict=True):
         axes.plot(errors.place_mm, 100 * values, color=colour, label=means)
-    axes.plot(errors.place_mm, 100 * errors.sed, color="black", label="SED")
+    axes.plot(errors.place_mm, 100 * errors.sed, color=color_of("sed"), label="SED")
     axes.set_xlabel("position of the load (mm)")
 
 

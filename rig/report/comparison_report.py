@@ -1,6 +1,6 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
@@ -22,6 +22,7 @@ from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report import profile_figures
 from rig.report.page_parts import PageFigure, Section, alone, as_png, figures_of, render
+from rig.report.page_source import source_line
 from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
 from rig.report.style import as_number, as_positions, label, unit
@@ -81,7 +82,7 @@ def _profiles(stimulus: StimulusRow, shown: Sequence[str], *, tested: bool) -> P
         "One profile per receptor, shifted upwards. Dotted: the mean of the two ends; black tick: x of the receptor."
     )
     test = (
-        " Blue profiles pass the shape test, gray ones do not. Orange: the smallest dip (steps) or "
+        " Colored profiles pass the shape test, gray ones do not. Black bars: the smallest dip (steps) or "
         f"prominence (bars) that counts, {100 * THRESHOLD:g} % of the peak or of the range."
     )
     drawn = profile_figures.ssrps(stimulus, shown)
@@ -294,15 +295,19 @@ def write_comparison(
     report.
     """
     shown = shown_measures(comparison, answers)
+    instead = () if answers else (_overview(comparison, shown),)
     page = partial(
         render,
         "comparison.html.j2",
         title=title,
+        source=source_line(runs, "no run: a rehearsal on the virtual finger"),
         sections=[
             *lead,
-            *answer_sections(answers, frame(comparison.overlays), recorded=bool(comparison.overlays)),
+            *answer_sections(
+                answers, frame(comparison.overlays), recorded=bool(comparison.overlays), instead=instead
+            ),
             *extra,
-            *simulation_sections(comparison, shown, maps),
+            *simulation_sections(comparison, shown, maps, {figure.title for figure in instead}),
             measures_section(comparison, finger.e_epidermis_mpa),
             *source_sections(comparison),
         ],
@@ -316,10 +321,21 @@ def write_comparison(
         replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
 
 
-def simulation_sections(comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap]) -> list[Section]:
-    """Return the sections on the simulation, which do not depend on recordings."""
-    figures = simulation_figures(comparison, shown, maps)
-    return [*shape_sections(comparison, shape_figures(comparison, shown)), *map(alone, figures)]
+def _overview(comparison: Comparison, shown: Sequence[str]) -> PageFigure:
+    """Return the figure that opens a page without a verdict: simulated profiles."""
+    moved = _moved(comparison)
+    if not moved:
+        return _population(comparison.stimuli[0], shown)
+    return _profiles(moved[0], shown, tested=comparison.passes(moved[0]) is not None)
+
+
+def simulation_sections(
+    comparison: Comparison, shown: Sequence[str], maps: Sequence[StimulusMap], above: Collection[str] = ()
+) -> list[Section]:
+    """Return the sections on the simulation, which do not depend on recordings, without figures titled `above`."""
+    tested = [one for one in shape_figures(comparison, shown) if one.title not in above]
+    figures = [one for one in simulation_figures(comparison, shown, maps) if one.title not in above]
+    return [*shape_sections(comparison, tested), *map(alone, figures)]
 
 
 def _provenance(comparison: Comparison, runs: Sequence[Run], finger: Fingertip, command: str) -> dict[str, Any]:

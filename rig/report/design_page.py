@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib.colors import ListedColormap, Normalize
 from matplotlib.figure import Figure as Canvas
 
 from rig.data.folder import replace_text
@@ -13,6 +14,7 @@ from rig.design.design import BOUND_MIN, Design
 from rig.design.design_text import (
     FAILS,
     about_the_design,
+    bound_name,
     headline,
     history_line,
     percent,
@@ -21,10 +23,14 @@ from rig.design.design_text import (
 )
 from rig.design.power import PowerRow
 from rig.report.page_parts import PageFigure, Section, alone, render
-from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, signed
+from rig.report.page_source import source_line
+from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, Plot, as_number, shade, signed
+from rig.report.title_lines import title_lines
 from rig_shared.plural import number_of
 
 _COLORS = (BLUE, ORANGE, GREEN, PURPLE)
+_MAPS_ACROSS, _ONCE_PT = 3, 8.0
+_SESSION = ListedColormap([shade(k, 64) for k in range(64)])
 _MOST_NAMED = 9  # candidates whose cells have numbers
 
 
@@ -44,10 +50,12 @@ def write_design_page(path: Path, page: DesignPage) -> None:
     found = page.design
     request = found.request
     sections = [
+        Section("The design", headline(found), figures=(_map(found),)),
         Section(
-            "The design",
-            f"{about_the_design(found)} The session takes {page.duration_s:.0f} s, {request.change_s:g} s for each "
-            f"change of indentor included. An experiment fails if {FAILS}.",
+            "The presses",
+            f"{about_the_design(found)} Each row is one of the presses that differ. The session takes "
+            f"{page.duration_s:.0f} s, {request.change_s:g} s for each change of indentor included. An experiment "
+            f"fails if {FAILS}.",
             ("shape", "x (mm)", _target(found), "repeats", "one more adds (bits)"),
             _press_rows(found),
         ),
@@ -56,19 +64,18 @@ def write_design_page(path: Path, page: DesignPage) -> None:
         Section(
             "Beside other designs",
             "Failures, and how often the truth is in the set, with the Monte Carlo error of the simulation. The last "
-            f"row has all {len(found.table.presses)} possible presses in {BOUND_MIN:g} minutes: no design of this "
-            "bench can do much better.",
+            f"row has {bound_name(found)} in {BOUND_MIN:g} minutes: no design of this bench can do much better.",
             ("design", "minutes", "presses", "failures", "truth in the set", "most probable is the truth"),
-            tuple(_outcome_row(one) for one in (*found.outcomes, found.bound)),
+            (*map(_outcome_row, found.outcomes), (bound_name(found), *_outcome_row(found.bound)[1:])),
         ),
         _pairs(found),
         *([_power(page.power)] if page.power else []),
         Section("Order and history", history_line(found)),
         _assumptions(found, page.command),
     ]
-    about = f"{headline(found)} {separation_line(found)}"
     title = f"Presses to distinguish {len(request.candidates)} candidates"
-    replace_text(path, render("identification.html.j2", title=title, about=about, sections=sections))
+    source = source_line([], "no run: experiments simulated on a virtual finger")
+    replace_text(path, render("identification.html.j2", title=title, about=source, sections=sections))
 
 
 def figure_sections(page: DesignPage) -> list[Section]:
@@ -79,6 +86,59 @@ def figure_sections(page: DesignPage) -> list[Section]:
         figures.insert(0, PageFigure("Failures against minutes", curves(found), _CURVES))
     figures.append(PageFigure("What each group of presses adds", growth(found), _GROWTH))
     return [alone(one) for one in figures]
+
+
+def _map(found: Design) -> PageFigure:
+    made = found.presses
+    unused = [one for one in found.request.shapes if one not in {press.shape for press in made}]
+    left_out = f" Not used: {', '.join(unused)}." if unused else ""
+    return PageFigure(
+        "The design",
+        press_map(found),
+        "Where each indentor is pressed, one panel per block, in the order of the session. Color: when in the "
+        "session, the mean over repeats. The area of a circle and the number in it: repeats. Small dots: possible "
+        f"presses that were not chosen.{left_out}",
+        message=headline(found),
+    )
+
+
+def press_map(found: Design) -> Plot:
+    """Plot position against depth or force of the presses of each block, with their repeats."""
+    presses, order = found.table.presses, found.made.order.tolist()
+    shapes = list(dict.fromkeys(presses[k].shape for k in order))
+    columns = min(len(shapes), _MAPS_ACROSS)
+    down = -(-len(shapes) // columns)
+
+    def draw(figure: Canvas) -> None:
+        grid = figure.subplots(down, columns, squeeze=False, sharex=True, sharey=True)
+        scale = Normalize(1, max(len(order), 2))
+        for axes in list(grid.flat)[len(shapes) :]:
+            axes.set_axis_off()
+        for number, (axes, shape) in enumerate(zip(grid.flat, shapes, strict=False), 1):
+            mine = [k for k in order if presses[k].shape == shape]
+            rest = [p for k, p in enumerate(presses) if p.shape == shape and k not in set(mine)]
+            axes.plot([p.x_mm for p in rest], [p.target for p in rest], ".", color=GREY, ms=3)
+            different = list(dict.fromkeys(mine))
+            times = [mine.count(k) for k in different]
+            at = [(presses[k].x_mm, presses[k].target) for k in different]
+            number = [float(np.mean([n for n, one in enumerate(order, 1) if one == k])) for k in different]
+            shown = axes.scatter(
+                *np.transpose(at), s=_ONCE_PT**2 * np.array(times), c=number, cmap=_SESSION, norm=scale,
+                edgecolors=GREY, linewidths=0.5, zorder=2,
+            )  # fmt: skip
+            for place, count in zip(at, times, strict=True):
+                if count > 1:
+                    axes.annotate(f"{count}", place, ha="center", va="center", fontsize=7, color="white")
+            about = f"{number}. {shape}: {number_of(len(mine), 'presses')}"
+            axes.set_title(title_lines(about, 9.0 / columns - 0.4, 9), fontsize=9)
+            axes.set_xlabel("indentor x (mm)")
+        if presses[0].kind == "doi_mm":
+            grid[0, 0].invert_yaxis()
+        for axes in grid[:, 0]:
+            axes.set_ylabel(_target(found))
+        figure.colorbar(shown, ax=grid.ravel().tolist(), label="number in the session (1)", pad=0.02)
+
+    return Plot((10.2 if columns > 1 else 6.4, 0.3 + 3.0 * down), draw)
 
 
 _CURVES = (
@@ -179,7 +239,10 @@ def _target(found: Design) -> str:
 def _press_rows(found: Design) -> tuple[tuple[str, ...], ...]:
     rows = []
     made = found.made.order.tolist()
-    for k in sorted(set(made), key=lambda one: (made.index(one) // 10**6, found.table.presses[one])):
+    shapes = list(dict.fromkeys(found.table.presses[k].shape for k in made))
+    for k in sorted(
+        set(made), key=lambda one: (shapes.index(found.table.presses[one].shape), found.table.presses[one])
+    ):
         press = found.table.presses[k]
         rows.append(
             (

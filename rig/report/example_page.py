@@ -21,8 +21,9 @@ from rig.compare.example import (
 )
 from rig.compare.fit import fit_rates, predicted
 from rig.compare.verdict_text import percent, probability
+from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
-from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number
+from rig.report.style import GREY, Plot, as_number
 from sim.models.fingertip import Fingertip
 
 HEADER = (
@@ -138,13 +139,10 @@ def _depends(levels: Sequence[Level]) -> str:
 def example_sections(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> list[Section]:
     """Return the sections that open the page."""
     levels = read_levels()
+    first, undecided, depends = lead_sentences(verdicts, levels)
     return [
-        Section(
-            "The recording under the 3 mm bar",
-            " ".join(lead_sentences(verdicts, levels)),
-            figures=(_profiles(rehearsal, verdicts),),
-            points=_about(rehearsal, verdicts),
-        ),
+        Section("The recording under the 3 mm bar", first, figures=(_profiles(rehearsal, verdicts),)),
+        Section("What is open, and what it depends on", f"{undecided} {depends}", points=_about(rehearsal, verdicts)),
         *(_phase(one) for one in verdicts),
         *_sensitivity(levels),
     ]
@@ -183,8 +181,8 @@ def _phase(one: PhaseVerdict) -> Section:
     )
     return Section(
         f"Candidates, {one.phase} phase",
-        f"{what} Each is at its best receptor, best prediction first, over {one.positions} positions. Intervals: "
-        "95 % over draws of blocks of three neighboring positions.",
+        f"{what} Each is at the receptor where it predicts most, most first, over {one.positions} positions. "
+        "Intervals: 95 % over draws of blocks of three neighboring positions.",
         HEADER,
         tuple(_cells(row) for row in list(best.values())[:_ROWS]),
     )
@@ -224,8 +222,9 @@ def _profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> PageFig
     return PageFigure(
         "Recorded and predicted rates under the 3 mm bar",
         Plot((8.4, 3.3), lambda figure: draw_profiles(figure, rehearsal, verdicts)),
-        "Dots: recorded rates of one SA-I afferent (Phillips and Johnson 1981). Lines: the best measure, and the "
-        "best other one, each with its own k and ε₀.",
+        "Dots: recorded rates of one SA-I afferent (Phillips and Johnson 1981). Lines: the candidate that predicts "
+        "most of the held-out deviance, that of another measure, and that of a control, each with its own k and ε₀ "
+        "and with the share that it predicts. The verdict below ranks by likelihood instead.",
     )
 
 
@@ -235,21 +234,30 @@ def plot_example(figure: Figure) -> None:
     draw_profiles(figure, rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES])
 
 
+def _of(row: PhaseCandidate) -> str:
+    """Return the measure of a candidate, which may be its rate of change."""
+    return row.name.rpartition(" rate of ")[2]
+
+
 def draw_profiles(figure: Figure, rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> None:
     """Plot recorded and predicted rates of both phases."""
     panels = figure.subplots(1, len(verdicts))
     for axes, one in zip(panels, verdicts, strict=True):
         recording = recorded(one.phase)
-        others = [row for row in one.rows if not row.control and row.name != one.best.name]
+        others = next((row for row in one.rows if not row.control and _of(row) != _of(one.best)), None)
+        control = next((row for row in one.rows if row.control), None)
         fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 281)
-        for row, colour, style in ((others[0], ORANGE, "--"), (one.best, BLUE, "-")):
+        for row, style in ((control, ":"), (others, "--"), (one.best, "-")):
+            if row is None:
+                continue
             names, at = rehearsal.at(recording.position_mm)
             _, between = rehearsal.at(fine)
             receptor = int(np.argmin(np.abs(rehearsal.stimulus.receptor_mm - (row.receptor_mm or 0.0))))
             eps, known = (values[names.index(row.name), :, receptor] for values in (at, between))
             here = np.isfinite(eps)
             fit = fit_rates(eps[here], recording.rate[here])
-            axes.plot(fine, predicted(fit, known), style, color=colour, lw=1.5, label=titled(row))
+            about = f"{titled(row)}{' (control)' * row.control}: {percent(row.held_out)}"
+            axes.plot(fine, predicted(fit, known), style, color=color_of(row.name), lw=1.5, label=about)
         axes.plot(recording.position_mm, recording.rate, "o", ms=3.5, color="black", label="recorded")
         axes.set_title(f"{one.phase} phase", fontsize=9)
         axes.set_xlabel("position of the bar from the field center (mm)", fontsize=8)

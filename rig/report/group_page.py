@@ -21,10 +21,12 @@ from rig.compare.verdict_text import percent
 from rig.data import Run
 from rig.data.folder import replace_bytes, replace_text
 from rig.report.page_parts import PageFigure, Section, as_png, render
+from rig.report.page_source import source_line
 from rig.report.spikes_section import spikes_sections
 from rig.report.style import Plot, as_limits, as_number
+from rig_shared.plural import number_of
 
-_WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.5
+_WIDE_IN, _ROW_IN, _AROUND_IN = 9.0, 0.24, 1.9
 _MOST_ROWS = 18
 _LEAST, _MOST = 0.5, 100.0  # differences of log-likelihoods between which colors are told apart
 _MEASURES = (
@@ -51,13 +53,18 @@ class GroupPage:
         """Title, which marks synthetic recordings."""
         names = [one.name for some in self.recordings.values() for one in some.values()]
         made = " (synthetic recordings)" if is_synthetic(names) else ""
-        return f"Which measure explains {len(self.recordings)} afferents?{made}"
+        return f"Which measure explains {number_of(len(self.verdicts), 'afferents')}?{made}"
 
 
 def write_group_page(path: Path, page: GroupPage, pdf: Path | None = None) -> None:
     """Write the page as HTML, and as PDF if requested, dated by the newest run."""
-    about = f"{', '.join(run.folder.path.name for run in page.runs)} ({page.small_strain})"
-    html = partial(render, "identification.html.j2", title=page.title, about=about, sections=group_sections(page))
+    html = partial(
+        render,
+        "identification.html.j2",
+        title=page.title,
+        about=source_line(page.runs),
+        sections=group_sections(page),
+    )
     replace_text(path, html())
     if pdf is not None:
         from rig.report.pdf import as_pdf  # slow to import, and most pages need no PDF
@@ -69,16 +76,10 @@ def write_group_page(path: Path, page: GroupPage, pdf: Path | None = None) -> No
 def group_sections(page: GroupPage) -> list[Section]:
     """Return the sections in page order."""
     verdict = page.verdict
-    found = [Section("Verdict on the group", sentence_of_group(verdict))]
+    figures = () if verdict is None else (_figure(verdict, page.title),)
+    found = [Section("Verdict on the group", sentence_of_group(verdict), figures=figures)]
     if verdict is not None:
-        found = [
-            Section(
-                "Verdict on the group",
-                sentence_of_group(verdict),
-                points=tuple(sentences_of_group(verdict)),
-                figures=(_figure(verdict, page.title),),
-            )
-        ]
+        found.append(Section("Details", "", points=(*sentences_of_group(verdict), *_left_out(page))))
     found.append(_afferents(page))
     if verdict is not None:
         found.append(
@@ -90,6 +91,12 @@ def group_sections(page: GroupPage) -> list[Section]:
             )
         )
     return [*found, *spikes_sections(page.recordings, page.shift), _recordings(page), _provenance(page)]
+
+
+def _left_out(page: GroupPage) -> list[str]:
+    if not page.left_out:
+        return []
+    return [f"Left out of {number_of(len(page.recordings), 'afferents')}: {', '.join(page.left_out)}."]
 
 
 def _row(row: GroupRow) -> tuple[str, ...]:
@@ -142,7 +149,7 @@ def _provenance(page: GroupPage) -> Section:
         (run.folder.path.name, sha256(run.folder.events), sha256(run.folder.path / "config.toml"))
         for run in page.runs
     ]
-    text = f"This command reproduces the page and its figure: {page.command}. {versions}."
+    text = f"This command reproduces the page and its figure: {page.command}. {versions}. {page.small_strain}."
     return Section("Provenance", text, ("run", "SHA-256 of events.jsonl", "of config.toml"), tuple(rows))
 
 
@@ -151,8 +158,9 @@ def _figure(verdict: GroupVerdict, title: str) -> PageFigure:
     return PageFigure(
         "Log-likelihood of each afferent under each measure in common",
         Plot(size, lambda figure: _draw(figure, verdict, title)),
-        f"Below the afferent's best measure; darker is worse, and differences above {_MOST:g} look alike. Dots: the "
-        "maximum-likelihood measure of the afferent alone. Numbers at the top: probabilities in the group.",
+        "Difference from the highest log-likelihood of the afferent; darker is worse, and differences above "
+        f"{_MOST:g} look alike. Numbers at the top: probabilities in the group.",
+        message=sentence_of_group(verdict),
     )
 
 
@@ -163,9 +171,6 @@ def _draw(figure: Figure, verdict: GroupVerdict, title: str) -> None:
     axes = figure.subplots()
     image = axes.imshow(np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r", aspect="auto")
     names, afferents = [row.name for row in rows], list(verdict.afferents)
-    for a, one in enumerate(verdict.afferents.values()):
-        if one.closest.name in names:
-            axes.plot(names.index(one.closest.name), a, "o", color="#D55E00", markersize=5)
     axes.set_xticks(range(len(names)), names, rotation=60, ha="right")
     axes.set_yticks(range(len(afferents)), afferents)
     for n, row in enumerate(rows):

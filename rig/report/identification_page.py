@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.figure import Figure as Canvas
@@ -12,14 +13,23 @@ from rig.data.folder import replace_text
 from rig.plan.config import unit
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot, signed
+from rig.report.title_lines import title_lines
 from rig_shared.plural import number_of
 from sim.identification.posterior import Learned
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
 from sim.identification.prior import named, plain
-from sim.identification.uncertainty_bands import COVERAGE
+from sim.identification.uncertainty_bands import COVERAGE, Width
 
 _SHOWN = 60  # draws in a panel
 _ACROSS = 4
+
+
+class ForceBand(NamedTuple):
+    """Force that the identified finger predicts, with its band, and the measured one of a press that was made."""
+
+    press: str
+    width: Width
+    measured_gwt: float | None = None
 
 
 @dataclass(frozen=True)
@@ -34,6 +44,8 @@ class IdentificationPage:
     forces: Sequence[tuple[str, ...]]
     numbers: Sequence[tuple[str, ...]]
     not_learned: Sequence[str]
+    bands: Sequence[ForceBand]
+    source: str
     mismatch: str | None = None  # why no finger of the prior explains the presses
 
 
@@ -41,7 +53,13 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
     """Write one self-contained page. Raises OSError."""
     over_time, before_and_after, correlated = identification_figures(page)
     sections = [
-        Section("Known forces", _IN_BRACKETS, (*_PRESS, "force (gwt)", "known to"), tuple(page.forces)),
+        Section("The force band", _message(page), figures=(_band_figure(page),)),
+        Section(
+            "Known forces",
+            f"Forces that were asked for. {_IN_BRACKETS}",
+            (*_PRESS, "force (gwt)", "known to"),
+            tuple(page.forces),
+        ),
         Section(
             "Not learned",
             "" if page.not_learned else "All requested forces are known.",
@@ -64,11 +82,8 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         alone(before_and_after),
         alone(correlated),
     ]
-    presses = number_of(len(page.measured), "presses")
     title = "Identified finger" if page.mismatch is None else "The identified object is not a finger of the prior"
-    agree = "the predicted forces agree with the measured ones within the errors of sensor and model"
-    about = f"{presses}: {page.mismatch or agree}"
-    replace_text(path, render("identification.html.j2", title=title, about=about, sections=sections))
+    replace_text(path, render("identification.html.j2", title=title, about=page.source, sections=sections))
 
 
 def identification_figures(page: IdentificationPage) -> list[PageFigure]:
@@ -78,6 +93,59 @@ def identification_figures(page: IdentificationPage) -> list[PageFigure]:
         PageFigure("Before and after", marginals(page), _BEFORE_AND_AFTER),
         PageFigure("Correlations", correlations(page), _CORRELATED),
     ]
+
+
+def _message(page: IdentificationPage) -> str:
+    """Return what the presses show, in one sentence."""
+    pressed = [one for one in page.bands if one.measured_gwt is not None]
+    if page.mismatch is not None:
+        return f"{number_of(len(pressed), 'presses')}: {page.mismatch}."
+    if page.learned.collapsed:
+        return (
+            "The estimate has collapsed onto a few samples, so its bands are meaningless. Identify the finger again."
+        )
+    inside = sum(
+        one.width.low <= one.measured_gwt <= one.width.high for one in pressed if one.measured_gwt is not None
+    )
+    known = max((one.width.half for one in page.bands if one.measured_gwt is None), default=None)
+    asked = (
+        "" if known is None else f", and every force that was asked for is known to ± {100 * known:.0f} % or better"
+    )
+    return (
+        f"The identified finger explains {inside} of {number_of(len(pressed), 'presses')} within its "
+        f"{100 * COVERAGE:.0f} % band{asked}."
+    )
+
+
+def _band_figure(page: IdentificationPage) -> PageFigure:
+    return PageFigure(
+        "The force band",
+        force_band(page.bands),
+        f"Blue: the {100 * COVERAGE:.0f} % band of the force that the identified finger predicts, and its middle. "
+        "Black: the highest force that was measured. Rows without a black dot were asked for and not pressed.",
+        message=_message(page),
+    )
+
+
+def force_band(bands: Sequence[ForceBand]) -> Plot:
+    """Plot the predicted band of each force, with the measured force on it."""
+
+    def draw(figure: Canvas) -> None:
+        axes = figure.subplots()
+        for row, one in enumerate(bands):
+            axes.plot(
+                [one.width.low, one.width.high], [row, row], color=BLUE, lw=7, alpha=0.45, solid_capstyle="butt"
+            )
+            axes.plot([one.width.middle], [row], "|", color=BLUE, ms=11, mew=1.6)
+            if one.measured_gwt is not None:
+                axes.plot([one.measured_gwt], [row], "o", color="black", ms=4.5)
+            axes.annotate(one.press, (0.0, row), (3, 6), textcoords="offset points", fontsize=8)
+        axes.set_yticks(())
+        axes.set_ylim(len(bands) - 0.5, -0.8)
+        axes.set_xlim(0, None)
+        axes.set_xlabel("force (gwt)")
+
+    return Plot((5.6, 0.8 + 0.36 * len(bands)), draw)
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")
@@ -112,9 +180,8 @@ def presses_over_time(page: IdentificationPage) -> Plot:
                 t_s, page.predicted.forces_gwt(page.learned.draws[:_SHOWN], measured.trajectory).T, color=BLUE, lw=0.3
             )
             axes.plot(t_s, measured.force_gwt, ".", color="black", ms=4)
-            axes.set_title(
-                f"{number}: {measured.trajectory.indentor} at {signed(measured.trajectory.x_mm)} mm", fontsize=9
-            )
+            about = f"{number}: {measured.trajectory.indentor} at {signed(measured.trajectory.x_mm)} mm"
+            axes.set_title(title_lines(about, 2.3, 9), fontsize=9)
             axes.set_xlabel("time since the start of the press (s)")
         for axes in list(grid.flat)[len(page.measured) :]:
             axes.set_axis_off()

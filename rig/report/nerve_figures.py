@@ -1,5 +1,6 @@
 """Figures of simulated spikes: raster, rate over the press, rate against position."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -13,8 +14,10 @@ from rig.data import Run
 from rig.data.spike_files import SpikeRecord, SpikeTrain
 from rig.report.page_parts import PageFigure, figures_of
 from rig.report.run_figures import broken
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed, wrapped
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, Room, signed
+from rig.report.title_lines import title_lines
 from rig_shared.natural_order import natural_order
+from rig_shared.plural import number_of
 
 Array = NDArray[np.float64]
 
@@ -23,8 +26,7 @@ _OTHER_COLORS = (PURPLE, YELLOW, GREY)
 _BIN_S = 0.05
 _BEFORE_S, _ROOM_S = 0.5, 3.0
 _MOST_LABELS = 25
-_TITLE_CHARACTERS = 140
-"""Number of characters of titles side by side."""
+_PANELS_ACROSS, _PANELS_A_PAGE = 3, 9
 
 
 @dataclass(frozen=True)
@@ -58,28 +60,46 @@ def pressed(run: Run) -> list[Pressed]:
     return found
 
 
+def _fired(record: SpikeRecord) -> list[SpikeTrain]:
+    return [one for one in record.trains if len(one.spike_s)]
+
+
+def nothing_fired(run: Run, record: SpikeRecord | None) -> str:
+    """Return the sentence of a run whose simulated afferents all stayed silent; empty for any other."""
+    return "" if record is None or not record.trains or _fired(record) else silent_sentence(run, record)
+
+
+def silent_sentence(run: Run, record: SpikeRecord) -> str:
+    """Return which simulated afferents never fired; empty if all did."""
+    silent = [one for one in record.trains if not len(one.spike_s)]
+    if not silent:
+        return ""
+    number = number_of(len(record.trains), "simulated afferents")
+    if not _fired(record):
+        return f"None of {number} fired in {number_of(len(pressed(run)), 'presses')}."
+    of_model = Counter(one.model for one in record.trains)
+    said = ", ".join(f"{n} of {of_model[model]} {model}" for model, n in Counter(one.model for one in silent).items())
+    return f"{len(silent)} of {number} never fired and have no rows: {said}."
+
+
 def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
-    """Return the figures of simulated spikes; none without a finished indentation."""
+    """Return the figures of simulated spikes; none without a finished indentation, or where nothing fired."""
     presses = pressed(run)
-    if not presses or not record.trains:
+    silence = silent_sentence(run, record)
+    if not presses or not _fired(record):
         return []
     busiest = max(presses, key=lambda one: sum(_count(train, one.touch_s, one.end_s) for train in record.trains))
     about = (
         f"Synthetic: spikes of simulated afferents, seed {record.seed}, at an electrode {record.electrode}. "
         f"Data: synthetic_spikes.csv, synthetic_afferents.csv."
     )
-    fired = sum(len(train.spike_s) > 0 for train in record.trains)
-    number = f"{fired} of {len(record.trains)}" if fired else "None of the"
-    raster = PageFigure(
-        "Simulated spikes",
-        Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
-        f"{number} simulated afferents fired. Each row is an afferent, each mark a spike. Above: force. {about}",
-        message=f"{number} simulated afferents fired.",
-    )
-    if not fired:
-        return [raster]
     figures = [
-        raster,
+        PageFigure(
+            "Simulated spikes",
+            Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
+            f"Each row is an afferent, each mark a spike. Above: force. {silence} {about}".replace("  ", " "),
+            message=f"{len(_fired(record))} of {number_of(len(record.trains), 'simulated afferents')} fired.",
+        ),
         PageFigure(
             "Simulated spikes over the press",
             Plot(
@@ -88,21 +108,81 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
                 layout=None,
             ),
             f"Left: the press with the most spikes, {busiest.group} at x = {signed(busiest.x_mm)} mm. Right: rate of "
-            f"each class from touch to lift, in bins of {1e3 * _BIN_S:g} ms, mean over its afferents and all "
+            f"each class from touch to lift, in bins of {1e3 * _BIN_S:g} ms, mean over all its afferents and "
             f"{len(presses)} presses, each from the start of its last hold. {about}",
         ),
     ]
     if len({round(one.x_mm, 3) for one in presses}) > 1:
+        panels = rate_panels(record, presses)
+        firing = [one for one in panels if one.fired]
+        quiet = "; ".join(one.title.replace("\n", ", ") for one in panels if not one.fired)
         figures += figures_of(
             "Simulated rate against position",
-            [[one for one in presses if one.group == group] for group in _groups(presses)],
-            1,
-            lambda part: Plot((9.6, 4.4), lambda figure: _against_position(figure, record, part[0]), layout=None),
-            "Mean rate of each afferent from touch to the last hold (press), and in the last hold (hold), "
-            "against the position of the indentor; mean of repeats. "
-            f"Black: mean of the class. {about}",
+            firing,
+            _PANELS_A_PAGE,
+            lambda part: Plot(
+                (9.6, 0.6 + 2.1 * -(-len(part) // _PANELS_ACROSS)), lambda figure: _rates(figure, part)
+            ),
+            "Mean rate of each afferent that fired, from touch to the last hold (press), and in the last hold "
+            "(hold), against the position of the indentor; mean of repeats. Black: mean of the class, silent "
+            "afferents included. "
+            f"{f'No spike, and no panel: {quiet}. ' if quiet else ''}{about}",
         )
     return figures
+
+
+@dataclass(frozen=True)
+class RatePanel:
+    """Rates (afferents, positions) of one class under one indentor in one window, against position (mm)."""
+
+    title: str
+    color: str
+    x_mm: Array
+    rates: Array
+
+    @property
+    def fired(self) -> bool:
+        """Whether there was any spike."""
+        return bool(self.rates.any())
+
+
+def rate_panels(record: SpikeRecord, presses: Sequence[Pressed]) -> list[RatePanel]:
+    """Return a panel for each indentor and target, window and class."""
+    found = []
+    for group in _groups(presses):
+        mine = [one for one in presses if one.group == group]
+        windows = {
+            "press": [(one.touch_s, one.hold_s) for one in mine],
+            "hold": [(one.hold_s, one.hold_end_s) for one in mine],
+        }
+        places = np.array([round(one.x_mm, 3) for one in mine])
+        x = np.unique(places)
+        for name, window in windows.items():
+            for model in _models(record):
+                each = np.array([_rate(train, window) for train in record.trains if train.model == model])
+                rates = np.stack([each[:, places == one].mean(axis=1) for one in x], axis=1)
+                found.append(RatePanel(f"{model}, {name}\n{group}", _color(record, model), x, rates))
+    return found
+
+
+def _rate(train: SpikeTrain, window: Sequence[tuple[float, float]]) -> list[float]:
+    return [_count(train, begin, end) / max(end - begin, 1e-9) for begin, end in window]
+
+
+def _rates(figure: Figure, shown: Sequence[RatePanel]) -> None:
+    columns = min(len(shown), _PANELS_ACROSS)
+    grid = figure.subplots(-(-len(shown) // columns), columns, squeeze=False)
+    for axes in list(grid.flat)[len(shown) :]:
+        axes.set_axis_off()
+    for axes, one in zip(grid.flat, shown, strict=False):
+        axes.plot(one.x_mm, one.rates[one.rates.any(axis=1)].T, color=one.color, lw=0.8, alpha=0.6)
+        axes.plot(one.x_mm, one.rates.mean(axis=0), "-o", ms=2, color="black", lw=1.2)
+        axes.set_ylim(0, None)
+        axes.set_title(title_lines(one.title, 2.6, 8), fontsize=8)
+        axes.tick_params(labelsize=8)
+        axes.set_xlabel("indentor x (mm)", fontsize=8)
+    for axes in grid[:, 0]:
+        axes.set_ylabel("rate (impulses/s)", fontsize=8)
 
 
 def _color(record: SpikeRecord, model: str) -> str:
@@ -120,7 +200,7 @@ def _groups(presses: Sequence[Pressed]) -> list[str]:
 
 def _raster_in(record: SpikeRecord) -> float:
     """Return the height of a raster (in)."""
-    return float(np.clip(0.17 * len(record.trains), 0.8, 4.2))
+    return float(np.clip(0.17 * len(_fired(record)), 0.8, 4.2))
 
 
 def _count(train: SpikeTrain, begin_s: float, end_s: float) -> int:
@@ -157,7 +237,7 @@ def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, pre
     after = max(press.end_s - press.hold_s for press in presses) + _BEFORE_S
     bins = max(round((before + after) / _BIN_S), 1)
     edges = np.linspace(-before, bins * _BIN_S - before, bins + 1)
-    for model in _models(record):
+    for model in dict.fromkeys(one.model for one in _fired(record)):
         trains = [train.spike_s for train in record.trains if train.model == model]
         counts = sum(np.histogram(spikes - press.hold_s, edges)[0] for spikes in trains for press in presses)
         rate = counts / (len(trains) * len(presses) * _BIN_S)
@@ -168,43 +248,6 @@ def _over_press(figure: Figure, run: Run, record: SpikeRecord, one: Pressed, pre
     right.legend(fontsize=8, loc="upper right")
 
 
-def _against_position(figure: Figure, record: SpikeRecord, mine: Sequence[Pressed]) -> None:
-    """Plot the rates of presses to one depth or force."""
-    group, models = mine[0].group, _models(record)
-    panels = Room(left=0.7, right=0.2, top=0.45, rows=0.6).panels(figure, 2, len(models), sharex=True)
-    places = np.array([round(one.x_mm, 3) for one in mine])
-    windows = {
-        "press": [(one.touch_s, one.hold_s) for one in mine],
-        "hold": [(one.hold_s, one.hold_end_s) for one in mine],
-    }
-    for row, (name, window) in zip(panels, windows.items(), strict=True):
-        for axes, model in zip(row, models, strict=True):
-            trains = [train for train in record.trains if train.model == model]
-            _rates(axes, trains, window, places, _color(record, model))
-            axes.set_title(wrapped(f"{model}, {name}, {group}", _TITLE_CHARACTERS // len(models)), fontsize=8)
-        row[0].set_ylabel("rate (impulses/s)")
-    for axes in panels[-1]:
-        axes.set_xlabel("indentor x (mm)")
-
-
-def _rates(
-    axes: Axes, trains: Sequence[SpikeTrain], windows: Sequence[tuple[float, float]], places: Array, color: str
-) -> None:
-    """Plot mean rates in windows against place: each afferent, and their mean in black."""
-    x = np.unique(places)
-    rates = []
-    for train in trains:
-        each = np.array([_count(train, begin, end) / max(end - begin, 1e-9) for begin, end in windows])
-        rates.append([float(each[places == one].mean()) for one in x])
-        axes.plot(x, rates[-1], color=color, lw=0.8, alpha=0.6)
-    axes.plot(x, np.mean(rates, axis=0), "-o", ms=2, color="black", lw=1.2)
-    if np.any(rates):
-        axes.set_ylim(bottom=0)
-    else:  # an axis would be invented
-        axes.set(ylim=(0, 1), yticks=())
-        axes.text(0.5, 0.5, "silent in every press", transform=axes.transAxes, ha="center", color=GREY, fontsize=8)
-
-
 def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
     read = [s for s in run.stream("sample") if begin_s <= s["t_s"] <= end_s]
     axes.plot(*broken(read, run), color="black", lw=0.8)
@@ -212,13 +255,17 @@ def _force(axes: Axes, run: Run, begin_s: float, end_s: float) -> None:
 
 
 def _raster(axes: Axes, record: SpikeRecord, begin_s: float, end_s: float) -> None:
-    shown = [one.spike_s[(one.spike_s >= begin_s) & (one.spike_s <= end_s)] for one in record.trains]
-    colors = [_color(record, one.model) for one in record.trains]
+    rows = _fired(record)
+    shown = [one.spike_s[(one.spike_s >= begin_s) & (one.spike_s <= end_s)] for one in rows]
+    colors = [_color(record, one.model) for one in rows]
     axes.eventplot(shown, colors=colors, linewidths=0.5, linelengths=0.8)
     axes.set(ylim=(len(shown) - 0.5, -0.5))
     if len(shown) <= _MOST_LABELS:
-        axes.set_yticks(range(len(shown)), [one.afferent for one in record.trains], fontsize=7)
+        axes.set_yticks(range(len(shown)), [one.afferent for one in rows], fontsize=7)
     else:
         axes.set_yticks(())
-        handles = [Line2D([], [], color=_color(record, name), label=name) for name in _models(record)]
+        handles = [
+            Line2D([], [], color=_color(record, name), label=name)
+            for name in dict.fromkeys(one.model for one in rows)
+        ]
         axes.legend(handles=handles, fontsize=8, loc="upper right")

@@ -15,8 +15,10 @@ from rig.compare.comparison import Comparison, Overlay
 from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.profile_shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
+from rig.report.measure_colors import color_of
 from rig.report.recording_sections import frame
-from rig.report.style import BLUE, DOTTED, GREY, ORANGE, Plot, Room, label, shade_of, signed, some_of, unit
+from rig.report.style import DOTTED, GREY, Plot, Room, label, shade_of, signed, some_of, unit
+from rig.report.title_lines import title_lines
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -53,7 +55,7 @@ def _ssrps(figure: Figure, stimulus: StimulusRow, measures: Sequence[str]) -> No
         values = stimulus.measures[MEASURES.index(measure)]
         size = float(np.ptp(values)) or 1.0
         for k in range(len(stimulus.receptor_mm)):
-            _one_ssrp(axes, stimulus, values[:, k] / size, k)
+            _one_ssrp(axes, stimulus, values[:, k] / size, k, color_of(measure))
         axes.set_title(f"{label(measure)}, one step up = {_STEP_UP * size:.3g} {unit(measure)}", fontsize=8)
         axes.set_xlabel("indentor x (mm)")
         levels = _STEP_UP * np.arange(len(stimulus.receptor_mm))
@@ -62,12 +64,12 @@ def _ssrps(figure: Figure, stimulus: StimulusRow, measures: Sequence[str]) -> No
     panels[0].set_ylabel("receptor x (mm)")
 
 
-def _one_ssrp(axes: Axes, stimulus: StimulusRow, profile: Array, k: int) -> None:
+def _one_ssrp(axes: Axes, stimulus: StimulusRow, profile: Array, k: int, of_measure: str) -> None:
     """Plot a profile on its own baseline; the bar at its right end is as long as the smallest passing dip."""
     verdict = shape_test(stimulus.indentor, stimulus.x_mm, profile)
     base = 0.5 * float(profile[0] + profile[-1])
     passed = verdict is not None and verdict.passed
-    colour = BLUE if passed else GREY
+    colour = of_measure if passed or verdict is None else GREY
     level = _STEP_UP * k
     axes.plot(stimulus.x_mm, profile - base + level, "-o", ms=1.8, lw=1.6 if passed else 0.8, color=colour)
     axes.axhline(level, color=GREY, lw=0.8, ls=DOTTED)
@@ -76,7 +78,7 @@ def _one_ssrp(axes: Axes, stimulus: StimulusRow, profile: Array, k: int) -> None
         return
     end = float(stimulus.x_mm[-1]) + 0.04 * float(np.ptp(stimulus.x_mm))
     least = THRESHOLD * max(verdict.judged_by.get("peak", verdict.judged_by.get("range", 0.0)), 0.0)
-    axes.plot([end, end], [level - least, level], color=ORANGE, lw=4, solid_capstyle="butt")
+    axes.plot([end, end], [level - least, level], color="black", lw=4, solid_capstyle="butt")
     mark = "pass" if passed else "–"
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 
@@ -203,7 +205,8 @@ def _heat_map(
     axes.set_yticks(np.arange(len(MEASURES) - 1) + 0.5, minor=True)
     axes.grid(which="minor", color="#dddddd", lw=0.4)
     axes.tick_params(which="minor", length=0)
-    axes.set_title(stimulus.title + ("" if passed is not None else "\nno shape test"), fontsize=8)
+    about = stimulus.title + ("" if passed is not None else "\nno shape test")
+    axes.set_title(title_lines(about, 1.9, 8), fontsize=8)
     for side in axes.spines.values():
         side.set_visible(True)
     return image
@@ -241,7 +244,7 @@ def _pressure_map(axes: Axes, stimulus: StimulusRow) -> QuadMesh:
     outline = [withStroke(linewidth=2.2, foreground="black")]
     marks = np.array(ends).reshape(-1, 2).T
     axes.plot(*marks, "|", ms=4.5, mew=1.0, color="white", path_effects=outline)
-    axes.set_title(stimulus.title, fontsize=8)
+    axes.set_title(title_lines(stimulus.title, 2.3, 8), fontsize=8)
     axes.tick_params(labelsize=7)
     return image
 

@@ -13,7 +13,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.figure import Figure as Canvas
-from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
@@ -21,14 +20,15 @@ from rig.compare.fit import Fit, predicted
 from rig.compare.recordings.columns import no_rows, read_table
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
+from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, Plot, as_number, label, shade, signed, unit
+from rig.report.style import GREY, Plot, as_number, label, shade, signed, unit
+from rig.report.verdict_figures import stimulus_styles
 from sim.contact.indentor import ACROSS
 from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
-_SHAPE_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"))
 _RATE = "discharge rate (unit of the recording)"
 _WIDEST_IN = 9.8
 
@@ -55,18 +55,18 @@ def _overlays(figure: Figure, joint: Joint, pairs: list[Pair], rows: int, column
     figure.supylabel(_RATE, fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel("position from field center (mm)")
-    handles = [
-        Line2D([], [], color="black", marker="o", ms=3, ls="", label="recorded, ± 1 sd"),
-        Line2D([], [], color=BLUE, label="predicted by the joint fit"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, fontsize=8)
 
 
 def _overlay(axes: Axes, overlay: Overlay, fit: Fit, pair: Pair) -> None:
     recording = overlay.recording
     fine = np.linspace(recording.position_mm[0], recording.position_mm[-1], 241)
     line = Fit(*(np.asarray(v[pair]) for v in fit))
-    axes.plot(fine, predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]), color=BLUE, lw=1.4)
+    axes.plot(
+        fine,
+        predicted(line, overlay.stimulus.at(fine)[pair[0], :, pair[1]]),
+        color=color_of(MEASURES[pair[0]]),
+        lw=1.4,
+    )
     axes.errorbar(recording.position_mm, recording.rate, recording.sd, fmt="o", ms=3, color="black", elinewidth=0.7)
 
 
@@ -82,13 +82,14 @@ def _scatter(figure: Figure, joint: Joint, pairs: list[Pair]) -> None:
 
 def _against_measure(axes: Axes, joint: Joint, pair: Pair) -> None:
     measure, receptor = pair
-    for overlay, (colour, marker) in zip(joint.overlays, _SHAPE_STYLES, strict=False):
+    styles = stimulus_styles(len(joint.overlays))
+    for overlay, (colour, marker) in zip(joint.overlays, styles, strict=True):
         eps, name = overlay.eps[measure, :, receptor], overlay.stimulus.indentor
         axes.plot(eps, overlay.recording.rate, marker, ms=4, mfc="none", mec=colour, label=name)
     k, eps0 = joint.fit.k[pair], joint.fit.eps0[pair]
     low, high = (float(f(joint.eps[measure, :, receptor])) for f in (np.nanmin, np.nanmax))
     fine = np.linspace(low - 0.05 * (high - low), high + 0.05 * (high - low), 101)
-    axes.plot(fine, np.maximum(0, k * (fine - eps0)), color="black", lw=1)
+    axes.plot(fine, np.maximum(0, k * (fine - eps0)), color=color_of(MEASURES[measure]), lw=1.4)
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
     axes.set_title(f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}", fontsize=8)
     axes.set_xlabel(f"{label(MEASURES[measure])} ({unit(MEASURES[measure])})")
@@ -211,12 +212,12 @@ def _figures(comparison: Comparison, one: PublishedRecordings) -> list[PageFigur
         PageFigure(
             f"Fig. {one.scatter} of the source: rate against measure",
             scatter(joint, pairs),
-            f"Each point is a recorded position; black: the line over all shapes. {files}.",
+            f"Each point is a recorded position; the line is that over all shapes. {files}.",
         ),
         PageFigure(
             f"Fig. {one.profiles} of the source: predicted over recorded",
             overlays(joint, pairs),
-            f"Rates predicted by this line. {files}.",
+            f"Dots: recorded rates, ± 1 sd. Lines: rates predicted by this line. {files}.",
         ),
     ]
 

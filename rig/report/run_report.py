@@ -23,7 +23,7 @@ from rig.plan.plan import PredictionCheck, found
 from rig.records import grouped
 from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
-from rig.report.nerve_figures import nerve_figures
+from rig.report.nerve_figures import nerve_figures, nothing_fired
 from rig.report.page_parts import PageFigure, figures_of, render
 from rig.report.profile_figures import strain_maps
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
@@ -123,6 +123,7 @@ def _write_page(
         scheduled=run_tables.scheduled(run),
         conditions=grouped(run_tables.condition_rows(run, found), key=lambda row: row.group),
         figures=[*run_page_figures(run, found), *_strain_figure(strain)],
+        nothing_fired=nothing_fired(run, read_spikes(run.folder)),
         choices=choice_rows(run),
         verdict=verdict_of(run),
         why_ended=WHY_ENDED,

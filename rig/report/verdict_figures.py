@@ -1,7 +1,7 @@
 """Figures of the verdict on one afferent: recorded and predicted rates, residuals, and the misfit of each pair."""
 
 from collections.abc import Callable, Sequence
-from itertools import cycle
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -14,21 +14,21 @@ from numpy.typing import NDArray
 
 from rig.compare.stimuli import CONTROL_UNITS
 from rig.compare.verdict import AfferentVerdict, LeftOut, PairRow
+from rig.compare.verdict_text import percent
+from rig.report.measure_colors import color_of
 from rig.report.style import (
-    BLUE,
     DOTTED,
-    GREEN,
     GREY,
-    ORANGE,
-    PURPLE,
     Plot,
     Room,
     as_number,
     label,
+    shade,
     signed,
     some_of,
     unit,
 )
+from rig.report.title_lines import title_lines
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
@@ -39,25 +39,27 @@ _WIDE_IN, _PROFILES_IN, _LEAST_MAP_IN = 7.8, 2.55, 2.7
 _RANKED, _CONTROLS_RANKED = 7, 3
 _RATE = "discharge rate\n(unit of the recording)"
 _RESIDUAL = "recorded − predicted\n(standard deviations)"
-_LINES: tuple[tuple[str, str, float], ...] = ((BLUE, "-", 1.6), (ORANGE, "--", 1.3), (GREEN, ":", 1.5))
-"""Line styles of the superimposed pairs, in their order."""
+_LINES: tuple[tuple[str, float], ...] = (("-", 1.6), ("--", 1.3), (":", 1.5))
+"""Dashes and widths of the superimposed pairs, in their order; the color is that of the measure."""
 _MOST_RECEPTORS = 14
 _CURVE_POINTS = 101
+_LONG = 24  # characters of a name in a legend of several columns
 _FRAME_POINTS = 7
+_LINE_IN = 0.12
 _ROOM = Room(left=0.75, right=0.1, bottom=0.42, top=0.55, columns=0.12, rows=0.42)
 USUAL = 2.0  # standard deviations
-_STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (GREY, "D"), (PURPLE, "v"), ("black", "P"))
+_MARKERS = "os^DvP"
 
 
 def plotted_pairs(answer: AfferentVerdict) -> list[PairRow]:
-    """Return the maximum-likelihood pair, the best pair of another measure, and the best control."""
+    """Return the maximum-likelihood pair, and those of another measure and of a control."""
     first = answer.headline or answer.closest
     found = (first, rival(answer), next(iter(answer.controls), None))
     return [row for row in found if row is not None]
 
 
 def rival(answer: AfferentVerdict) -> PairRow | None:
-    """Return the best pair of another measure than the first, from the set if possible."""
+    """Return the maximum-likelihood pair of another measure than the first, from the set if possible."""
     first = answer.headline or answer.closest
     others = [row for row in answer.measures if row.name != first.name]
     return next((row for row in others if row.in_set), next(iter(others), None))
@@ -144,12 +146,15 @@ def _the_answer(figure: Figure, answer: AfferentVerdict, shown: Sequence[int], f
     pairs = plotted_pairs(answer)
     for axes, number in zip(panels, shown, strict=True):
         _recorded(axes, answer, number)
-        for row, (colour, style, width) in zip(pairs, _LINES, strict=False):
-            _predicted(axes, answer, number, row, color=colour, ls=style, lw=width)
-        axes.set_title(answer.stimuli[number], fontsize=8)
+        for row, (style, width) in zip(pairs, _LINES, strict=False):
+            _predicted(axes, answer, number, row, color=color_of(row.name), ls=style, lw=width)
+        axes.set_title(title_lines(answer.stimuli[number], (_WIDE_IN - 1) / len(shown), 8), fontsize=8)
     panels[0].set_ylabel(_RATE, fontsize=8)
     above.supxlabel("position from field center (mm)", fontsize=8)
-    lines = [Line2D([], [], color=c, ls=s, lw=w) for c, s, w in _LINES[: len(pairs)]]
+    lines = [
+        Line2D([], [], color=color_of(row.name), ls=style, lw=width)
+        for row, (style, width) in zip(pairs, _LINES, strict=False)
+    ]
     handles = [Line2D([], [], color="black", marker="o", ms=3, ls=""), *lines]
     names = ["recorded, ± standard error", *(f"{named(row)}: {_fate(row)}" for row in pairs)]
     above.legend(handles, names, loc="outside upper center", ncols=2, fontsize=7.5)
@@ -202,24 +207,20 @@ def _ranking(below: SubFigure, ranked: Sequence[PairRow]) -> None:
 
 
 def _fate(row: PairRow) -> str:
-    return "in the set" if row.in_set else "not rejected, but worse" if row.fits else "rejected by its fit"
+    status = "in the set" if row.in_set else "not rejected, but worse" if row.fits else "rejected by its fit"
+    return f"{status}, predicts {percent(row.left_out)}"
 
 
 def _marker(row: PairRow) -> dict[str, Any]:
-    shape = "s" if row.control else "o"
-    if row.in_set:
-        return {"marker": shape, "ms": 6, "mfc": BLUE, "mec": BLUE}
-    if row.fits:
-        return {"marker": shape, "ms": 6, "mfc": "white", "mec": BLUE}
-    return {"marker": shape if row.control else "x", "ms": 6, "mfc": ORANGE, "mec": ORANGE}
+    color = color_of(row.name)
+    return {"marker": "o" if row.fits else "x", "ms": 6, "mfc": color if row.in_set else "white", "mec": color}
 
 
 def _legend() -> list[Line2D]:
     return [
-        Line2D([], [], ls="", marker="o", mfc=BLUE, mec=BLUE, label="in the set"),
-        Line2D([], [], ls="", marker="o", mfc="white", mec=BLUE, label="not rejected, but worse"),
-        Line2D([], [], ls="", marker="x", mec=ORANGE, label="rejected by its fit"),
-        Line2D([], [], ls="", marker="s", mfc="white", mec=GREY, label="squares: controls"),
+        Line2D([], [], ls="", marker="o", mfc="black", mec="black", label="in the set"),
+        Line2D([], [], ls="", marker="o", mfc="white", mec="black", label="not rejected, but worse"),
+        Line2D([], [], ls="", marker="x", mec="black", label="rejected by its fit"),
     ]
 
 
@@ -230,8 +231,19 @@ def _grid(answer: AfferentVerdict, shown: Sequence[int], draw: Draw, labels: tup
     """Plot panels of pairs and stimuli; `labels` are those of the vertical axis and of the whole figure."""
     pairs = len(plotted_pairs(answer))
     rows, columns = (pairs, len(shown)) if len(shown) > 1 else (1, pairs)
-    size = (_ROOM.left + 2.3 * columns, _ROOM.top + _ROOM.bottom + 1.45 * rows)
+    room = _room(answer, shown)
+    size = (room.left + 2.3 * columns, room.top + room.bottom + (1.03 + room.rows) * rows)
     return Plot(size, lambda figure: _draw_grid(figure, answer, shown, draw, labels), layout=None)
+
+
+def _room(answer: AfferentVerdict, shown: Sequence[int]) -> Room:
+    """Return the margins, with room for the titles."""
+    lines = max(_title(answer, number, row).count("\n") for number in shown for row in plotted_pairs(answer)) - 1
+    return replace(_ROOM, top=_ROOM.top + _LINE_IN * lines, rows=_ROOM.rows + _LINE_IN * lines)
+
+
+def _title(answer: AfferentVerdict, number: int, row: PairRow) -> str:
+    return title_lines(f"{answer.stimuli[number]}\n{named(row)}", 2.3, 7)
 
 
 def _draw_grid(
@@ -239,11 +251,11 @@ def _draw_grid(
 ) -> None:
     pairs, (quantity, frame) = plotted_pairs(answer), labels
     rows, columns = (len(pairs), len(shown)) if len(shown) > 1 else (1, len(pairs))
-    panels = _ROOM.panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
+    panels = _room(answer, shown).panels(figure, rows, columns, sharex="col" if rows > 1 else True, sharey=True)
     drawn = ((row, number) for row in pairs for number in shown)
     for axes, (row, number) in zip(panels.ravel(), drawn, strict=True):
         draw(axes, answer, number, row)
-        axes.set_title(f"{answer.stimuli[number]}\n{named(row)}", fontsize=7)
+        axes.set_title(_title(answer, number, row), fontsize=7)
         axes.tick_params(labelsize=7.5)
     width, height = figure.get_size_inches()
     figure.text(0.5, 1 - 0.08 / height, frame, fontsize=_FRAME_POINTS, color=GREY, ha="center", va="top")
@@ -253,35 +265,46 @@ def _draw_grid(
 
 def _profile(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow) -> None:
     _recorded(axes, answer, number)
-    _predicted(axes, answer, number, row, color=BLUE, lw=1.4)
+    _predicted(axes, answer, number, row, color=color_of(row.name), lw=1.4)
 
 
 def _residual(axes: Axes, answer: AfferentVerdict, number: int, row: PairRow) -> None:
     mine = of_stimulus(answer, number)
     x, size = answer.places.position_mm[mine], row.residual[mine]
-    axes.axhspan(-USUAL, USUAL, color="#e9eef2", lw=0)
+    axes.axhspan(-USUAL, USUAL, color=GREY, alpha=0.15, lw=0)
     axes.axhline(0, color=GREY, lw=0.6)
-    axes.vlines(x, 0, size, color=BLUE, lw=1.2)
-    axes.plot(x, size, "o", ms=2.5, color=BLUE)
+    axes.vlines(x, 0, size, color=color_of(row.name), lw=1.2)
+    axes.plot(x, size, "o", ms=2.5, color=color_of(row.name))
 
 
 def _scatter(figure: Figure, answer: AfferentVerdict, rows: Sequence[PairRow], frame: str) -> None:
     figure.suptitle(frame, fontsize=_FRAME_POINTS, color=GREY)
     panels = figure.subplots(1, len(rows), squeeze=False, sharey=True)[0]
+    styles = stimulus_styles(len(answer.stimuli))
     for axes, row in zip(panels, rows, strict=True):
-        for number, (colour, marker) in zip(range(len(answer.stimuli)), cycle(_STYLES), strict=False):
+        for number, (colour, marker) in enumerate(styles):
             mine = of_stimulus(answer, number)
             axes.plot(row.eps[mine], answer.places.rate[mine], marker, ms=4, mfc="none", mec=colour)
-        axes.plot(*_curve(row), color="black", lw=1)
+        axes.plot(*_curve(row), color=color_of(row.name), lw=1.4)
         axes.set_title(f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}", fontsize=8)
         axes.set_xlabel(measured_in(row.name), fontsize=8)
         axes.tick_params(labelsize=7.5)
     panels[0].set_ylabel(_RATE, fontsize=8)
     handles = [
         Line2D([], [], ls="", marker=marker, mfc="none", mec=colour, label=title)
-        for title, (colour, marker) in zip(answer.stimuli, cycle(_STYLES), strict=False)
+        for title, (colour, marker) in zip(answer.stimuli, styles, strict=True)
     ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(handles), 4), fontsize=7.5)
+    figure.legend(handles=handles, loc="outside lower center", ncols=_columns(answer.stimuli), fontsize=7.5)
+
+
+def _columns(names: Sequence[str]) -> int:
+    """Return how many columns of a legend fit into its figure."""
+    return 1 if max(map(len, names)) > _LONG else min(len(names), 4)
+
+
+def stimulus_styles(n: int) -> list[tuple[Any, str]]:
+    """Return colors and markers of n stimuli: shades, since hues are those of the measures."""
+    return [("black" if n == 1 else shade(k, n), _MARKERS[k % len(_MARKERS)]) for k in range(n)]
 
 
 def _curve(row: PairRow) -> tuple[Array, Array]:

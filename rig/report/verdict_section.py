@@ -37,10 +37,15 @@ _WOULD_CHANGE = {
 }
 
 
-def answer_sections(answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool) -> list[Section]:
-    """Return the sections of each afferent in page order; `frame` is printed on every figure."""
+def answer_sections(
+    answers: Sequence[AfferentVerdict], frame: str, *, recorded: bool, instead: Sequence[PageFigure] = ()
+) -> list[Section]:
+    """Return the sections of each afferent in page order.
+
+    `frame` is printed on every figure; `instead` are the figures of a page without a verdict.
+    """
     if not answers:
-        return [Section("Verdicts", TOO_FEW if recorded else _NOTHING)]
+        return [Section("Verdicts", TOO_FEW if recorded else _NOTHING, figures=tuple(instead))]
     return [section for one in answers for section in _sections(one, frame, _of(one, answers))]
 
 
@@ -71,10 +76,11 @@ def _verdict(answer: AfferentVerdict, frame: str, of: str) -> PageFigure:
     return PageFigure(
         f"Verdicts{of}",
         verdict_figures.the_answer(answer, shown, frame),
-        f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of measure and "
-        "receptor, of the best pair of another measure, and of the best control; gray crosses: positions "
-        "left out. Below: the best receptor of the best measures and controls, with the p of its fit, best "
-        "first. Dotted: noise alone gives about 1.",
+        f"{some}Above: recorded rates, and the predictions of the maximum-likelihood pair of a measure and a "
+        "receptor, of that of another measure, and of that of a control, with the share of the held-out deviance "
+        "that they predict; gray crosses: positions left out. Below: measures and controls, each at its "
+        "maximum-likelihood receptor, with the p of its fit. Dotted: noise alone gives about 1.",
+        message=sentence(answer),
     )
 
 
@@ -87,7 +93,7 @@ def _other_measure(answer: AfferentVerdict) -> list[str]:
     k = int(np.argmax(np.nan_to_num(distance)))
     rates = f"{as_number(float(first.predicted[k]))} and {as_number(float(other.predicted[k]))}"
     by = (
-        f"The best pair of another measure is {other.title}. Its deviance is larger by "
+        f"The maximum-likelihood pair of another measure is {other.title}. Its deviance is larger by "
         f"{as_number(other.deviance - first.deviance)} times the noise, and it is {status}."
     )
     return [
@@ -120,12 +126,12 @@ def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
     against = PageFigure(
         f"Rate against measure{of}",
         verdict_figures.scatter(answer, frame),
-        "Each point is a recorded position; the measure is interpolated linearly in the SSRP. Black: the fit.",
+        "Each point is a recorded position; the measure is interpolated linearly in the SSRP. Line: the fit.",
     )
     return Section(
         title,
-        "The maximum-likelihood pair, the best pair of another measure, and the best control. The answer "
-        "would change where a prediction leaves the bars at many neighboring positions; see the residuals.",
+        "The maximum-likelihood pair, that of another measure, and that of a control. The answer would change "
+        "where a prediction leaves the bars at many neighboring positions; see the residuals.",
         figures=(*over, against),
     )
 
@@ -185,8 +191,8 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
         f"Fits to the recording{of}",
         "The set contains the pairs whose fit is not rejected and that lie in the model confidence set, both "
         f"at {percent(LEVEL)} without correction, all over the same {len(answer.places.rate)} positions. A "
-        f"pair leaves the set if either p falls below {LEVEL:g}. Below the set: the best receptor of the best "
-        "other measures and controls. The intervals in a row are those of that pair; the list above gives "
+        f"pair leaves the set if either p falls below {LEVEL:g}. Below the set: other measures and controls, each at "
+        "its maximum-likelihood receptor. The intervals in a row are those of that pair; the list above gives "
         f"them over all receptors of the set. {finger}",
         _PAIR,
         tuple(_cells(row) for row in (*answer.set, *rest)),
@@ -234,8 +240,8 @@ def _controls(answer: AfferentVerdict, of: str) -> Section:
     return Section(
         f"Controls{of}",
         "Controls do not depend on the tissue below the skin. They are tested like a measure, each at its "
-        "best receptor. A measure that does not beat them explains nothing: the answer would change if one "
-        "of them entered the set.",
+        "maximum-likelihood receptor. A measure that does not beat them explains nothing: the answer would change "
+        "if one of them entered the set.",
         _PAIR,
         tuple(_cells(row) for row in sorted(best.values(), key=lambda row: row.deviance)),
         points=tuple(

@@ -16,6 +16,7 @@ import rig.identify.adaptive_presses as course
 from rig.bench.virtual import bench_around
 from rig.cli.identify_finger import (
     final_lines,
+    force_bands,
     force_rows,
     number_rows,
     page_lines,
@@ -40,6 +41,7 @@ from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
 from rig.report.identification_page import IdentificationPage, write_identification_page
+from rig.report.page_source import source_line
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, run_on
 from rig.units import GWT_N
 from sim.carriage import Carriage, TruePose
@@ -370,7 +372,10 @@ def test_each_press_and_the_end_are_said(
     page = tmp_path / "identification.html"
     course = FORESEEN, identification.measured, identification.before, identification.learned
     rows = press_rows(identification), force_rows(identification), number_rows(identification)
-    write_identification_page(page, IdentificationPage(*course, *rows, ["x_mm is …"]))
+    bands = force_bands(identification)
+    assert [one.measured_gwt is None for one in bands] == [False] * len(identification.reports) + [True] * len(GOALS)
+    source = source_line([done.run])
+    write_identification_page(page, IdentificationPage(*course, *rows, ["x_mm is …"], bands, source))
     written = page.read_text()
     assert "Identified finger" in written
     assert "x_mm is …" in written
@@ -380,7 +385,7 @@ def test_each_press_and_the_end_are_said(
     most_likely = math.exp(identification.learned.most_likely[FORESEEN.prior.index("ln_stiffness")])
     assert f"{most_likely:.3g}" in written
     assert "ln_" not in written
-    write_identification_page(page, IdentificationPage(*course, *rows, [], "it is a ball"))
+    write_identification_page(page, IdentificationPage(*course, *rows, [], bands, source, "it is a ball"))
     assert "The identified object is not a finger of the prior" in page.read_text()
     assert "presses: it is a ball" in page.read_text()
 

@@ -23,8 +23,9 @@ from rig.compare.verdict import (
 )
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.report import verdict_figures
+from rig.report.measure_colors import color_of
 from rig.report.page_parts import Section
-from rig.report.style import BLUE, ORANGE, PAGE_IN, Plot
+from rig.report.style import GREY, PAGE_IN, Plot
 from rig.report.verdict_section import answer_sections
 
 Array = NDArray[np.float64]
@@ -183,13 +184,13 @@ def test_the_ranking_has_each_name_once_best_first() -> None:
 def test_the_first_figure_shows_rates_and_how_well_pairs_fit() -> None:
     canvas = drawn(verdict_figures.the_answer(answer(*ROWS), [0, 1, 2], "no offset fitted"))
     said = words(canvas)
-    assert {
-        "no offset fitted",
-        *TITLES,
+    assert {"no offset fitted", *TITLES} <= set(said)
+    fates = [text.partition(", predicts ")[0] for text in said if ", predicts " in text]
+    assert fates == [
         "−ep1 at −1.00 mm: in the set",
         "SED at −1.00 mm: not rejected, but worse",
-    } <= set(said)
-    assert "skin pressure (control) at −1.00 mm: rejected by its fit" in said
+        "skin pressure (control) at −1.00 mm: rejected by its fit",
+    ]
     assert {"skin pressure (control) at −1.00 mm", "a constant rate (control)", "p = 0.5", "p = 0.2"} <= set(said)
     assert {"p = 0.001", "p = 0.0004", "p < 0.0001"} <= set(said)
     panels = canvas.axes
@@ -202,16 +203,18 @@ def test_the_first_figure_shows_rates_and_how_well_pairs_fit() -> None:
     assert [[list(x) for x in one] for one in crosses] == [[[2.0, 3.0]], [], []]
     marks = {round(float(line.get_xdata()[0]), 3): line for line in panels[3].lines if line.get_marker() in "osxX"}
     looks = {x: (line.get_marker(), line.get_mfc(), line.get_mec()) for x, line in marks.items()}
+    ep1, sed, bad = (color_of(name) for name in ("ep1", "sed", "e13"))
     assert looks == {
-        1.0: ("o", BLUE, BLUE), 1.3: ("o", "white", BLUE), 2.1: ("s", ORANGE, ORANGE), 3.0: ("x", ORANGE, ORANGE),
-        9.0: ("s", ORANGE, ORANGE),
+        1.0: ("o", ep1, ep1), 1.3: ("o", "white", sed), 2.1: ("x", "white", GREY), 3.0: ("x", "white", bad),
+        9.0: ("x", "white", GREY),
     }  # fmt: skip
 
 
-def test_a_control_that_fits_is_a_square() -> None:
+def test_a_control_that_fits_is_filled_with_gray() -> None:
     control = replace(CONTROL, p_fit=0.5, p_set=0.5)
     canvas = drawn(verdict_figures.the_answer(answer(BEST, control), [0, 1, 2], ""))
-    assert [line.get_marker() for line in canvas.axes[3].lines if line.get_mfc() == BLUE] == ["o", "s"]
+    filled = [line.get_mfc() for line in canvas.axes[3].lines if line.get_marker() == "o"]
+    assert filled == [color_of("ep1"), GREY]
 
 
 def test_of_many_stimuli_the_first_figure_shows_those_that_tell_most() -> None:

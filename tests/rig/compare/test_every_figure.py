@@ -34,8 +34,9 @@ from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.data.tables import spans
 from rig.design.choose import AddedPresses, ChosenPresses
-from rig.design.confusion import Confusion
+from rig.design.confusion import Confusion, OrderedDesign
 from rig.design.design import Design, DesignRequest
+from rig.design.presses import PossiblePress
 from rig.plan.config import load_config
 from rig.plan.finger_model import PredictedHold, responses
 from rig.report import (
@@ -49,6 +50,8 @@ from rig.report import (
 )
 from rig.report.choice_figure import choice_figures
 from rig.report.comparison_report import shape_figures, shown_measures, simulation_figures
+from rig.report.identification_page import ForceBand
+from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
@@ -63,6 +66,7 @@ from sim.coding.section import Sampling
 from sim.identification.posterior import Learned
 from sim.identification.predicted_forces import MeasuredPress, PressTrajectory
 from sim.identification.prior import PARAMETERS, Prior
+from sim.identification.uncertainty_bands import Width
 from sim.measures.measures import MEASURES, shown
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import coarse_mesh
@@ -139,9 +143,12 @@ def _design() -> Design:
         ("designed", 5.0, 2), ("designed", 10.0, 1), ("random presses", 5.0, 4), ("random presses", 10.0, 3),
     )]  # fmt: skip
     of_no_figure: Any = None
+    presses = [PossiblePress("bar:3.0", x, "doi_mm", depth) for x, depth in ((-1.0, 0.5), (0.0, 1.0), (1.0, 0.5))]
+    table: Any = SimpleNamespace(presses=presses)
+    made = OrderedDesign("designed", np.array([0, 1, 0]), np.arange(3.0), 10.0)
     return Design(
-        DesignRequest(candidates, minutes=10.0), of_no_figure, of_no_figure,
-        ChosenPresses(np.array([1, 1, 1]), ("bar:3.0",), steps, 0.9, np.zeros(3)), (), of_no_figure,
+        DesignRequest(candidates, minutes=10.0), table, of_no_figure,
+        ChosenPresses(np.array([1, 1, 1]), ("bar:3.0",), steps, 0.9, np.zeros(3)), (), made,
         tuple(outcomes), outcomes[0], 3, None, 1,
     )  # fmt: skip
 
@@ -185,7 +192,13 @@ def _identified() -> identification_page.IdentificationPage:
         for x in (-1.2, 0.0)
     ]
     forces: Any = SimpleNamespace(forces_gwt=lambda draws, trajectory: np.outer(draws[:, 0], trajectory.read_s))
-    return identification_page.IdentificationPage(forces, presses, learned[0], learned[1], [], [], [], [])
+    bands = [
+        ForceBand("press 1: bar:3.0 at −1.20 mm to 0.40 mm", Width(5.0, 4.5, 5.6), 5.2),
+        ForceBand("bar:3.0 at 0.00 mm to 0.67 mm", Width(7.0, 6.6, 7.5)),
+    ]
+    return identification_page.IdentificationPage(
+        forces, presses, learned[0], learned[1], [], [], [], [], bands, "2026-11-29 · run a (virtual bench)"
+    )
 
 
 def _deflections() -> tuple[list[Deflection], list[Deflection]]:
@@ -468,7 +481,7 @@ def _stacked(world: World, figure: Figure) -> Shown:
         for k, drawn in enumerate(profiles):
             ends = 0.5 * (values[0, k] + values[-1, k])
             yield drawn, (stimulus.x_mm, (values[:, k] - ends) / size + k * steps[0])
-        caps = {str(line.get_solid_capstyle()) for line in axes.lines if _is(line, colour=ORANGE)}
+        caps = {str(line.get_solid_capstyle()) for line in axes.lines if line.get_linewidth() == 4}
         yield caps, {"butt"}
 
 
@@ -550,12 +563,12 @@ def _the_answer(world: World, figure: Figure) -> Shown:
     yield from _crosses(world, above, numbers)
     for axes, number in zip(above, numbers, strict=True):
         yield from _recorded(world, axes, number)
-        for row, style in zip(_rows_of(world), ((BLUE, "-"), (ORANGE, "--"), (GREEN, ":")), strict=False):
-            yield from _predicted(world, axes, number, row, colour=style[0], ls=style[1])
+        for row, style in zip(_rows_of(world), ("-", "--", ":"), strict=False):
+            yield from _predicted(world, axes, number, row, colour=color_of(row.name), ls=style)
     ranked = verdict_figures.ranking(world.answer)
     drawn = [line for line in below.lines if len(line.get_xdata()) == 1]  # type: ignore[arg-type]
     yield [_data(line)[0, 0] for line in drawn], [row.lack_of_fit for row in ranked]
-    yield [line.get_marker() == "s" for line in drawn], [row.control for row in ranked]  # as the legend says
+    yield [line.get_marker() == "o" for line in drawn], [row.fits for row in ranked]  # as the legend says
 
 
 def _profiles(world: World, figure: Figure) -> Shown:
@@ -564,7 +577,8 @@ def _profiles(world: World, figure: Figure) -> Shown:
     yield from _crosses(world, panels[:count], range(count))
     for k, axes in enumerate(panels):
         yield from _recorded(world, axes, k % count)
-        yield from _predicted(world, axes, k % count, rows[k // count], colour=BLUE, ls="-")
+        row = rows[k // count]
+        yield from _predicted(world, axes, k % count, row, colour=color_of(row.name), ls="-")
 
 
 def _residuals(world: World, figure: Figure) -> Shown:
@@ -580,7 +594,7 @@ def _residuals(world: World, figure: Figure) -> Shown:
 def _scatter(world: World, figure: Figure) -> Shown:
     answer = world.answer
     for axes, row in zip(_panels(figure), _rows_of(world), strict=True):
-        (eps, rate) = _lines(axes, colour="black", ls="-")[0]
+        (eps, rate) = _lines(axes, colour=color_of(row.name), ls="-")[0]
         drive = np.maximum(row.k * (eps - row.eps0), 0.0)
         yield rate, drive / (1 + row.saturation * drive)
         points = np.concatenate([_data(line) for line in axes.lines if line.get_linestyle() == "None"])
@@ -601,7 +615,7 @@ def _every_pair(world: World, figure: Figure) -> Shown:
 
 def _source_scatter(world: World, figure: Figure) -> Shown:
     (joint,) = world.comparison.joints
-    (line,) = _lines(_panels(figure)[0], colour="black", ls="-")
+    (line,) = _lines(_panels(figure)[0], colour=color_of("ep1"), ls="-")
     pair = MEASURES.index("ep1"), 0
     yield line[1], np.maximum(0, joint.fit.k[pair] * (line[0] - joint.fit.eps0[pair]))
     points = np.concatenate([_data(one) for one in _panels(figure)[0].lines if one.get_linestyle() == "None"])
@@ -612,7 +626,7 @@ def _source_profiles(world: World, figure: Figure) -> Shown:
     (joint,) = world.comparison.joints
     pair = MEASURES.index("ep1"), 0
     for axes, overlay in zip(_panels(figure), joint.overlays, strict=False):
-        (line,) = _lines(axes, colour=BLUE, ls="-")
+        (line,) = _lines(axes, colour=color_of("ep1"), ls="-")
         eps = overlay.stimulus.at(line[0])[pair[0], :, pair[1]]
         yield line[1], np.maximum(0, joint.fit.k[pair] * (eps - joint.fit.eps0[pair]))
 
@@ -624,6 +638,28 @@ def _deflected(world: World, figure: Figure) -> Shown:
         yield drawn, (one.z_mm, one.deflection_mm)
     for drawn, one in zip(_lines(axes, marker="o"), measured, strict=True):
         yield drawn, (one.z_mm, one.deflection_mm)
+
+
+def _force_band(world: World, figure: Figure) -> Shown:
+    (axes,) = _panels(figure)
+    bands = world.identified.bands
+    spans = [line for line in _lines(axes, ls="-") if line.shape[1] == 2]
+    yield [line[0] for line in spans], [(one.width.low, one.width.high) for one in bands]
+    yield (
+        [line[0, 0] for line in _lines(axes, marker="o")],
+        [one.measured_gwt for one in bands if one.measured_gwt is not None],
+    )
+
+
+def _press_map(world: World, figure: Figure) -> Shown:
+    (axes,) = _panels(figure)
+    (points,) = [one for one in axes.collections if isinstance(one, PathCollection)]
+    yield points.get_offsets(), [(-1.0, 0.5), (0.0, 1.0)]
+    yield points.get_array(), [2.0, 2.0]  # the first and the third of the session, and the second
+    yield [text.get_text() for text in axes.texts], ["2"]
+    (rest,) = _lines(axes, marker=".")
+    yield rest.T, [(1.0, 0.5)]
+    yield axes.get_ylim()[0] > axes.get_ylim()[1], True  # deeper is lower
 
 
 def _over_time(world: World, figure: Figure) -> Shown:
@@ -881,6 +917,10 @@ FIGURES: dict[str, Row] = {
     "identification_page.presses_over_time": Row(_identification("Each press"), _over_time),
     "identification_page.marginals": Row(_identification("Before"), _marginals),
     "identification_page.correlations": Row(_identification("Correlations"), _correlations),
+    "identification_page.force_band": Row(
+        _bare(lambda w: identification_page.force_band(w.identified.bands)), _force_band
+    ),
+    "design_page.press_map": Row(_bare(lambda w: design_page.press_map(w.design)), _press_map),
     "design_page.curves": Row(_bare(lambda w: design_page.curves(w.design)), _failures),
     "design_page.confusion": Row(_bare(lambda w: design_page.confusion(w.design.outcome)), _confusion),
     "choice_figure.probabilities": Row(

@@ -1,0 +1,417 @@
+"""Pages of comparison, group, nerve, identification, design and benchmark: the message first, one color a measure."""
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from html import unescape
+from itertools import combinations
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+
+from rig.compare.group import group_verdict
+from rig.compare.likelihood import Form
+from rig.compare.make_verdict import afferents, answers, candidate_pool
+from rig.compare.verdict_text import sentences
+from rig.data import Run
+from rig.data.spike_files import SpikeRecord, SpikeTrain
+from rig.design.design import Design
+from rig.design.design_text import bound_name, headline, history_line, separation_line
+from rig.report import benchmark_page, profile_figures, verdict_figures
+from rig.report.comparison_report import shape_figures, write_comparison
+from rig.report.design_page import DesignPage, write_design_page
+from rig.report.group_page import GroupPage, write_group_page
+from rig.report.identification_page import write_identification_page
+from rig.report.measure_colors import color_of
+from rig.report.nerve_figures import nerve_figures, nothing_fired, pressed, rate_panels
+from rig.report.page_source import source_line
+from rig.report.recording_sections import source_section
+from rig.report.style import label
+from rig.report.verdict_section import answer_sections
+from sim.measures.measures import MEASURES
+from sim.models.fingertip import Fingertip
+from tests.rig.compare.test_every_figure import RATE, _comparison, _design, _identified, _speed
+
+Make = Callable[..., Any]
+
+
+class Made(NamedTuple):
+    """A page, and how many presses, afferents or scenes it was made of."""
+
+    html: str
+    runs: tuple[str, ...] = ()
+
+
+@pytest.fixture(scope="module")
+def made(bar_run: Run, finger: Fingertip, make_stimulus: Make, tmp_path_factory: pytest.TempPathFactory) -> Make:
+    folder = tmp_path_factory.mktemp("pages")
+    known: dict[str, Made] = {}
+
+    def page(name: str) -> Made:
+        if name not in known:
+            known[name] = PAGES[name](folder / "page.html", bar_run, finger, make_stimulus)
+        return known[name]
+
+    return page
+
+
+def _of_comparison(rate: Any, *, recorded: bool = True) -> Callable[..., Made]:
+    def make(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+        comparison = _comparison(make_stimulus, rate)
+        if not recorded:
+            comparison = replace(comparison, overlays=())
+        write_comparison(path, comparison, [run], finger, "rig compare", answers=answers(comparison))
+        return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
+
+    return make
+
+
+def _of_example(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    comparison = _comparison(make_stimulus)
+    write_comparison(path, comparison, [], finger, "rig compare --example bar3", answers=answers(comparison))
+    return Made(path.read_text(encoding="utf-8"))
+
+
+def _of_group(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    judged = {}
+    for number in range(3):
+        comparison = _comparison(make_stimulus, RATE + 5 * np.sin(np.arange(len(RATE)) + number))
+        (overlays,) = afferents(comparison)
+        pool, (verdict,) = candidate_pool(overlays, Form()), answers(comparison)
+        assert pool is not None
+        judged[f"a{number}"] = pool, verdict
+    found = {name: {o.stimulus.shape: o.recording for o in comparison.overlays} for name in (*judged, "a9")}
+    verdicts = {name: one for name, (_, one) in judged.items()}
+    page = GroupPage(group_verdict(judged), verdicts, found, {"a9": "it hardly fired"}, [run], "rig compare", "small")
+    write_group_page(path, page)
+    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
+
+
+def _of_identification(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    page = _identified()
+    rows = [("1", "bar:3.0", "-1.2", "0.40", "5.1 (4 … 6)", "5.20", "± 8 %")]
+    forces = [("bar:3.0", "+0.0", "0.67", "7.00 (6.60 … 7.50)", "± 6 %")]
+    page = replace(page, source=source_line([run]), presses=rows, forces=forces)
+    write_identification_page(path, page)
+    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
+
+
+def whole_design(**changed: Any) -> Design:
+    """A design of three presses, two of which differ; an hour has room for two of the three possible ones."""
+    found = _design()
+    block = np.array([0, 1, 0])
+    table: Any = SimpleNamespace(presses=found.table.presses)
+    bound = replace(found.bound, name="all presses", minutes=60.0, presses=2, different=2)
+    return replace(found, table=table, blocks=(block,), bound=bound, **changed)
+
+
+def _of_design(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    write_design_page(path, DesignPage(whole_design(), "designed.py", 590.0, [], "rig design"))
+    return Made(path.read_text(encoding="utf-8"))
+
+
+def _of_benchmark(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    levels = {level: {"nodes": 1} for level in ("fine", "coarse", "further")}
+    further = {family: dict.fromkeys(("force",), 0.01) for family in ("smooth", "bar", "step")}
+    reference = {"bars": further, "provenance": {"command": "c", "levels": levels, "further": further}}
+    return Made(
+        benchmark_page.page(
+            _speed(), machine="two cores", wall_s=1.0, quick=True, reference_s=1.0, reference=reference,
+            quantities={"force": "force"}, steps=(), breakdown=[], calculix=None, no_calculix="–",
+        )
+    )  # fmt: skip
+
+
+PAGES: dict[str, Callable[..., Made]] = {
+    "comparison": _of_comparison(RATE),
+    "comparison without a recording": _of_comparison(RATE, recorded=False),
+    "example": _of_example,
+    "group": _of_group,
+    "identification": _of_identification,
+    "design": _of_design,
+    "benchmark": _of_benchmark,
+}
+
+
+# --- the first screen ---
+
+MOST_WORDS = 75
+"""A sentence of two phases with their intervals has as many; a paragraph has more."""
+
+
+def first_section(html: str) -> str:
+    """What follows the first heading, up to the list of sections or the next heading."""
+    return re.split(r"<nav>|<h2", html.split("</h2>", 1)[1], maxsplit=1)[0]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_first_section_is_a_sentence_and_a_figure(name: str, made: Make) -> None:
+    first = first_section(made(name).html)
+    assert re.findall(r"<(p|ul|table|figure)\b", first) == ["p", "figure"]
+    words = in_words(first.split("<figure", 1)[0])
+    assert words.endswith(".")
+    assert len(words.split()) <= MOST_WORDS
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_first_section_comes_before_any_list_of_sections(name: str, made: Make) -> None:
+    html = made(name).html
+    assert "<nav>" not in html.split("</figure>", 1)[0]
+
+
+def test_a_recording_without_spikes_is_a_sentence_alone(
+    tmp_path: Path, bar_run: Run, finger: Fingertip, make_stimulus: Make
+) -> None:
+    """Nothing was compared, so there is nothing to plot."""
+    page = _of_comparison(0.0 * RATE)(tmp_path / "page.html", bar_run, finger, make_stimulus)
+    first = first_section(page.html)
+    assert re.findall(r"<(p|ul|table|figure)\b", first) == ["p"]
+    assert "the recorded rate is 0 at every position" in first
+
+
+# --- where it comes from ---
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_each_page_names_its_day_runs_and_version_and_what_is_virtual(name: str, made: Make) -> None:
+    page = made(name)
+    source = in_words(page.html.split('<p class="sub">', 1)[1].split("</p>", 1)[0])
+    assert re.match(r"\d{4}-\d\d-\d\d · ", source)
+    assert re.search(r"· indentation-rig \d", source)
+    assert "virtual" in source
+    assert all(run in source for run in page.runs)
+    assert page.runs or "no run" in source
+
+
+# --- one color a measure, one rule for best ---
+
+
+def test_no_two_measures_share_a_color_and_each_is_seen_on_white() -> None:
+    """WCAG asks for a contrast of 3 between a line and its background."""
+    for a, b in combinations(MEASURES, 2):
+        assert color_of(a) != color_of(b)
+    for name in MEASURES:
+        assert color_of(f"mean rate of {name}") == color_of(f"peak rate of {name}") == color_of(name)
+        assert 1.05 / (_luminance(color_of(name)) + 0.05) >= 3.0, name
+
+
+def _luminance(color: str) -> float:
+    linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in to_rgb(color)]
+    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
+
+
+def test_a_measure_has_one_color_in_every_figure_of_a_comparison(make_stimulus: Make) -> None:
+    comparison = _comparison(make_stimulus)
+    (answer,) = answers(comparison)
+    figures = [
+        *(one for section in answer_sections([answer], "", recorded=True) for one in section.figures),
+        *shape_figures(comparison, ["ep1", "sed", "ep3"]),
+        *source_section(comparison).figures,
+    ]
+    colors: dict[str, set[str]] = {}
+    for page in figures:
+        figure = Figure(figsize=page.plot.size, layout=page.plot.layout)
+        page.plot.draw(figure)
+        for axes in figure.axes:
+            of = _measure(axes.get_title().split("\n")[-2 if "R²" in axes.get_title() else -1]) or _measure(
+                axes.get_title().split("\n")[0]
+            )
+            lines = [one for one in axes.lines if one.get_linestyle() == "-" and len(one.get_xdata()) > 2]  # type: ignore[arg-type]
+            for line in lines if of else ():
+                colors.setdefault(of, set()).add(to_hex(line.get_color()))
+        for legend in figure.legends:
+            for handle, text in zip(legend.get_lines(), legend.get_texts(), strict=True):
+                if _measure(text.get_text()):
+                    colors.setdefault(_measure(text.get_text()), set()).add(to_hex(handle.get_color()))
+    assert {"ep1", "sed"} <= colors.keys()
+    for name, found in colors.items():
+        assert found - {to_hex("#666666")} == {to_hex(color_of(name))}, name  # gray: the shape test is not passed
+
+
+def _measure(text: str) -> str:
+    """The measure that a title or a legend begins with or names after a colon; empty if there is none."""
+    named = text.rpartition(": ")[2] if " at " in text.rpartition(": ")[2] else text
+    return next((name for name in MEASURES if re.match(rf"{re.escape(label(name))}\b", named)), "")
+
+
+def test_the_control_of_the_words_is_that_of_the_figure(make_stimulus: Make) -> None:
+    (answer,) = answers(_comparison(make_stimulus))
+    drawn = verdict_figures.plotted_pairs(answer)[-1]
+    assert drawn.control
+    assert any(f"control, {drawn.title}, predicts" in one for one in sentences(answer))
+
+
+# --- counts ---
+
+
+def test_a_design_says_as_many_presses_as_its_table_lists(made: Make) -> None:
+    """Three presses, two of which differ: two rows whose repeats sum to three, in headline and text."""
+    html = made("design").html
+    rows = table(html, "The presses")
+    assert len(rows) == 2
+    assert sum(int(row[3]) for row in rows) == 3
+    text = in_words(html)
+    assert "3 presses in 10 minutes fail" in text
+    assert "3 presses in 10 minutes, of which 2 differ: 3 with bar:3.0" in text
+    last = table(html, "Beside other designs")[-1]
+    assert last[0] == "as many of the 3 possible presses as fit (2)"
+    assert last[2] == "2"
+    assert "all 3 possible" not in text
+    assert "ll presses in" not in text
+
+
+def test_an_identification_says_as_many_presses_and_forces_as_its_tables_list(made: Make) -> None:
+    html = made("identification").html
+    assert "explains 1 of 1 press within" in in_words(first_section(html))
+    assert len(table(html, "Presses")) == 1
+    assert len(table(html, "Known forces")) == 1
+
+
+def test_a_group_says_as_many_afferents_as_its_table_lists(made: Make) -> None:
+    """Three were compared and one was left out."""
+    html = made("group").html
+    assert "Which measure explains 3 afferents?" in html
+    rows = table(html, "Verdict on each afferent")
+    assert len(rows) == 4
+    assert sum(row[1].startswith("Left out") for row in rows) == 1
+    assert "Left out of 4 afferents: a9." in in_words(html)
+
+
+def in_words(html: str) -> str:
+    """Text of a part of a page."""
+    return " ".join(
+        unescape(re.sub(r"<[^>]*>", " ", re.sub(r"<(style|script).*?</\1>", " ", html, flags=re.S))).split()
+    )
+
+
+def table(html: str, title: str) -> list[list[str]]:
+    """Cells of the first table below a heading."""
+    below = re.split(rf"<h2[^>]*>{title}</h2>", html)[1].split("</table>", 1)[0]
+    rows = [re.findall(r"<td[^>]*>(.*?)</td>", row, flags=re.S) for row in below.split("<tr>")]
+    return [[in_words(cell) for cell in row] for row in rows if row]
+
+
+# --- words follow their number ---
+
+
+@pytest.mark.parametrize(
+    ("r", "words"),
+    [(0.05, "hardly depend"), (0.25, "depend weakly"), (0.5, "depend moderately"), (0.99, "depend strongly")],
+)
+def test_the_words_on_dependence_follow_r(r: float, words: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Design, "dependence", r)
+    monkeypatch.setattr(Design, "imbalance", 1.0)
+    line = history_line(whole_design())
+    assert f"{words} on the press before (|r| up to {r:.2f})" in line
+    assert "little" not in line
+
+
+@pytest.mark.parametrize(
+    ("designed", "usual", "words"),
+    [
+        (5, 60, "so the choice of presses helps"),
+        (30, 33, "so this simulation shows no gain from the choice of presses"),
+        (60, 5, "so this usual design is the better one"),
+    ],
+)
+def test_the_headline_says_whether_the_design_helps(designed: int, usual: int, words: str) -> None:
+    """Of 100 experiments, so many fail; the standard errors are at most 5 of 100."""
+
+    def failing(name: str, number: int) -> Any:
+        one = replace(_design().outcomes[0], name=name, minutes=10.0)
+        truth = np.zeros(100, dtype=np.int64)
+        evidence = 9.0 * np.eye(3)[np.where(np.arange(100) < number, 1, 0)]
+        return replace(one, truth=truth, log_evidence=evidence, effective=np.full(100, 8.0))
+
+    found = whole_design(outcomes=(failing("designed", designed), failing("random presses", usual)))
+    assert headline(found).endswith(f"{words}.")
+
+
+def test_an_hour_of_all_presses_is_called_so_only_if_all_fit() -> None:
+    found = whole_design()
+    assert bound_name(found) == "as many of the 3 possible presses as fit (2)"
+    everything = replace(found, bound=replace(found.bound, presses=6, different=3))
+    assert bound_name(everything) == "all 3 possible presses"
+    assert "all 3 possible presses in 60 minutes" in separation_line(everything).lower()
+
+
+# --- nothing fired ---
+
+
+def _trains(run: Run, firing: Sequence[str]) -> SpikeRecord:
+    """Afferents of three classes; those named fire five times in each last hold, and never before it."""
+    times = np.sort([one.hold_s + 0.02 * k for one in pressed(run) for k in range(1, 6)])
+    trains = tuple(
+        SpikeTrain(f"{model}-{n}", model, 0.0, 0.0, 0.76, 1.0, 0.0, times if model in firing else np.zeros(0))
+        for model in ("SA1", "RA", "PC")
+        for n in (1, 2)
+    )
+    return SpikeRecord(trains, 0, 0.2)
+
+
+def test_the_mean_of_a_class_counts_its_silent_afferents(bar_run: Run) -> None:
+    """One of two afferents fires in each hold: the mean is half of its rate."""
+    record = _trains(bar_run, ("SA1",))
+    first, second, *others = record.trains
+    record = replace(record, trains=(first, replace(second, spike_s=np.zeros(0)), *others))
+    (panel,) = [one for one in rate_panels(record, pressed(bar_run)) if one.fired]
+    assert panel.rates.mean(axis=0) == pytest.approx(panel.rates[0] / 2)
+
+
+def test_where_nothing_fired_there_is_a_sentence_and_no_figure(bar_run: Run) -> None:
+    record = _trains(bar_run, ())
+    assert nerve_figures(bar_run, record) == []
+    assert nothing_fired(bar_run, record) == "None of 6 simulated afferents fired in 6 presses."
+    assert nothing_fired(bar_run, _trains(bar_run, ("SA1",))) == ""
+
+
+def test_only_what_fired_is_drawn_and_the_rest_is_said(bar_run: Run) -> None:
+    record = _trains(bar_run, ("SA1",))
+    figures = {one.title: one for one in nerve_figures(bar_run, record)}
+    assert (
+        "4 of 6 simulated afferents never fired and have no rows: 2 of 2 RA, 2 of 2 PC."
+        in figures["Simulated spikes"].caption
+    )
+    panels = rate_panels(record, pressed(bar_run))
+    assert [one.title.split("\n")[0] for one in panels if one.fired] == ["SA1, hold"]
+    against = figures["Simulated rate against position"]
+    assert "No spike, and no panel: SA1, press, bar:3.0 to 0.4 mm; RA, press, " in against.caption
+    figure = Figure(figsize=against.plot.size, layout=against.plot.layout)
+    against.plot.draw(figure)
+    (axes,) = figure.axes
+    assert axes.get_ylim()[1] < 1.2 * max(one.rates.max() for one in panels)
+
+
+# --- long names ---
+
+LONG = "heightmap:braille_dots_of_the_second_print.png,width_mm=3,height_mm=0.5,turn_deg=30"
+
+
+def test_titles_of_height_maps_do_not_overlap(make_stimulus: Make) -> None:
+    """Neither each other nor the panel of a neighbor, in any figure that names stimuli above its panels."""
+    comparison = _comparison(make_stimulus)
+    (answer,) = answers(comparison)
+    names = tuple(f"{LONG} at {k} gwt" for k in (1, 2, 4))
+    left_out = tuple(one._replace(stimulus=name) for one, name in zip(answer.left_out, names, strict=True))
+    answer = replace(answer, stimuli=names, left_out=left_out)
+    stimuli = [replace(one, indentor=LONG) for one in comparison.stimuli]
+    plots = [
+        verdict_figures.the_answer(answer, (0, 1, 2), ""),
+        verdict_figures.profiles(answer, (0, 1, 2), ""),
+        verdict_figures.residuals(answer, (0, 1, 2), ""),
+        profile_figures.pressure_maps(stimuli),
+    ]
+    for plot in plots:
+        figure = Figure(figsize=plot.size, layout=plot.layout)
+        plot.draw(figure)
+        figure.draw_without_rendering()
+        titles = [axes.title for axes in figure.axes if axes.get_title()]
+        boxes = [title.get_window_extent() for title in titles]
+        assert not any(a.overlaps(b) for a, b in combinations(boxes, 2))
+        panels = [axes.get_window_extent() for axes in figure.axes if axes.axison]
+        assert not any(box.overlaps(panel) for box in boxes for panel in panels)
