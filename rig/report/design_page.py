@@ -121,9 +121,9 @@ def press_map(found: Design) -> Plot:
             different = list(dict.fromkeys(mine))
             times = [mine.count(k) for k in different]
             at = [(presses[k].x_mm, presses[k].target) for k in different]
-            number = [float(np.mean([n for n, one in enumerate(order, 1) if one == k])) for k in different]
+            when = [float(np.mean([n for n, one in enumerate(order, 1) if one == k])) for k in different]
             shown = axes.scatter(
-                *np.transpose(at), s=_ONCE_PT**2 * np.array(times), c=number, cmap=_SESSION, norm=scale,
+                *np.transpose(at), s=_ONCE_PT**2 * np.array(times), c=when, cmap=_SESSION, norm=scale,
                 edgecolors=GREY, linewidths=0.5, zorder=2,
             )  # fmt: skip
             for place, count in zip(at, times, strict=True):

@@ -139,13 +139,13 @@ def force_band(bands: Sequence[ForceBand]) -> Plot:
             axes.plot([one.width.middle], [row], "|", color=BLUE, ms=11, mew=1.6)
             if one.measured_gwt is not None:
                 axes.plot([one.measured_gwt], [row], "o", color="black", ms=4.5)
-            axes.annotate(one.press, (0.0, row), (3, 6), textcoords="offset points", fontsize=8)
+            axes.annotate(one.press, (0.0, row), (3, 8), textcoords="offset points", fontsize=8)
         axes.set_yticks(())
         axes.set_ylim(len(bands) - 0.5, -0.8)
         axes.set_xlim(0, None)
         axes.set_xlabel("force (gwt)")
 
-    return Plot((5.6, 0.8 + 0.36 * len(bands)), draw)
+    return Plot((5.6, 0.8 + 0.4 * len(bands)), draw)
 
 
 _PRESS = ("shape", "x (mm)", "depth (mm)")

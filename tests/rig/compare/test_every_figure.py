@@ -657,6 +657,7 @@ def _press_map(world: World, figure: Figure) -> Shown:
     yield points.get_offsets(), [(-1.0, 0.5), (0.0, 1.0)]
     yield points.get_array(), [2.0, 2.0]  # the first and the third of the session, and the second
     yield [text.get_text() for text in axes.texts], ["2"]
+    yield [axes.get_title()], ["1. bar:3.0: 3 presses"]
     (rest,) = _lines(axes, marker=".")
     yield rest.T, [(1.0, 0.5)]
     yield axes.get_ylim()[0] > axes.get_ylim()[1], True  # deeper is lower
