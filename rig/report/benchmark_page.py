@@ -35,8 +35,15 @@ _FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 def page(rows: Sequence[Row], **about: Any) -> str:
     """Return the self-contained HTML page."""
     source = source_line([], "no run: models against a stored reference of virtual presses")
-    shown = {"figures": figures(rows), "table": _table(rows), "families": _FAMILIES}
-    return render("speed.html.j2", source=source, message=message(rows), **shown, **about)
+    return render(
+        "speed.html.j2",
+        source=source,
+        message=message(rows),
+        figures=figures(rows),
+        table=_table(rows),
+        families=_FAMILIES,
+        **about,
+    )
 
 
 def message(rows: Sequence[Row]) -> str:
