@@ -2,6 +2,8 @@
 
 from textwrap import wrap
 
+from rig.report.style import wrapped
+
 _CHARACTERS_PER_IN = 125.0
 """Number of characters of 1 pt on an inch, on average."""
 
@@ -9,5 +11,5 @@ _CHARACTERS_PER_IN = 125.0
 def title_lines(text: str, width_in: float, points: float) -> str:
     """Return a title in lines, which may also end after a comma; names that are too long are cut."""
     most = max(int(width_in * _CHARACTERS_PER_IN / points), 8)
-    lines = [part for line in text.split("\n") for part in wrap(line.replace(",", ", "), most)]
-    return "\n".join(lines)
+    lines = [line for part in text.split("\n") for line in wrapped(part, most).split("\n")]
+    return "\n".join(piece for line in lines for piece in wrap(line, most))
