@@ -4,7 +4,7 @@ from textwrap import wrap
 
 from rig.report.style import wrapped
 
-_CHARACTERS_PER_IN = 125.0
+_CHARACTERS_PER_IN = 110.0
 """Number of characters of 1 pt on an inch, on average."""
 
 
