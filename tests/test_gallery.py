@@ -324,7 +324,9 @@ def test_recorded_bar_on_a_coarse_finger(in_this_process: None, monkeypatch: pyt
     coarse = Fingertip.load(FingertipConfig(mesh=coarse_mesh(0.5, 0.5)), receptor_x_mm=(-0.5, 0.0))
     monkeypatch.setattr(Fingertip, "load", lambda *_, **__: coarse)
     monkeypatch.setattr("rig.compare.example._RAMP_STEPS", 2)
-    phases = _run("09_recorded_bar")["phases"]
+    left = _run("09_recorded_bar")
+    phases, panels = left["phases"], left["figure"].axes
+    assert [[len(line.get_xdata()) for line in axes.lines] for axes in panels] == [[281, 281, 36, 2]] * 2
     assert [one["phase"] for one in phases] == ["static", "dynamic"]
     assert [one["positions_recorded"] for one in phases] == [36, 36]
     assert all(one["sed_r"] > 0.85 for one in phases)

@@ -325,7 +325,7 @@ def export_command(
         bool, typer.Option("--nwb", help="Write Neurodata Without Borders (needs the extra nwb).")
     ] = False,
     report: Annotated[
-        bool, typer.Option("--report", help="Write the report again, with the simulated finger of the run.")
+        bool, typer.Option("--report", help="Write the report again, with the strain under the skin.")
     ] = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -358,7 +358,7 @@ def export_command(
                     from sim.models.fingertip import Fingertip
 
                     finger = Fingertip.load(load_config(found.folder.config).finger)
-                written += [str(run / name) for name in renewed_report(found, finger, as_json=as_json)]
+                written += [str(run / name) for name in renewed_report(found, finger, strain=True, as_json=as_json)]
         if as_json:
             print_json({"run": str(run), "files": written})
         else:
@@ -374,15 +374,19 @@ def _refuse_identification(run: Run) -> None:
         )
 
 
-def renewed_report(run: Run, finger: "Fingertip", also: Collection[str] = (), *, as_json: bool) -> list[str]:
+def renewed_report(
+    run: Run, finger: "Fingertip", also: Collection[str] = (), *, strain: bool = False, as_json: bool
+) -> list[str]:
     """Write the report of a finished run again; return the names of its files, the page first.
 
-    The checksums of these files and of those in `also` are renewed; data, and their checksums, stay unchanged.
+    With `strain`, the page shows the strain under the deepest press. The checksums of these files and of those in
+    `also` are renewed; data, and their checksums, stay unchanged.
     """
     with busy("writing the report …", as_json=as_json):
+        from rig.compare.stimuli import deepest_map
         from rig.report.run_report import AFTER, write_report
 
-        write_report(run, finger, None, ending_lines(run))
+        write_report(run, finger, None, ending_lines(run), deepest_map(run, finger) if strain else None)
     page = run.folder.report.name
     made = sorted(name for name in run.folder.files if name.startswith("model_") or name == AFTER)
     run.folder.add_checksums({page, *made, *also})

@@ -318,6 +318,18 @@ def stimulus_maps(run: Run, finger: Fingertip, stimuli: Sequence[StimulusRow]) -
     return [_from_arrays(stimulus, k, found, n) for n, (stimulus, k) in enumerate(scenes)]
 
 
+def deepest_map(run: Run, finger: Fingertip) -> StimulusMap | None:
+    """Return the map of the deepest press of a run, cached like responses; None without a finished press."""
+    found = stimuli(run, finger)
+    if not found:
+        return None
+    stimulus = max(found, key=lambda one: float(np.max(one.doi_mm)))
+    k = int(np.argmax(stimulus.doi_mm))
+    key = content_key(["deepest map", *MAPPED, responses_key(run, finger)])
+    arrays, _ = cached_arrays(key, lambda: _arrays(finger, [(stimulus, k)]), kind="answers")
+    return _from_arrays(stimulus, k, cast(dict[str, Array], arrays), 0)
+
+
 def _from_arrays(stimulus: StimulusRow, k: int, found: dict[str, Array], n: int) -> StimulusMap:
     values = {name: found[f"{name} {n}"] for name in MAPPED}
     return StimulusMap(stimulus, float(stimulus.x_mm[k]), found[f"corner {n}"], found[f"receptor {n}"], values)

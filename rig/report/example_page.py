@@ -9,17 +9,22 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from rig.compare.example import (
+    PHASES,
     RELAXATION,
     PhaseCandidate,
     PhaseVerdict,
     Rehearsal,
+    judge_phase,
+    positions,
     recorded,
+    rehearse,
 )
 from rig.compare.fit import fit_rates, predicted
 from rig.compare.verdict_text import percent, probability
 from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
 from rig.report.style import GREY, Plot, as_number
+from sim.models.fingertip import Fingertip
 
 HEADER = (
     "candidate", "r", "held-out deviance predicted [95 %]", "p of the fit", "p in the set", "in the set",
@@ -221,6 +226,12 @@ def _profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> PageFig
         "most of the held-out deviance, that of another measure, and that of a control, each with its own k and ε₀ "
         "and with the share that it predicts. The verdict below ranks by likelihood instead.",
     )
+
+
+def plot_example(figure: Figure) -> None:
+    """Plot the rates of both phases, recorded and predicted on the default finger."""
+    rehearsal = rehearse(Fingertip.load().keeping_ways(), positions())
+    draw_profiles(figure, rehearsal, [judge_phase(rehearsal, recorded(phase), phase) for phase in PHASES])
 
 
 def _of(row: PhaseCandidate) -> str:

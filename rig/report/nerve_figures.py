@@ -98,6 +98,7 @@ def nerve_figures(run: Run, record: SpikeRecord) -> list[PageFigure]:
             "Simulated spikes",
             Plot((9.6, _raster_in(record) + 1.9), lambda figure: _run_raster(figure, run, record), layout=None),
             f"Each row is an afferent, each mark a spike. Above: force. {silence} {about}".replace("  ", " "),
+            message=f"{len(_fired(record))} of {number_of(len(record.trains), 'simulated afferents')} fired.",
         ),
         PageFigure(
             "Simulated spikes over the press",
@@ -174,7 +175,7 @@ def _rates(figure: Figure, shown: Sequence[RatePanel]) -> None:
     for axes in list(grid.flat)[len(shown) :]:
         axes.set_axis_off()
     for axes, one in zip(grid.flat, shown, strict=False):
-        axes.plot(one.x_mm, one.rates[one.rates.any(axis=1)].T, color=one.color, lw=0.8, alpha=0.6)
+        axes.plot(one.x_mm, one.rates[one.rates.any(axis=1)].T, color=one.color, lw=0.9, alpha=0.8)
         axes.plot(one.x_mm, one.rates.mean(axis=0), "-o", ms=2, color="black", lw=1.2)
         axes.set_ylim(0, None)
         axes.set_title(title_lines(one.title, 2.6, 8), fontsize=8)
@@ -257,7 +258,7 @@ def _raster(axes: Axes, record: SpikeRecord, begin_s: float, end_s: float) -> No
     rows = _fired(record)
     shown = [one.spike_s[(one.spike_s >= begin_s) & (one.spike_s <= end_s)] for one in rows]
     colors = [_color(record, one.model) for one in rows]
-    axes.eventplot(shown, colors=colors, linewidths=0.5, linelengths=0.8)
+    axes.eventplot(shown, colors=colors, linewidths=0.8, linelengths=0.8)
     axes.set(ylim=(len(shown) - 0.5, -0.5))
     if len(shown) <= _MOST_LABELS:
         axes.set_yticks(range(len(shown)), [one.afferent for one in rows], fontsize=7)

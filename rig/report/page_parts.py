@@ -157,7 +157,7 @@ def _zoom_library() -> str:
     folder = files("rig") / "panel" / "static" / "vendor" / "uplot"
     script = (folder / "uPlot.esm.js").read_text(encoding="utf-8")
     style = (folder / "uPlot.min.css").read_text(encoding="utf-8")
-    start, _, _ = script.rpartition("export {")
+    start, _, _ = script.replace("\t", " ").rpartition("export {")  # a page has no control characters
     return f'<style>{style}</style>\n<script type="module">\n{start}globalThis.uPlot = uPlot;\n</script>\n'
 
 

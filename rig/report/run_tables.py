@@ -19,7 +19,7 @@ from rig.engine.press import force_tolerance_gwt
 from rig.plan.finger_model import PredictedHold
 from rig.records import SAME_DECIMALS, grouped
 from rig.report.style import as_number, signed
-from rig.settings import limits_in_kpa
+from rig.settings import StageSettings, limits_in_kpa
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
@@ -214,14 +214,13 @@ _ROUNDING = 1e-6
 def delivered(run: Run) -> list[DeliveredPress]:
     """Return the finished presses in order; a depth has the tolerance of one step of the stage."""
     settings = toml_of(read_text(run.folder.config))
-    step_mm = settings.get("stage", {}).get("resolution_mm", 0.0)
+    step_mm = settings.get("stage", {}).get("resolution_mm", StageSettings.model_fields["resolution_mm"].default)
     step_gwt = settings.get("force", {}).get("resolution_gwt", 0.0)
     found = []
     starts = {event["index"]: event for event in run.stream("indentation_start")}
     for index, holds in sorted(run.done.items()):
         last, key = holds[-1], starts[index]["target"]
-        commanded = last.get("commanded")
-        asked = float(starts[index]["value"] if commanded is None else commanded)
+        asked = float(last["commanded"] if "commanded" in last else starts[index]["value"])
         tolerance = step_mm if key == "doi_mm" else force_tolerance_gwt(asked, step_gwt)
         sd = last.get({"doi_mm": "doi_sd_mm", "force_gwt": "force_sd_gwt"}[key]) or 0.0
         found.append(DeliveredPress(index, key, asked, float(last[key]), float(sd), tolerance))

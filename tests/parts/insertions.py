@@ -138,7 +138,7 @@ def _final_depths(figure: Figure, found: list[PredictedHold]) -> None:
     ),
     (
         "rig/report/run_report.py",
-        '        PageFigure(\n            "Population',
+        "        *_population_figures(found),\n",
         '        PageFigure("Final depths", run_figures.final_depths(found), "Every hold."),\n',
     ),
 ]

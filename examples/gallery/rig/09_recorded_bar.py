@@ -16,18 +16,13 @@ from tempfile import TemporaryDirectory
 
 import matplotlib.pyplot as plt
 
-from rig.compare.example import recorded
+from rig.report.example_page import plot_example
 
 with TemporaryDirectory() as folder:
     command = [sys.executable, "-m", "rig", "compare", "--example", "bar3", "--out", str(Path(folder, "bar3.html"))]
     done = subprocess.run([*command, "--json"], check=True, capture_output=True, text=True)
 phases = json.loads(done.stdout)["phases"]
-best = {one["phase"]: one["rows"][0] for one in phases}
 
-figure, panels = plt.subplots(1, 2, figsize=(8, 3), layout="constrained")
-for axes, one in zip(panels, phases, strict=True):
-    recording, row = recorded(one["phase"]), best[one["phase"]]
-    axes.plot(recording.position_mm, recording.rate, "ko", ms=3)
-    axes.set_title(f"{one['phase']}: {row['candidate']}, {row['held_out']:.0%} of held-out deviance", fontsize=8)
-    axes.set(xlabel="position (mm)", ylabel="discharge rate (impulses/s)")
+figure = plt.figure(figsize=(8, 3.3), layout="constrained")
+plot_example(figure)  # from the cache that the command above has filled
 plt.show()

@@ -315,6 +315,11 @@ def _force_time(world: World, figure: Figure) -> Shown:
     read = np.array([(s["t_s"], s["force_gwt"]) for s in world.run.stream("sample")]).T
     (drawn,) = [line for line in _lines(above, colour=BLUE, ls="-") if line.shape[1]]
     yield drawn[:, np.isfinite(drawn).all(axis=0)], read
+    charts = run_figures.force_charts(world.run)
+    yield len(charts), len(world.run.parts) or 1
+    zoomed = [(x, y) for one in charts for x, y in zip(one.x, one.lines[0].y, strict=True) if y is not None]
+    yield np.array(zoomed).T, np.stack([read[0].round(3), read[1].round(4)])
+    yield all(np.all(np.diff(one.x) >= 0) for one in charts), True  # as the library needs them
     for what, colour in run_figures.PHASES.items():
         (bars,) = [one for one in below.collections if to_hex(one.get_facecolor()[0]).upper() == colour]  # type: ignore[index]
         widths = sum(float(np.ptp(path.vertices[:, 0])) for path in bars.get_paths())
