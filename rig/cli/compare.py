@@ -167,10 +167,6 @@ def command(
             rich_help_panel=_OUTPUT,
         ),
     ] = None,
-    pdf: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Write the report as PDF too.", rich_help_panel=_OUTPUT),
-    ] = None,
     exact: ExactOption = False,
     as_json: JsonOption = False,
 ) -> None:
@@ -179,7 +175,7 @@ def command(
         began = time.perf_counter()
         if example is not None:
             _refuse_with_example(context, example)
-            compare_example(out_file or Path(f"{example}.html"), pdf, as_json=as_json)
+            compare_example(out_file or Path(f"{example}.html"), as_json=as_json)
             return
         if not runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", code="needs_run")
@@ -192,9 +188,8 @@ def command(
                 code="friction_with", option="--place" if place else "--fingers",
             )  # fmt: skip
         reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
-        for option, path in {"--out": out_file, "--pdf": pdf}.items():
-            if path is not None:
-                checked_file(option, path)
+        if out_file is not None:
+            checked_file("--out", out_file)
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True):
             found = _without_copies([recorded_run(path) for path in runs])
@@ -226,7 +221,7 @@ def command(
                 ),
             }
             asked = GroupInput(group, mirror or [], found, pressed, reading, _remade_by(runs, made_by, {}))
-            compare_group(asked, report, pdf, as_json=as_json)
+            compare_group(asked, report, as_json=as_json)
             write_sidecar(report, time.perf_counter() - began)
             return
         plausible = None if fingers is None else read_plausible(fingers)
@@ -295,7 +290,6 @@ def command(
                     *beside,
                 ],
                 maps=maps,
-                pdf=pdf,
                 answers=verdicts,
             )
         write_sidecar(report, time.perf_counter() - began)
@@ -314,7 +308,7 @@ def command(
                 )
 
 
-_BESIDE_EXAMPLE = ("example", "out_file", "pdf", "as_json")
+_BESIDE_EXAMPLE = ("example", "out_file", "as_json")
 
 
 def _refuse_with_example(context: typer.Context, example: str) -> None:

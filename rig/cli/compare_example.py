@@ -33,12 +33,10 @@ EXAMPLES = ("bar3",)
 _TITLE = "Which measure explains a recorded afferent under a bar?"
 
 
-def compare_example(report: Path, pdf: Path | None, *, as_json: bool) -> None:
+def compare_example(report: Path, *, as_json: bool) -> None:
     """Rehearse the protocol on the default finger, compare both phases, write the page."""
     began = time.perf_counter()
-    for option, path in {"--out": report, "--pdf": pdf}.items():
-        if path is not None:
-            checked_file(option, path)
+    checked_file("--out", report)
     with busy(THE_FINGER, as_json=as_json):
         finger = Fingertip.load()
     x_mm = positions()
@@ -56,7 +54,6 @@ def compare_example(report: Path, pdf: Path | None, *, as_json: bool) -> None:
             finger,
             "rig compare --example bar3",
             title=_TITLE,
-            pdf=pdf,
             answers=static,
             lead=example_sections(rehearsal, verdicts),
         )

@@ -92,7 +92,7 @@ def _answer(stimuli: Sequence[StimulusRow], flat: Mapping[str, Recording]) -> ob
     return None if group is None else (group.outcome, sorted(row.name for row in group.set), sorted(left_out))
 
 
-def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bool) -> None:
+def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
     with busy("reading the recordings …", quick=True):
         found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
@@ -106,7 +106,7 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
         shift = clock_shift(flat, lambda shifted: _answer(of.stimuli, shifted), _SHIFTS_S)
     page = GroupPage(group, verdicts, found, left_out, of.runs, of.command, small_strain, shift)
     with busy("writing the report …", as_json=as_json):
-        write_group_page(report, page, pdf)
+        write_group_page(report, page)
     if as_json:
         rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
         rows |= {"afferents_left_out": list(left_out), "report": str(report)}

@@ -1,4 +1,4 @@
-"""Pages and figures of runs, comparisons and speed against error: HTML that fetches nothing, and PDF."""
+"""Pages and figures of runs, comparisons and speed against error: HTML that fetches nothing, and prints well."""
 
 import logging
 import os

@@ -1,7 +1,6 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
 from collections.abc import Collection, Sequence
-from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from itertools import groupby
@@ -19,9 +18,9 @@ from rig.compare.recordings.reading import sha256
 from rig.compare.stimuli import StimulusMap, StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.data import Run
-from rig.data.folder import replace_bytes, replace_text
+from rig.data.folder import replace_text
 from rig.report import profile_figures
-from rig.report.page_parts import PageFigure, Section, alone, as_png, figures_of, render
+from rig.report.page_parts import PageFigure, Section, alone, figures_of, render
 from rig.report.page_source import source_line
 from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
@@ -285,19 +284,17 @@ def write_comparison(
     extra: Sequence[Section] = (),
     title: str = "Which measure explains the response?",
     maps: Sequence[StimulusMap] = (),
-    pdf: Path | None = None,
     answers: Sequence[AfferentVerdict] = (),
     lead: Sequence[Section] = (),
 ) -> None:
-    """Write the report as HTML, and as PDF if requested, dated by the newest run.
+    """Write the report.
 
     `answers` are the verdicts on the recordings, after `lead` and before `extra` sections; `command` reproduces the
     report.
     """
     shown = shown_measures(comparison, answers)
     instead = () if answers else (_overview(comparison, shown),)
-    page = partial(
-        render,
+    page = render(
         "comparison.html.j2",
         title=title,
         source=source_line(runs, "no run: a rehearsal on the virtual finger"),
@@ -313,12 +310,7 @@ def write_comparison(
         ],
         **_provenance(comparison, runs, finger, command),
     )
-    replace_text(path, page())
-    if pdf is not None:
-        from rig.report.pdf import as_pdf  # slow to import, and most comparisons need no PDF
-
-        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in runs), UTC)
-        replace_bytes(pdf, as_pdf(page(picture=as_png), newest))
+    replace_text(path, page)
 
 
 def _overview(comparison: Comparison, shown: Sequence[str]) -> PageFigure:

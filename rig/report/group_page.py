@@ -2,8 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 
@@ -19,8 +17,8 @@ from rig.compare.spike_clock import ClockShift
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import percent
 from rig.data import Run
-from rig.data.folder import replace_bytes, replace_text
-from rig.report.page_parts import PageFigure, Section, as_png, render
+from rig.data.folder import replace_text
+from rig.report.page_parts import PageFigure, Section, render
 from rig.report.page_source import source_line
 from rig.report.spikes_section import spikes_sections
 from rig.report.style import Plot, as_limits, as_number
@@ -56,21 +54,15 @@ class GroupPage:
         return f"Which measure explains {number_of(len(self.verdicts), 'afferents')}?{made}"
 
 
-def write_group_page(path: Path, page: GroupPage, pdf: Path | None = None) -> None:
-    """Write the page as HTML, and as PDF if requested, dated by the newest run."""
-    html = partial(
-        render,
+def write_group_page(path: Path, page: GroupPage) -> None:
+    """Write the page."""
+    html = render(
         "identification.html.j2",
         title=page.title,
         about=source_line(page.runs),
         sections=group_sections(page),
     )
-    replace_text(path, html())
-    if pdf is not None:
-        from rig.report.pdf import as_pdf  # slow to import, and most pages need no PDF
-
-        newest = datetime.fromtimestamp(max(int(run.start["unix_s"]) for run in page.runs), UTC)
-        replace_bytes(pdf, as_pdf(html(picture=as_png), newest))
+    replace_text(path, html)
 
 
 def group_sections(page: GroupPage) -> list[Section]:

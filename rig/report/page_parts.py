@@ -117,14 +117,9 @@ def as_svg(figure: PageFigure) -> str:
     return "data:image/svg+xml;base64," + base64.b64encode(figure.plot.page_svg.encode()).decode()
 
 
-def as_png(figure: PageFigure) -> str:
-    """Return a figure for the src of an img on a page that becomes a PDF."""
-    return "data:image/png;base64," + base64.b64encode(figure.plot.png).decode()
-
-
-def render(template: str, picture: Callable[[PageFigure], str] = as_svg, **about: Any) -> str:
+def render(template: str, **about: Any) -> str:
     """Return a self-contained page rendered from a template of this package."""
-    page = _templates().get_template(template).render(picture=picture, glossary=GLOSSARY, **about)
+    page = _templates().get_template(template).render(picture=as_svg, glossary=GLOSSARY, **about)
     return page.replace(_PAGE_SCRIPT, _zoom_library() + _PAGE_SCRIPT, 1) if _CHART in page else page
 
 

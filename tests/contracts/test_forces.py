@@ -1,5 +1,4 @@
-"""Every registered force sensor keeps the contract, and has said everything that it asks of its device.
-"""
+"""Every registered force sensor keeps the contract, and has said everything that it asks of its device."""
 
 import importlib
 import pkgutil

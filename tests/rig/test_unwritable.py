@@ -18,7 +18,7 @@ from tests.program import Ended, Program
 
 FROZEN = Path(__file__).parents[1] / "frozen" / "commands.txt"
 RUN = FROZEN.parents[1] / "data" / "runs" / "complete"
-NAMES = ("--out", "--to", "--table", "--picture", "--pdf")
+NAMES = ("--out", "--to", "--table", "--picture")
 READ = {"stream --out", "panel --out"}
 """Folders of runs that these commands only read."""
 
@@ -36,7 +36,6 @@ WRITES: dict[str, tuple[object, ...]] = {
     "design --to": ("--to", "shut/designed.py"),
     "design --out": ("--out", "shut/designed.html"),
     "compare --out": ("shut", "--out", "shut/c.html"),
-    "compare --pdf": ("shut", "--pdf", "shut/c.pdf"),
     "runs --table": ("shut", "--table", "shut/t.csv"),
     "study --out": ("study.toml", "--out", "shut/t.csv"),
     "indent --picture": (*PRESS, "--picture", "shut/p.svg"),
