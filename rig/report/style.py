@@ -23,7 +23,6 @@ DOTTED = (0, (1, 3))
 PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""
-PAGE_IN = (10.9, 6.3)
 """Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
 down."""
 
