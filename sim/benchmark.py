@@ -387,13 +387,13 @@ QUICK = (
     Candidate("finger", "0.28 mm", coarse(0.28)),
     Candidate("finger", "n = 2", nested(2)),
     Candidate("finger", "0.28 mm", coarse(0.28, "full")),
-    Candidate("finger", "n = 2", nested(2, element="full")),
     Candidate("finger", "0.28 mm", coarse(0.28, "incompatible")),
-    Candidate("finger", "n = 2", nested(2, element="incompatible")),
-    Candidate("finger", "n = 1", nested(1, element="quadratic")),
 )
 WHOLE = (
     *QUICK,
+    Candidate("finger", "n = 2", nested(2, element="full")),
+    Candidate("finger", "n = 2", nested(2, element="incompatible")),
+    Candidate("finger", "n = 1", nested(1, element="quadratic")),
     Candidate("halfspace", "default"),
     Candidate("section", "default"),
     Candidate("section", "n = 5", nested(5)),

@@ -341,7 +341,7 @@ _STEPS = ("mesh", "assembly", "condensation", "inverse", "receptors")
 
 
 def speed_command(
-    quick: Annotated[bool, typer.Option("--quick", help="Measure coarse meshes only (about 1 min).")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Measure coarse meshes only (about 2 min).")] = False,
     page_file: Annotated[Path, typer.Option("--out", metavar="HTML", help="HTML page to write.")] = Path(
         "bench.html"
     ),
