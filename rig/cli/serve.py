@@ -162,7 +162,8 @@ def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
     if name is not None and name not in names(room):
         raise BadInputError(
             "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=f"--{room}", value=name, expected=either(names(room)),
+            code="unknown_device", option="--force-sensor" if room == "force" else "--stage", value=name,
+            expected=either(names(room)),
         )  # fmt: skip
     return name or otherwise
 

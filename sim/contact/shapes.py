@@ -14,8 +14,8 @@ from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating
 from sim.errors import ArgumentError, SimError
 
 EXPECTED = (
-    "bar:WIDTH, cylinder:d=DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
-    "sphere:r=RADIUS, flat:r=RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones with r=RADIUS or "
+    "bar:WIDTH, cylinder:DIAMETER, step:1|3|5, grating:RIDGE,PITCH, wedge:ANGLE, profile:FILE.csv[,linear], "
+    "sphere:RADIUS, flat:RADIUS, cone:ANGLE, flat, line or heightmap:FILE,…; round ones also as r=RADIUS or "
     "d=DIAMETER, ones along the finger also with ,across or ,turn_deg=ANGLE"
 )
 LINE_THICKNESS_MM = 0.2
