@@ -146,7 +146,7 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
     ]
     assert json.loads(found["bytes.jsonl"]) == {"t_s": 0.0, "port": "…/usb-x", "dir": "tx", "hex": "24490a"}
     assert found["config.toml"] == '[stage]\nport = "…/tty0"\n[force]\nport = "tcp://…:4001"\n'
-    assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.1.0"
+    assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.3.0"
     installed = json.loads(found["installation.json"])
     assert set(installed) == {
         "python", "system", "machine", "cores", "versions", "devices", "protocols", "problems",

@@ -167,7 +167,7 @@ def test_the_attributes_say_which_run_it_is(tmp_path: Path) -> None:
     export_run(run)
     with h5py.File(tmp_path / "mine" / "data.h5") as file:
         assert dict(file.attrs) == {
-            "run": "mine", "uid": run.start["uid"], "date_utc": "2026-11-22T05:11:29+00:00", "version": "0.1.0",
+            "run": "mine", "uid": run.start["uid"], "date_utc": "2026-11-29T18:14:44+00:00", "version": "0.3.0",
             "protocol": "mixed", "title": "Everything a script may ask for", "subject": "S07", "virtual": True,
             "planned_indentations": 8, "complete": False,
         }  # fmt: skip

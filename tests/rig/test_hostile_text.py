@@ -16,10 +16,12 @@ from rich.text import Text
 
 from rig.cli import output, program
 from rig.data import read_run
+from rig.data.documents import as_line
 from rig.data.folder import replace_text
 from rig.printable import on_one_line, printable
 from rig.report.run_report import write_report
 from sim.models.fingertip import Fingertip
+from tests.journals import rewrite
 from tests.program import Program
 
 STEERING = [chr(one) for one in range(0x110000) if unicodedata.category(chr(one)) in ("Cc", "Cf", "Cs", "Zl", "Zp")]
@@ -127,7 +129,8 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     note = {"uid": "n", "seq": 1, "t_s": 0.0, "unix_s": documents[0]["unix_s"], "stream": "note"}
     documents.insert(1, {"doc": "descriptor", **note, "units": {"text": ""}})
     documents.insert(2, {"doc": "event", **note, "data": {"text": HOSTILE}})
-    (folder / "events.jsonl").write_text("".join(json.dumps(one) + "\n" for one in documents), encoding="utf-8")
+    numbered = [{**one, "seq": number} for number, one in enumerate(documents)]
+    (folder / "events.jsonl").write_bytes(b"".join(map(as_line, numbered)))
     about = json.loads((folder / "provenance.json").read_text(encoding="utf-8"))
     (folder / "provenance.json").write_text(json.dumps(_changed(about)), encoding="utf-8")
     return folder
@@ -190,7 +193,7 @@ def test_half_a_surrogate_pair_is_written_as_text(tmp_path: Path) -> None:
 
 def test_a_stream_is_no_path(run: Path, program: Program) -> None:
     journal = run / "events.jsonl"
-    journal.write_text(journal.read_text(encoding="utf-8").replace('"note"', '"../../note"'), encoding="utf-8")
+    rewrite(journal, lambda one: {**one, "stream": "../../note"} if one.get("stream") == "note" else one)
     ended = program("export", str(run), "--csv", "--json")
     assert (ended.code, ended.error_code) == (2, "bad_journal")
     assert not list(run.parents[1].glob("*.csv"))

@@ -69,7 +69,7 @@ def _said(line: str, program: Program, patch: pytest.MonkeyPatch) -> str:
     assert _files() == there, line
     assert ended.code, f"{line}\n{ended.out}"
     *_, last = ended.err.splitlines()
-    assert last.startswith(("rig: ", "Stop NOT sent: ")), line
+    assert last.startswith(("rig: ", "Stop NOT sent")), line
     if not ended.out:
         return f"{ended.code}"
     told = json.loads(ended.out)

@@ -20,10 +20,10 @@ import rig.data.index as run_index
 from rig.cli.runs import RunFilter, _line
 from rig.data.folder import RunFolder
 from rig.data.index import INDEX, IndexEntry, listed
-from rig.data.journal import mend_journal
 from rig.data.run import read_run
 from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from rig.engine.contact import MAY_TOUCH
+from tests.journals import append, rewrite
 from tests.program import Program
 from tests.waiting import DEADLINE_S
 
@@ -45,9 +45,7 @@ def unread(path: Path) -> tuple[Summary, list[Row]]:
 
 def stopped(run: Path, status: str, reason: str) -> None:
     """Give its journal an end."""
-    mend_journal(run / "events.jsonl")
-    with (run / "events.jsonl").open("a", encoding="utf-8") as file:
-        file.write(json.dumps({"doc": "stop", "t_s": 90.0, "status": status, "reason": reason}) + "\n")
+    append(run / "events.jsonl", {"doc": "stop", "t_s": 90.0, "status": status, "reason": reason})
 
 
 def names(entries: list[IndexEntry]) -> list[str]:
@@ -84,7 +82,7 @@ def test_the_list_as_json(program: Program, runs: Path) -> None:
     told = program("runs", runs, "--json").json
     assert told["unreadable"] == []
     assert told["runs"][0] == {
-        "name": "complete", "date_utc": "2026-11-22T05:11:01+00:00", "protocol": "bars_of_five",
+        "name": "complete", "date_utc": "2026-11-29T18:14:16+00:00", "protocol": "bars_of_five",
         "title": "Bar at five positions", "subject": "", "shapes": ["bar:3.0"], "state": "done", "virtual": True,
         "planned": 5, "done": 5, "duration_s": pytest.approx(read_run(OLD / "complete").duration_s),
     }  # fmt: skip
@@ -103,10 +101,10 @@ def test_the_list_as_json(program: Program, runs: Path) -> None:
         (["--protocol", "bars_of_five"], NAMES[:1]),
         (["--state", "killed"], NAMES[2:]),
         (["--state", "done", "--subject", "S07"], NAMES[1:2]),
-        (["--since", "2026-11-22"], NAMES),
-        (["--since", "2026-11-23"], ()),
-        (["--until", "2026-11-22"], NAMES),
-        (["--until", "2026-11-21"], ()),
+        (["--since", "2026-11-29"], NAMES),
+        (["--since", "2026-11-30"], ()),
+        (["--until", "2026-11-29"], NAMES),
+        (["--until", "2026-11-28"], ()),
     ],
     ids=" ".join,
 )
@@ -224,8 +222,13 @@ def test_a_run_that_is_written_to_is_running(program: Program, runs: Path) -> No
 
 def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_path: Path) -> None:
     path, journal = tmp_path / "all.csv", runs / "complete" / "events.jsonl"
-    marked = '"increments": 1, "block": 2, "repeat": 1, "condition": "near"'
-    journal.write_text(journal.read_text(encoding="utf-8").replace('"increments": 1', marked, 1), encoding="utf-8")
+
+    def marked(document: dict[str, Any]) -> dict[str, Any]:
+        first = document.get("stream") == "indentation_start" and document.get("data", {}).get("index") == 0
+        marks = {"block": 2, "repeat": 1, "condition": "near"}
+        return {**document, "data": {**document["data"], **marks}} if first else document
+
+    rewrite(journal, marked)
     ended = program("runs", runs, "--table", path)
     rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     assert (ended.code, ended.err) == (0, "")
@@ -241,7 +244,7 @@ def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_
     assert {(row["run"], row["state"]) for row in rows} == {
         ("complete", "done"), ("complete_with_a_schedule", "done"), ("stopped", "killed"),
     }  # fmt: skip
-    marks = [(row["block"], row["repeat"], row["condition"]) for row in rows]
+    marks = [(row["block"], row["repeat"], row["condition"]) for row in rows if row["run"] == "complete"]
     assert [found for found in marks if found != ("", "", "")] == [("2", "1", "near")]
     assert marks[0] == ("2", "1", "near")
     assert {(row["target_doi_mm"] == "", row["target_force_gwt"] == "") for row in rows} == {
@@ -458,8 +461,10 @@ def test_one_run_is_told(program: Program, runs: Path) -> None:
     expected = {"state": "done", "planned": 8, "done": 8, "subject": "S07", "protocol": "mixed", "ending": None}
     assert {name: told[name] for name in expected} == expected
     assert told["limits"]["max_contact_s"] == 600.0
-    assert told["limits"]["soft_trip_of_the_plan_n"] is None
-    assert {"package": "indentation-rig", "version": "0.1.0"} in told["versions"]
+    assert (
+        told["limits"]["soft_trip_of_the_plan_n"] == read_run(OLD / "complete_with_a_schedule").start["soft_trip_n"]
+    )
+    assert {"package": "indentation-rig", "version": "0.3.0"} in told["versions"]
     assert told["devices"]["sensor"] == "MT-SICS balance 0123456789"
     assert sum(one["holds"] for one in told["presses"]) == len(run.stream("hold_end"))
     first = told["presses"][0]
@@ -477,12 +482,12 @@ def test_one_run_in_lines(program: Program, runs: Path) -> None:
     assert lines["run"] == str(runs / "complete")
     assert lines["source"] == "tests/data/runs"
     assert lines["parameters"] == "doi_mm 0.4"
-    assert lines["began"] == "2026-11-22T05:11:01+00:00, 57 s"
+    assert lines["began"] == "2026-11-29T18:14:16+00:00, 85 s"
     assert lines["limits"].startswith("max_doi_mm 1.5, max_force_gwt 100.0, ")
     assert lines["devices"].startswith("stage virtual grbl, force virtual mtsics, controller [VER:")
-    assert lines["versions"].startswith("python 3.11.7, indentation-rig 0.1.0, ")
+    assert lines["versions"].startswith("python 3.11.7, indentation-rig 0.3.0, ")
     assert lines["model"] == "nodes 34164, e_epidermis_mpa 0.186266, from_cache True"
-    assert lines["files"].startswith(f"16, {size / 1e6:.1f} MB: config.toml, data.h5, ")
+    assert lines["files"].startswith(f"17, {size / 1e6:.1f} MB: config.toml, data.h5, ")
     assert lines["what"] == "Bar at five positions (bars_of_five), on the virtual bench"
     assert lines["subject"] == "none"
     assert lines["state"] == "done, 5 of 5 indentations"
@@ -494,7 +499,7 @@ def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program,
     ended = program("show", runs / "stopped")
     assert "because     the run has no end record: its program was killed or the power failed\n" in ended.out
     assert (
-        "where       held, at x = 0.50 mm, 0.13 mm below the nominal apex (last known and not trusted)" in ended.out
+        "where       held, at x = 0.50 mm, 0.12 mm below the nominal apex (last known and not trusted)" in ended.out
     )
     assert f"resume      rig resume {runs / 'stopped'}\n" in ended.out
     stopped(runs / "stopped", "tripped", "too much")
@@ -509,10 +514,8 @@ def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -
     assert told["ending"] == {"reason_text": ENDED_EARLY, "where_text": None}
     assert "subject     S07\n" in program("show", runs / "stopped").out
     at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
-    with (runs / "stopped" / "events.jsonl").open("a", encoding="utf-8") as file:
-        file.write(
-            json.dumps({"doc": "stop", "t_s": 91.0, "status": "aborted", "reason": "x", "indentor": at}) + "\n"
-        )
+    ending = {"doc": "stop", "t_s": 91.0, "status": "aborted", "reason": "x", "indentor": at}
+    append(runs / "stopped" / "events.jsonl", ending)
     assert program("show", runs / "stopped", "--json").json["ending"] == {
         "reason_text": "x",
         "where_text": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
@@ -536,6 +539,6 @@ def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: P
     (folder / "provenance.json").unlink()
     (folder / "config.toml").write_text("[limits", encoding="utf-8")
     told = program("show", folder, "--json").json
-    assert told["limits"] == {"soft_trip_of_the_plan_n": None}
+    assert told["limits"] == {"soft_trip_of_the_plan_n": read_run(OLD / "complete").start["soft_trip_n"]}
     assert told["versions"] == [{"package": "python", "version": "unknown"}]
     assert set(told["devices"]) == {"controller", "sensor"}

@@ -27,10 +27,10 @@ from rig.clock import WallClock
 from rig.data import run_state
 from rig.data.documents import Document
 from rig.data.folder import RunFolder, UnwritableError
-from rig.data.journal import mend_journal
 from rig.data.run import Following, RunError, followed, read_run
 from rig.data.run_state import Agenda, Course, Timeline, step_in_words, written_ns
 from rig.session.rehearse import Rehearsed
+from tests.journals import append
 from tests.program import Program
 
 OLD = Path(__file__).parents[1] / "data" / "runs"
@@ -368,9 +368,7 @@ def test_in_a_pipe_there_is_one_line_an_event(program: Program, run: Callable[[s
 
 
 def _stop(folder: Path) -> None:
-    mend_journal(folder / "events.jsonl")
-    with (folder / "events.jsonl").open("ab") as file:
-        file.write(b'{"doc": "stop", "t_s": 90.0, "status": "tripped", "reason": "too much"}\n')
+    append(folder / "events.jsonl", {"doc": "stop", "t_s": 90.0, "status": "tripped", "reason": "too much"})
 
 
 def test_a_run_without_an_end_and_one_that_was_stopped_say_so(program: Program, run: Callable[[str], Path]) -> None:
@@ -449,7 +447,7 @@ def test_on_a_terminal_there_is_a_screen(
     assert "run     complete, virtual bench\n" in drawn
     assert re.search(r"force   [\d.]+ gwt, depth [\d.]+ mm, x = .3\.00 mm, hold\n", drawn)
     assert "█" in drawn
-    assert "done    5 of 5, time left unknown\n" in drawn
+    assert "done    5 of 5, 0:00:00 left on the run's clock\n" in drawn
     assert drawn.rstrip().endswith("state   done, 5 of 5 indentations")
     assert max(map(len, drawn.splitlines())) <= 80
 
