@@ -56,7 +56,9 @@ class FingerAnswers:
     @cache  # noqa: B019  # one finger a process
     def press(self, scene: PrintedPress) -> IndentationResult:
         """Return the answer to one scene."""
-        return self.finger.indent(scene.shape, scene.x_mm, **{scene.kind: scene.value})
+        if scene.kind == "doi_mm":
+            return self.finger.indent(scene.shape, scene.x_mm, doi_mm=scene.value)
+        return self.finger.indent(scene.shape, scene.x_mm, force_gwt=scene.value)
 
     @cached_property
     def _ten(self) -> NDArray[np.int64]:
