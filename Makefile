@@ -11,7 +11,7 @@ LOCKED ?= yes
 NEWEST ?= no
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
-.PHONY: setup demo study study-bench study-coding studies docs test compiled-tests test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
+.PHONY: setup demo docs test compiled-tests test-portable test-studies panel-test shake check check-platforms bench mutants release-check clean lock check-wheels licenses clients
 
 setup: .venv/.ready
 
@@ -52,18 +52,6 @@ $(CLIENTS)/%/.ready: requirements/clients/%.txt
 
 demo: setup
 	$(BIN)/rig dry-run protocols/steps.py --set step=1 force_gwt=2.33
-
-study: setup
-	$(BIN)/python -m studies.source.pages study
-
-study-bench: setup
-	$(BIN)/python -m studies.source.bench_pages study
-
-study-coding: setup
-	$(BIN)/python -m studies run two-pressures profiles drawn-presses decoded-shapes decoded-curvature edge-place
-
-studies: study
-	$(BIN)/python -m studies run --set studies
 
 docs: .venv/.ready-dev
 	$(BIN)/python -m sphinx -E -W --keep-going -q -b html docs build/site

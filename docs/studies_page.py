@@ -29,7 +29,7 @@ def studies_page() -> str:
 def _section(study: Study) -> str:
     lines = [f"\n## {study.name}\n", study.answers]
     if study.removed:
-        lines.append(f"Its code left the tree after commit {study.removed}: `git show {study.removed}` has it.")
+        lines.append(f"No longer part of the project: `git show {study.removed}` has its code.")
     elif study.run:
         lines.append(", ".join(f"`{command}`" for command in study.commands))
     if study.minutes is not None:
@@ -53,7 +53,7 @@ def provenance(text: str, up: str) -> str:
         name = found["file"] or found["written"]
         study = owner[name]
         line = (
-            f"*[{study.name}]({up}studies.md#{study.name}), commit {study.tables[name]},* "
+            f"*[{study.name}]({up}studies.md#{study.name}), {study.measured(name)},* "
             f"{{download}}`CSV <{up}../studies/results/{name}.csv>`"
         )
         return f"{line}\n\n{found['rows'] or found[0]}"

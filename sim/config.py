@@ -103,8 +103,7 @@ E_EPIDERMIS_MPA = 0.186266
 """Young's modulus of the epidermis (MPa).
 
 Raju (1998) states only ratios of E. His step 1 at x = −1.63 mm, pressed 0.73 mm deep, corresponds to 8 gwt; on the
-default mesh E(epidermis) follows from that. `studies/source/stiffness_scale.py` computes it; other geometries and
-meshes use the same value.
+default mesh E(epidermis) follows from that. Other geometries and meshes use the same value.
 """
 
 

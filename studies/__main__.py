@@ -2,7 +2,7 @@
 
 .venv/bin/python -m studies list [NAME …]      what each answers, how long it takes, what it writes
 .venv/bin/python -m studies run NAME …         run studies and store the tables that they print
-.venv/bin/python -m studies run --set bench    all studies of `make bench` (or of `make studies`)
+.venv/bin/python -m studies run --set bench    all studies of `make bench`
 .venv/bin/python -m studies tables             write the tables of the pages anew from studies/results/
 .venv/bin/python -m studies check              compare registry, results and pages
 """
@@ -33,7 +33,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     listing.add_argument("names", nargs="*", choices=[[], *known], metavar="NAME")
     running = commands.add_parser("run", help="run studies and store their tables")
     running.add_argument("names", nargs="*", choices=[[], *known], metavar="NAME")
-    running.add_argument("--set", choices=("bench", "studies"), help="all studies of a make target")
+    running.add_argument("--set", choices=("bench",), help="all studies of a make target")
     commands.add_parser("tables", help="write the tables of the pages anew")
     commands.add_parser("check", help="compare registry, results and pages")
     options = parser.parse_args(arguments)
@@ -56,8 +56,8 @@ def as_text(study: Study) -> str:
     if study.minutes is not None:
         lines.append(f"    {study.minutes:g} min on two cores")
     if study.removed:
-        lines.append(f"    no longer in the tree; its code: git show {study.removed}")
-    lines += [f"    studies/results/{table}.csv, measured at {commit}" for table, commit in study.tables.items()]
+        lines.append(f"    no longer part of the project; its code: git show {study.removed}")
+    lines += [f"    studies/results/{table}.csv, {study.measured(table)}" for table in study.tables]
     return "\n".join([*lines, *(f"    {name}" for name in study.data)])
 
 

@@ -42,7 +42,7 @@ class Study:
 
     name: str
     answers: str
-    pages: tuple[str, ...]
+    pages: tuple[str, ...] = ()
     run: tuple[str, ...] = ()
     minutes: float | None = None
     threads: int | None = None
@@ -51,6 +51,13 @@ class Study:
     removed: str = ""
     tables: Mapping[str, str] = field(default_factory=dict)
     """Name of each CSV, and the commit that measured it (or several, of parts of it)."""
+
+    def measured(self, table: str) -> str:
+        """Return where a table comes from, in words."""
+        commit = self.tables[table]
+        if self.removed:
+            return f"measured at {commit} by a study that is no longer part of the project"
+        return f"commit {commit}"
 
     @property
     def commands(self) -> tuple[str, ...]:
@@ -178,7 +185,7 @@ def _of_study(study: Study, texts: Mapping[str, str]) -> Iterator[str]:
     if not study.removed:
         for command in study.run:
             module = command.split()[0]
-            if module.startswith("studies") and find_spec(module) is None:
+            if module.startswith(("studies", "tests")) and find_spec(module) is None:
                 yield f"{where}: there is no module {module}"
         yield from (f"{where}: there is no file {name}" for name in study.data if not (ROOT / name).exists())
     yield from (f"{where}: there is no page docs/{page}.md" for page in study.pages if page not in texts)

@@ -152,38 +152,7 @@ OTHER_ATTACKS = (
 # Of a large table, `@pytest.mark.quick(rows=lambda one, other: …)` says which rows stay in `make test`.
 STUDIES = (
     "studies/test_strangers_are_met.py",  # rig/test_identification.py, studies/test_identification_study.py
-    "studies/test_allowed_page.py::test_what_is_kept_is_not_pressed_again_and_leaves_what_is_shipped",
-    "studies/test_allowed_page.py::test_the_docs_have_the_tables_of_what_is_kept",
-    "studies/test_stiffening_study.py::test_a_reference_is_what_was_kept",  # of a solver in studies/
-    "studies/test_stiffening_study.py::test_a_step_in_time_is_what_was_kept",  # of a solver in studies/
-    # Presses by solvers in studies/; what an element of theirs does is held by the other tests of these files.
-    "studies/test_finite_strain.py::test_the_linear_twin_is_the_model",
-    "studies/test_finite_strain.py::test_finite_strain_begins_as_small_strain_and_leaves_it",
-    "studies/test_finite_strain.py::test_friction_holds_no_more_than_its_coefficient_and_none_is_the_model",
-    "studies/test_finite_strain.py::test_skin_slides_round_the_edges_of_a_bar",
-    "studies/test_finite_strain.py::test_friction_on_a_bar_and_round_its_edge",
-    "studies/test_relaxing_bricks.py::test_a_section_is_pressed_held_let_back_and_held_by_its_force",
-    # CalculiX, minutes of it in all; sim/test_calculix.py presses a coarser finger with it.
-    "studies/test_friction_studies.py::test_calculix_has_the_same_force_and_sed",  # sim/test_friction.py
-    "studies/test_stiffening_confirmed.py::test_calculix_has_the_same_state",  # test_a_deck_has_yeohs_numbers
-    "studies/test_finite_strain.py::test_calculix_has_the_same_equilibrium_at_finite_strain",
-    # Presses and searches of studies alone; the other tests of these files hold the same code on less.
-    "studies/test_source_figures.py::test_an_entry_has_its_verdict_and_figures",
-    # rig/test_shift_invariance_command.py, and the claims of this file
-    "studies/test_source_figures.py::test_shift_invariance_is_told_of_the_sites",
-    "studies/test_source_figures.py::test_the_search_under_noise_is_that_of_the_study",
-    "studies/test_allowed_match.py::test_waves_on_a_section_close_in_on_the_finger_that_made_the_facts",
-    "studies/test_allowed_finger.py::test_a_pulp_too_thin_for_the_deep_row_goes_without",
-    "studies/test_allowed_finger.py::test_a_finger_answers_for_every_fact_and_one_that_fails_takes_no_other_with_it",
-    "studies/test_stiffening_study.py::test_a_twin_is_what_was_kept",
-    "studies/test_stiffening_study.py::test_relaxation_is_as_near_as_the_page_says[finite_strain]",  # [creep]
-    "studies/test_allowed_page.py::test_the_tables_have_a_figure",
-    "studies/test_coding_limits.py::test_curvature_comes_from_the_skin_and_from_the_formula",
-    # sim/test_decoding.py: its worked example
-    "studies/test_coding_limits.py::test_the_worked_example_ends_where_the_source_says_and_sticks_on_grids",
-    "studies/test_coding_limits.py::test_draws_are_of_the_distribution_and_the_same_again",
-    "studies/test_coding_limits.py::test_the_limit_is_below_every_decoder",
-    "studies/test_coding_limits.py::test_rows_are_as_wide_as_their_headers",  # of studies alone
+    "studies/test_source_facts.py::test_every_fact_is_as_it_is_stored",  # the other tests of the file
     # How large the boxes of the oracle must be; the recovery of strain is held by the other tests of the file.
     "sim/oracles/test_halfspace.py::test_line_load_truncation_falls_with_the_box",
     "sim/oracles/test_halfspace.py::test_point_load_truncation",
@@ -197,7 +166,6 @@ STUDIES = (
     "sim/test_decoding.py::test_it_is_better_than_the_univariate_search_where_noise_is_loud",
     "sim/test_speed_and_error.py::test_what_is_promised_of_the_half_space_holds_in_nine_of_ten",  # of the finger
     "sim/test_axial_row.py::test_a_cylinder_is_read_back_under_the_length_that_explains_it_best",
-    "sim/test_sheets.py::test_the_study_presses_finer_meshes_and_a_finger_that_feels_otherwise",
     "sim/test_speed_and_error.py::test_the_unit_of_time_is__of_a_solution_that_is_right",
     # sim/test_sharp_sweep.py, and the poses that once did not
     "sim/test_random_poses.py::test_every_random_pose_converges",
@@ -302,8 +270,6 @@ LONG = (
     "studies/test_fault_campaign.py",
     "test_site.py",
     "rig/test_find.py",
-    "studies/test_finite_strain.py",
-    "studies/test_allowed_page.py",
     "studies/test_strangers_are_met.py",
     "sim/test_hard_cases.py",
     "rig/test_json_answers.py",
@@ -336,7 +302,6 @@ LONG = (
     "rig/test_drift_through_zero.py",
     "rig/test_page.py",
     "rig/test_map_in_a_run.py",
-    "studies/test_source_figures.py",
     "test_public_docstrings.py",
 )
 # What a shell, nohup or a terminal may have had ignored before the tests began.

@@ -27,6 +27,9 @@ MAY = {
     "lsl_client.py": "a program that waits for the streams, and ends before pytest's deadline",
     "sim/test_calculix.py": "another program, that ends before pytest's deadline",
     "rig/test_hostile_files.py": "processor time of a child, which a busy machine does not lengthen",
+    "faults/obstacles.py": "times of a stop, recorded and not asserted",
+    "faults/panel_attacks.py": "an attacker's own timeout",
+    "faults/panel_under_attack.py": "times of stops, compared with each other",
     "whole_program.py": "is held in its report until the test ends it",
 }
 WORTH_PARSING = re.compile(
@@ -131,9 +134,8 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
         "rig/test_same_run.py",  # commands, one after the other
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
         "sim/test_calculix.py",  # another program, which nothing hurries
-        "studies/test_allowed_page.py",  # git waits for nobody
         "test_adding_a_part.py",  # commands, one after the other
-        "test_house.py",  # git, as above
+        "test_house.py",  # git waits for nobody
         "test_site.py",
         "test_third_party_device.py",  # commands, one after the other
     }

@@ -157,11 +157,6 @@ class BootstrapConstants:
         low, high = np.percentile(self.of[:, 1] - self.of[:, 0], _COVERED)
         return float(low), float(high)
 
-    @property
-    def k2_above_k1(self) -> float:
-        """Share of the resamples in which K2 > K1."""
-        return float(np.mean(self.of[:, 1] > self.of[:, 0]))
-
 
 def refitted(parts: Sequence[ContactSamples], resamples: int = RESAMPLES) -> BootstrapConstants:
     """Refit on bootstrap samples of whole indentations, since the nodes of one are not independent."""
@@ -183,22 +178,3 @@ def residual(constants: Constants, at: ContactSamples) -> tuple[float, float]:
     left = predicted(constants, at) - at.pressure
     spread = at.pressure - at.pressure.mean()
     return float(np.sqrt(np.mean(left**2))), float(1 - left @ left / (spread @ spread))
-
-
-def recover_curvature(x_mm: Array, pressure: Array, doi_mm: float, constants: Constants) -> float:
-    """Return the curvature C (1/mm, relative to the finger) of a round object from (n,) pressures inside one contact.
-
-    Inside, d = DOI − ½ C (x − x₀)², with x₀ the center of the positions, which makes the formula linear in C.
-    """
-    weight = constants.k3 - 0.5 * constants.k2 * (x_mm - 0.5 * (x_mm[0] + x_mm[-1])) ** 2
-    return float(weight @ (pressure - constants.k1 * doi_mm) / (weight @ weight))
-
-
-def curvature_at(displacement_mm: Array, pressure: Array, constants: Constants) -> float:
-    """Return the mean curvature C (1/mm, relative to the finger) of (n,) displaced positions in one contact.
-
-    The largest displacement is where the indentor touched first, so it equals the depth.
-    """
-    doi_mm = displacement_mm.max()
-    left = pressure - constants.k1 * doi_mm + constants.k2 * (doi_mm - displacement_mm)
-    return float(left.mean() / constants.k3)

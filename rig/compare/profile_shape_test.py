@@ -157,40 +157,6 @@ def passed_by_chance(
     return None if flags is None else float(flags.mean())
 
 
-def moved_response(
-    schedule: ShapePositions, receptor_mm: Array, over_mm: float, draws: int, rng: np.random.Generator
-) -> Array:
-    """Return (draws, receptors, n) profiles of a response that each receptor sees shifted by its position."""
-    places = schedule.x_mm - np.asarray(receptor_mm)[:, None]
-    different, where = np.unique(places.round(6), return_inverse=True)
-    return smooth_profiles(different, over_mm, draws, rng)[:, where.reshape(places.shape)]
-
-
-def candidates_by_chance(
-    schedules: Sequence[ShapePositions],
-    receptor_mm: Array,
-    over_mm: float,
-    threshold: float = THRESHOLD,
-    draws: int = DRAWS,
-) -> float | None:
-    """Return the chance that random responses pass at one receptor under all steps, and near x = 0 under all bars.
-
-    None if no schedule has a test.
-    """
-    rng = np.random.default_rng(SEED)
-    found: dict[str, Flags] = {}
-    near = np.abs(receptor_mm) <= NEAR_CENTRE_MM
-    for schedule in schedules:
-        flags = shape_flags(
-            schedule.shape, schedule.x_mm, moved_response(schedule, receptor_mm, over_mm, draws, rng), threshold
-        )
-        if flags is not None:
-            family = schedule.shape.partition(":")[0]
-            flags = flags & near if family == "bar" else flags
-            found[family] = found.get(family, np.array(True)) & flags
-    return float(np.logical_and.reduce([flags.any(axis=1) for flags in found.values()]).mean()) if found else None
-
-
 def chance_rows(stimuli: Sequence[StimulusRow]) -> list[dict[str, Any]]:
     """Return, for each stimulus with a shape test, the share of equally smooth random profiles that pass."""
     rows = []

@@ -2,7 +2,6 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,34 +71,3 @@ def source_flags(receptor_mm: NDArray[np.float64]) -> Flags:
 def agreement(ours: Flags, source: Flags) -> Agreement:
     """Count cells of two arrays of the same shape."""
     return Agreement(*(int(np.sum(v)) for v in (ours & source, ours & ~source, ~ours & source, ~ours & ~source)))
-
-
-class AgreementLimits(NamedTuple):
-    """95 % limits of the scores by bootstrap over measures or receptors, whose cells are not independent."""
-
-    precision: tuple[float, float]
-    recall: tuple[float, float]
-    matthews: tuple[float, float]
-
-
-def agreement_limits(ours: Flags, source: Flags, over: Literal["measures", "receptors"]) -> AgreementLimits:
-    """Return limits for tables (measures, shapes, receptors), by bootstrap over one axis; NaN for undefined scores.
-
-    540 cells are not 540 observations: the profiles of the next receptor and of a collinear measure add little
-    information. Percentiles of `DRAWS` draws with a fixed seed.
-    """
-    axis = {"measures": 0, "receptors": 2}[over]
-    rng = np.random.default_rng(SEED)
-    drawn = rng.integers(ours.shape[axis], size=(DRAWS, ours.shape[axis]))
-    found = [agreement(ours.take(one, axis), source.take(one, axis)) for one in drawn]
-    return AgreementLimits(*(_limits([getattr(one, name) for one in found]) for name in AgreementLimits._fields))
-
-
-def _limits(values: list[float]) -> tuple[float, float]:
-    known = np.array([value for value in values if not math.isnan(value)])
-    low, high = np.quantile(known, [0.025, 0.975]) if len(known) else (math.nan, math.nan)
-    return float(low), float(high)
-
-
-DRAWS = 2000
-SEED = 52

@@ -22,7 +22,6 @@ from sim.contact.patch import X, Z
 from sim.errors import ModelRangeError
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.models.factored_interior import Recovery
-from sim.models.result import IndentationResult
 from sim.units import GWT_N
 
 Array = NDArray[np.float64]
@@ -186,15 +185,6 @@ def in_frames(strain: Array, frames: Array) -> Array:
     return np.asarray(turned[..., _PAIRS[:, 0], _PAIRS[:, 1]] * _ENGINEERING)
 
 
-class MissedOfPress(NamedTuple):
-    """Errors of SED: relative L2 and peak; share of lateral forces, and relative L2 without these in the truth."""
-
-    relative_l2: float
-    peak: float
-    lateral_share: float
-    normal_alone: float
-
-
 @dataclass(frozen=True)
 class MovedResponse:
     """Strain in the skin's axes around a unit normal force in the middle of the pad, for use elsewhere."""
@@ -225,29 +215,6 @@ class MovedResponse:
         strain = self.convolved(spread.load_mm[None], force, spread.sheet.skin_mm)
         sed = energy_density(strain, spread.young_ratio, self.finger.config.tissue.poisson)
         return _relative_l2(sed, spread.sed)
-
-    def missed_of_press(self, pressed: IndentationResult) -> MissedOfPress:
-        """Return the errors of convolution for a press, at the receptors of the receptor plane."""
-        patch = pressed.model.patch
-        force = np.zeros((len(patch), 3))
-        force[:, list(patch.axes)] = pressed.state.force.T
-        touched = np.abs(force).max(axis=1) > 0
-        points, force = patch.position_mm[touched], force[touched]
-        outward = self.finger.normals(points)
-        inward = -(force * outward).sum(axis=1)
-        lateral = np.linalg.norm(force + inward[:, None] * outward, axis=1)
-        row = np.abs(self.sheet.skin_mm[:, Z] - self.finger.config.receptor_plane_mm) < _IN_PLANE_MM
-        loads = [self.finger.on_nodes(points, forces) for forces in (force, -inward[:, None] * outward)]
-        true = self.recovery.strain(self.finger.interior.moved(np.stack(loads)))[:, row]
-        found = self.convolved(points, inward, self.sheet.skin_mm[row])
-        poisson, young = self.finger.config.tissue.poisson, self.recovery.young_ratio[row]
-        sed, all_of_it, normal_alone = (energy_density(strain, young, poisson) for strain in (found, *true))
-        return MissedOfPress(
-            _relative_l2(sed, all_of_it),
-            float(sed.max() / all_of_it.max() - 1),
-            float(lateral.sum() / np.abs(inward).sum()),
-            _relative_l2(sed, normal_alone),
-        )
 
 
 def _relative_l2(found: Array, true: Array) -> float:

@@ -186,14 +186,6 @@ def blended(mesh: FingerMesh, location: MeshLocation, point: Array) -> StrainSam
     return fits._replace(weights=(weights[:, None] * fits.weights.reshape(len(beside), -1)).ravel())
 
 
-def quadratic_fit(mesh: FingerMesh, cell: tuple[int, int, int], point: Array) -> StrainSamples:
-    """Return a least-squares quadratic through the samples of 3 × 3 × 3 cells of one layer, evaluated at a point.
-
-    Thin layers have fewer rows along the radius.
-    """
-    return _quadratic_fits(mesh, [cell], point)
-
-
 def _quadratic_fits(mesh: FingerMesh, cells: Sequence[tuple[int, int, int]], point: Array) -> StrainSamples:
     """Return the fits around several cells of one layer, one after the other."""
     elements, local = sampled(mesh, np.concatenate([patch_around(mesh, cell) for cell in cells]))

@@ -73,17 +73,6 @@ def write_load_deck(path: Path, finger: MeshedFinger, nodes: Ints, force_n: Arra
         file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NFIX,TOTALS=ONLY\nRF\n*END STEP\n")
 
 
-def write_displacement_deck(path: Path, finger: MeshedFinger, nodes: Ints, displacement_mm: Array) -> None:
-    """Write the finger with n nodes displaced by (n, 3) mm; it prints displacements, then their reactions."""
-    with path.open("w", encoding="ascii") as file:
-        _write_finger(file, finger)
-        _write_set(file, "*NSET,NSET=NHELD", nodes)
-        file.write(_step(finger, "*STEP,INC=200") + "*STATIC,SOLVER=SPOOLES\n0.25,1.\n*BOUNDARY\n")
-        for node, moved in zip(nodes + 1, displacement_mm, strict=True):
-            file.writelines(f"{node},{axis},{axis},{value:.12g}\n" for axis, value in enumerate(moved, 1))
-        file.write("*NODE PRINT,NSET=NALL\nU\n*NODE PRINT,NSET=NHELD\nRF\n*END STEP\n")
-
-
 def write_contact_deck(
     path: Path,
     finger: MeshedFinger,

@@ -1,6 +1,6 @@
 """Measured deviation of small-strain results from finite strain.
 
-`python -m studies.finite_strain.tables` makes the table; `docs/small_strain.md` explains it.
+`docs/small_strain.md` explains the table.
 """
 
 import json

@@ -1,9 +1,8 @@
 """Force and energy at finite strain relative to linear tissue: low-order functions, fitted to references.
 
 Every layer follows Yeoh's law, w = ½ μ (i + a i²) with i = Ī₁ − 3 (Yeoh 1993) and stiffening a. A factor's logarithm
-is the effect of finite strain alone plus a multiple of ln(1 + a × a strain). `python -m studies.stiffening.fitted`
-prints the numbers; errors: `docs/validation/stiffening.md`; alternatives:
-`docs/decisions/0030-tissue-that-stiffens.md`.
+is the effect of finite strain alone plus a multiple of ln(1 + a × a strain). Errors:
+`docs/validation/tissue.md`; alternatives: `docs/decisions/0030-tissue-that-stiffens.md`.
 """
 
 from dataclasses import dataclass, field

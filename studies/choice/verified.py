@@ -1,6 +1,6 @@
 """Whether `auto` keeps its word, in scenes that its table has not seen, and what it saves.
 
-    OMP_NUM_THREADS=1 .venv/bin/python -m studies.choice.verified [N] [KEPT]    # docs/validation/accuracy.md
+    OMP_NUM_THREADS=1 .venv/bin/python -m studies.choice.verified [N] [KEPT]    # docs/validation/performance.md
 
 Each scene is asked twice: for force alone, and for strain, each within a tolerance drawn from 0.5 to 20 %. What is
 done is a line of KEPT (default: choice_verified.jsonl), and is not done again until that is deleted.

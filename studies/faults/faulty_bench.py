@@ -13,6 +13,7 @@ from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Target
 from rig.engine.bench import NO_PAUSE, Meanwhile
+from rig.engine.limits import Stopping
 from rig.plan.config import Config
 from rig.session.rehearse import Spring
 from rig.transport import LoopbackTransport
@@ -29,6 +30,12 @@ FAR_MM, FAR_LOOKS = 1.0, 10
 """So far above the finger nothing that moves at up to 50 mm/s gets there in as many looks: one of them is made."""
 
 Change = Callable[[bytes], list[bytes]]
+
+
+def bound_gwt() -> float:
+    """Return the soft trip, and what the worst increment may add."""
+    trip_gwt = SOFT_TRIP_N / GWT_N
+    return trip_gwt + Stopping.of(Config(), 1.0).overshoot_gwt(trip_gwt, PREDICTED.force_n / GWT_N, PREDICTED.doi_mm)
 
 
 class FaultyBench:

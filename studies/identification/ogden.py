@@ -3,8 +3,10 @@
 The factor is that of a shape over depth at the pad's centre; beside the centre it is the same.
 """
 
+import json
 from functools import cache, lru_cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +20,16 @@ from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
 from sim.models.sources import ModelSource, Recipe
 from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
-from studies.stiffening.references import read
 
 Array = NDArray[np.float64]
 
 _PLACES_KEPT = 64
 KEPT = Path(__file__).parent / "kept" / "ogden.jsonl"
+
+
+def references() -> list[dict[str, Any]]:
+    """Return the kept presses at finite strain."""
+    return [json.loads(line) for line in KEPT.read_text("utf-8").splitlines()]
 
 
 class OgdenFinger(Fingertip):
@@ -60,7 +66,7 @@ def factor(indentor: Indentor, depth_mm: float) -> float:
 @cache
 def _log_factors() -> dict[Indentor, PchipInterpolator]:
     """Of each shape, over mm: monotone between references and from 0 at first touch."""
-    kept = read(KEPT)
+    kept = references()
     found = {}
     for shape in dict.fromkeys(row["shape"] for row in kept):
         own = [(row["doi_mm"], np.log(row["force"] / row["linear"])) for row in kept if row["shape"] == shape]

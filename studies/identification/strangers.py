@@ -7,10 +7,9 @@ import numpy as np
 
 from rig.identify.random_finger import truth_of, with_parameters
 from rig.plan.config import Config
-from sim.config import MeshSpec
+from sim.config import MeshSpec, Tissue
 from sim.models.fingertip import Fingertip
 from studies.identification.ogden import OgdenFinger
-from studies.stiffening.fingers import finger
 
 COARSER = MeshSpec(level="coarse", spacing_mm=0.34, axial_spacing_mm=0.6)
 """Of the bench's fingers: another mesh than whoever meets them has."""
@@ -101,7 +100,7 @@ def _giving(stranger: Stranger, chance: np.random.Generator) -> Stranger:
 
 def _ogden(stranger: Stranger, chance: np.random.Generator) -> Stranger:
     """Tissue of Ogden's law, with the moduli at small strain of the finger that its references are of."""
-    tissue = finger("default").tissue
+    tissue = Tissue()
     stranger = _of(stranger, "tissue", e_dermis=tissue.e_dermis, e_fat=tissue.e_fat, strain="small", stiffening=0.0)
     return stranger._replace(made=OgdenFinger)
 

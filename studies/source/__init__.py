@@ -1,1 +1,1 @@
-"""The facts, figures and tables of Raju (1998), as this finger has them."""
+"""The facts of Raju 1998 (S.M. thesis, MIT) that the model can be asked about: `studies/results/source/facts.csv`."""

@@ -15,35 +15,27 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import NamedTuple
-from unittest.mock import patch
 
 import numpy as np
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
 from sim.benchmark import reference_s
-from sim.contact import lcp
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
+from sim.models.many_indentations import indent_many
 from studies.accuracy.random_poses import ON_ITS_PATCH, PosedShape, draw
 from studies.posix import os
-from studies.registry import show
-from studies.speed import cold_build
-from studies.speed.demo import DEMO, HERE
-from studies.speed.many_presses import at_once
-from studies.speed.timing import SCENES
+from studies.registry import ROOT, show
+from studies.speed.timing import SCENES, factorized_alone, problem
 
 ON_S = 0.3
 """Time of the reference computation on the machine for which aims are given (s)."""
 
 POSES, ROUNDS, STARTS = 1000, 3, 5
 COLUMNS = ("figure", "processor (s)", "wall (s)", "reference units", "aim (s)", "aim (units)", "load")
-WORK = ("of one pose, mean", "count", "at the machine's rate (ms)")
-
-Ints = NDArray[np.int64]
+DEMO = ("dry-run", "protocols/steps.py", "--set", "step=1", "force_gwt=2.33")
 
 
 class Spent(NamedTuple):
@@ -83,7 +75,14 @@ def drawn(finger: Fingertip, n: int) -> tuple[list[PosedShape], list[float], Spe
 
 def many(finger: Fingertip, scenes: list[PosedShape], cores: int) -> list[float]:
     """Return the forces of all poses by one call (N)."""
-    found = at_once(finger, scenes, cores, measures=False)
+    found = indent_many(
+        finger,
+        [scene.indentor for scene in scenes],
+        [scene.x_mm for scene in scenes],
+        z_mm=[np.nan if scene.z_mm is None else scene.z_mm for scene in scenes],
+        doi_mm=[scene.doi_mm for scene in scenes],
+        cores=cores,
+    )
     return [result.force_n for result in found if result is not None]
 
 
@@ -98,61 +97,17 @@ def started(*words: str) -> None:
     """Run a command of the program."""
     with tempfile.TemporaryDirectory() as out:
         command = [sys.executable, "-m", "rig", *(word.replace("OUT", out) for word in words)]
-        subprocess.run(command, cwd=HERE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
+        subprocess.run(command, cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=True)
 
 
-class Counts:
-    """Flops of factors and solves, and bytes of compliance read, in the convex problems of contacts."""
-
-    def __init__(self) -> None:
-        self.flops = self.moved_bytes = 0.0
-        self.passes = self.pivots = 0
-
-    @contextmanager
-    def counted(self) -> Iterator[None]:
-        """Count what is solved within."""
-        held, slack = lcp._held, lcp._slack
-
-        def solved(problem: lcp._Problem, active: Ints) -> object:
-            n, known = len(active), int((problem.place >= 0).sum())
-            found = held(problem, active)  # fills in the entries of W that are new
-            entries = (int((problem.place >= 0).sum()) ** 2 - known**2) / 2
-            self.pivots += 1
-            self.flops += n**3 / 3 + 2 * n**2 + 2 * len(problem.normal) ** 2 * entries
-            self.moved_bytes += 8 * (len(problem.normal) ** 2 * entries + n**2)
-            return found
-
-        def loosened(problem: lcp._Problem, multipliers: NDArray[np.float64], active: Ints) -> object:
-            entries = len(active) * len(problem.normal) ** 2 * problem.skin.nodes
-            self.flops += 2 * entries
-            self.moved_bytes += 8 * entries
-            return slack(problem, multipliers, active)
-
-        python = {name: getattr(lcp, name).py_func for name in ("_solved", "_by_blocks", "_one_by_one", "_feasible")}
-        with patch.multiple(lcp, _held=solved, _slack=loosened, **python):
-            yield
-
-
-def work(finger: Fingertip, scenes: list[PosedShape]) -> list[tuple[str, str, str]]:
-    """Return what a pose is made of, beside the rates of a dense product and of a copy."""
-    counts, solves = Counts(), lcp.solve_lcp
-
-    def one(*problem: object) -> object:
-        counts.passes += 1
-        return solves(*problem)  # type: ignore[arg-type]
-
-    with counts.counted(), patch("sim.contact.planes.solve_lcp", one):
-        for scene in scenes:
-            finger.indent(scene.indentor, scene.x_mm, z_mm=scene.z_mm, doi_mm=scene.doi_mm)
-    flops, moved, n = counts.flops / len(scenes), counts.moved_bytes / len(scenes), len(scenes)
-    rate, copied = cold_build.product_rate(), cold_build.copy_rate()
-    return [
-        ("convex problems", f"{counts.passes / n:.0f}", ""),
-        ("factorizations", f"{counts.pivots / n:.0f}", ""),
-        (f"Mflop of these problems (dense product: {rate / 1e9:.0f} Gflop/s)", f"{flops / 1e6:.0f}",
-         f"{1e3 * flops / rate:.1f}"),
-        (f"MB of matrices read (copy: {copied / 1e9:.0f} GB/s)", f"{moved / 1e6:.0f}", f"{1e3 * moved / copied:.1f}"),
-    ]  # fmt: skip
+def cold() -> Fingertip:
+    """Build the default finger with an empty cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        os.environ["RIG_CACHE_DIR"] = folder
+        try:
+            return Fingertip.load()
+        finally:
+            del os.environ["RIG_CACHE_DIR"]
 
 
 class Figures:
@@ -194,10 +149,10 @@ class Figures:
 
     def build(self) -> Iterator[tuple[str, Spent, float | None]]:
         """Cold build, and the factorization alone."""
-        matrix = cold_build.problem()
+        matrix = problem()
         with threadpool_limits(1):
-            alone = least(lambda: cold_build.factorized_alone(matrix))
-            whole = least(cold_build.cold)
+            alone = least(lambda: factorized_alone(matrix))
+            whole = least(cold)
         yield "factorization alone", alone, None
         yield f"cold build, {whole.processor_s / alone.processor_s:.2f} of that", whole, 1.6 * alone.processor_s
 
@@ -213,15 +168,11 @@ NAMES = ["commands", "press", "many", "build"]
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*", choices=[[], "work", *NAMES], metavar="FIGURE")
+    parser.add_argument("names", nargs="*", choices=[[], *NAMES], metavar="FIGURE")
     parser.add_argument("--poses", type=int, default=POSES)
     options = parser.parse_args()
-    names = options.names or [*NAMES, "work"]
     began, figures = time.perf_counter(), Figures(options.poses)
-    show(COLUMNS, figures.run([name for name in names if name != "work"]))
-    if "work" in names:
-        print()
-        show(WORK, work(figures.finger, drawn(figures.finger, min(options.poses, 100))[0]))
+    show(COLUMNS, figures.run(options.names or NAMES))
     print(f"\n{time.perf_counter() - began:.0f} s")
 
 

@@ -2,7 +2,6 @@
 
 .venv/bin/python -m studies.speed.timing            # the tables of the README, about a minute and a half
 .venv/bin/python -m studies.speed.timing --contact  # the second of them alone
-.venv/bin/python -m studies.speed.timing --counts   # what a press from rest of these scenes is made of
 """
 
 import os
@@ -10,27 +9,25 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from unittest.mock import patch
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
-from sim.contact import planes
-from sim.contact.lcp import LcpSolution
+from sim.config import FingertipConfig
 from sim.contact.measured_profile import MeasuredProfile
-from sim.contact.solver import ContactState
+from sim.fem.dissection import DissectionFactor
+from sim.finger.mesh import build_mesh
+from sim.finger.surface import FingertipSurface
 from sim.models.cache import cache_dir
+from sim.models.condensed import FiniteElements, discretise
 from sim.models.fingertip import Fingertip
-from sim.models.pressing import Pressing
 from sim.models.result import IndentationResult
 from studies.posix import resource
-from studies.speed import cold_build
 
 Shape = str | MeasuredProfile
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 
 SPLINE = MeasuredProfile("two ridges", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.25, 0.0, 0.4))
 _BARS_X_MM, _STEPS_X_MM = (-0.3, 0.0, 0.25), (2.0, 0.5, -0.5, -1.0, -1.63, -2.25, -3.69)
@@ -64,6 +61,17 @@ def dense_cholesky_s(n: int, repeats: int = 3) -> float:
     return seconds(lambda: lapack.dpotrf(spd, lower=1, clean=0), repeats)
 
 
+def problem() -> FiniteElements:
+    """Return the matrix of the default finger."""
+    config = FingertipConfig()
+    return discretise(config, build_mesh(config, FingertipSurface.fit(config.geometry)))
+
+
+def factorized_alone(matrix: FiniteElements) -> DissectionFactor:
+    """Factorize the matrix of a finger and keep one unknown."""
+    return DissectionFactor(matrix.upper, matrix.kept[:1], matrix.places)
+
+
 def cold() -> Fingertip:
     """Build with an empty cache, then load from it."""
     with tempfile.TemporaryDirectory() as folder:
@@ -74,8 +82,8 @@ def cold() -> Fingertip:
         warm = seconds(Fingertip.load, 3)
         size = sum(p.stat().st_size for p in cache_dir().glob("*.model"))
         del os.environ["RIG_CACHE_DIR"]
-    n_patch, matrix = 2 * len(finger.model.patch), cold_build.problem()
-    alone = f"the same matrix factorized alone {seconds(lambda: cold_build.factorized_alone(matrix)):.1f} s"
+    n_patch, matrix = 2 * len(finger.model.patch), problem()
+    alone = f"the same matrix factorized alone {seconds(lambda: factorized_alone(matrix)):.1f} s"
     laps = finger.model.timing_s
     print(f"{finger.model.nodes} nodes, patch of {len(finger.model.patch)} nodes, {os.cpu_count()} cores\n")
     print("| step | seconds | beside it |\n|---|---|---|")
@@ -128,42 +136,8 @@ def _spent(results: list[IndentationResult]) -> str:
     return f"{np.median(ms):.0f} / {np.percentile(ms, 95):.0f}"
 
 
-def counts(finger: Fingertip) -> None:
-    """What a press by DOI from rest is made of, in the mean: solves, passes, orders and share of convex problems."""
-    orders: list[int] = []
-    convex_s: list[float] = []
-    solves: list[float] = []
-    convex, solved = planes.FrozenPlanes.solve, Pressing._at
-
-    def convex_told(self: planes.FrozenPlanes, held: Bools) -> LcpSolution | None:
-        start = time.thread_time()
-        solution = convex(self, held)
-        convex_s.append(time.thread_time() - start)
-        orders.append(len(solution.active) if solution else 0)
-        return solution
-
-    def solve_told(self: Pressing, doi: float, start: ContactState | None, target: float | None) -> ContactState:
-        solves.append(doi)
-        return solved(self, doi, start, target)
-
-    columns = ("scene", "solves", "passes", "points that bear in a pass, median / max", "convex problems' share")
-    print(f"| {' | '.join(columns)} |\n|{'---|' * len(columns)}")
-    with patch.object(planes.FrozenPlanes, "solve", convex_told), patch.object(Pressing, "_at", solve_told):
-        for name, shape, xs, dois in SCENES:
-            for told in (orders, convex_s, solves):
-                told.clear()
-            results = [finger.indent(shape, x, doi_mm=doi) for x in xs for doi in dois]
-            n, spent = len(results), sum(r.contact_s for r in results)
-            means = (len(solves) / n, sum(r.state.passes for r in results) / n)
-            print(f"| {name} | {' | '.join(f'{mean:.0f}' for mean in means)} | "
-                  f"{np.median(orders):.0f} / {max(orders)} | {sum(convex_s) / spent:.0%} |")  # fmt: skip
-
-
 def main() -> None:
     """Print the tables."""
-    if "--counts" in sys.argv:
-        counts(Fingertip.load())
-        return
     indentations(Fingertip.load() if "--contact" in sys.argv else cold())
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     print(f"peak memory: {peak:.0f} MB")

@@ -1,4 +1,4 @@
-"""Tissue that relaxes, against closed forms, and the cost of a step: tables of docs/validation/relaxation.md.
+"""Tissue that relaxes, against closed forms, and the cost of a step: tables of docs/validation/tissue.md.
 
     OMP_NUM_THREADS=1 .venv/bin/python -m studies.verification.in_time    # about two minutes
 

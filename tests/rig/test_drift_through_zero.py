@@ -21,8 +21,8 @@ from rig.manual.home_and_zero import zero as zero_by_hand
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from studies.faults.catalogue import GRBL, MODBUS
 from tests.error_codes import raises
+from tests.faults.catalogue import GRBL, MODBUS
 from tests.rig.hand_bench import Spring
 from tests.rig.test_by_hand import AtHand
 from tests.rig.test_mechanical_faults import Slipping

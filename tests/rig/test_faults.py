@@ -8,12 +8,12 @@ import pytest
 from rig.engine.limits import Stopping
 from rig.plan.config import Config
 from rig.units import GWT_N
-from studies.faults import phases
-from studies.faults.catalogue import CATALOGUE, Fault
-from studies.faults.faulty_bench import SOFT_TRIP_N
-from studies.faults.outcomes import bound_gwt, suffer
+from studies.faults.faulty_bench import SOFT_TRIP_N, bound_gwt
 from studies.registry import read_table
 from tests.error_codes import has_code
+from tests.faults import phases
+from tests.faults.catalogue import CATALOGUE, Fault
+from tests.faults.outcomes import suffer
 
 
 @pytest.mark.parametrize("fault", CATALOGUE, ids=lambda fault: fault.name)

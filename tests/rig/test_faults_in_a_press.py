@@ -1,4 +1,4 @@
-"""Presses under faults of the stages and the sensor that are not in studies/faults/catalogue.py."""
+"""Presses under faults of the stages and the sensor that are not in tests/faults/catalogue.py."""
 
 import json
 import re
@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from rig.devices.registry import ForceKind, find
-from studies.faults.catalogue import Fault
-from studies.faults.faulty_bench import TARGET, Change, FaultyBench, delayed
-from studies.faults.outcomes import bound_gwt, suffer
+from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
+from tests.faults.catalogue import Fault
+from tests.faults.outcomes import suffer
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches, below where a virtual stage begins."""

@@ -15,8 +15,8 @@ from rig.transport.wire import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
 from sim.models.fingertip import Fingertip
-from studies.faults.attempts import mixed
-from studies.faults.strikes import CABLES, CutWire
+from tests.faults.attempts import mixed
+from tests.faults.strikes import CABLES, CutWire
 
 KILLS = 8
 ROOT = Path(__file__).parents[2]
@@ -24,7 +24,7 @@ needs_fork = pytest.mark.skipif(sys.platform == "win32", reason="needs fork and 
 
 
 def _found(*options: str) -> dict[str, Any]:
-    command = [sys.executable, "-m", "studies.faults.kills", *options, "--seed", "11", "--json"]
+    command = [sys.executable, "-m", "tests.faults.kills", *options, "--seed", "11", "--json"]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=170, check=False, cwd=ROOT)
     assert ended.returncode == 0, ended.stderr
     found: dict[str, Any] = json.loads(ended.stdout)

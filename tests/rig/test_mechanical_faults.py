@@ -15,9 +15,8 @@ from rig.devices.base import StageError
 from rig.engine import EngineError, TripError, indent, verbs
 from rig.session.early_ending import FinalPosition
 from rig.units import GWT_N
-from studies.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
-from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
-from studies.faults.outcomes import bound_gwt
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench, bound_gwt
+from tests.faults.catalogue import COARSE_SCREW, GRBL, MODBUS, SCREW
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches, below where a virtual stage begins."""

@@ -1,6 +1,6 @@
 """One fault in one frame of a drive's motion: it goes nowhere else, and the driver arrives or raises.
 
-A seeded sample; `python -m studies.faults.drive_frames` runs every case.
+A seeded sample; `python -m tests.faults.drive_frames` runs every case.
 """
 
 import logging
@@ -14,7 +14,7 @@ from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.settings import Framing
 from sim.devices import VirtualDrive
-from studies.faults.drive_frames import MOTIONS, DriveBench, FrameFault, faults, wrong
+from tests.faults.drive_frames import MOTIONS, DriveBench, FrameFault, faults, wrong
 
 SAMPLE: dict[Framing, int] = {"tcp": 24, "rtu": 6}
 SHARES = {"a third": 3, "all": 1}

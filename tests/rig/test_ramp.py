@@ -35,10 +35,9 @@ from rig.transport.modbus import ModbusMaster
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from studies.faults.campaign.world import BENCHES
-from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
-from studies.faults.other_fingers import OTHERS, RampCase, ramp_into
-from studies.faults.outcomes import bound_gwt
+from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench, bound_gwt
 from tests.error_codes import raises
+from tests.faults.other_fingers import OTHERS, RampCase, ramp_into
 
 Make = Callable[..., Any]
 CONTACT_MM = -0.3

@@ -23,8 +23,6 @@ from sim.models import small_strain_error as module
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.small_strain_error import DeviationRange, small_strain
-from studies.source import matrix_page
-from studies.source.printed.answers import FingerAnswers, deep
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
@@ -74,13 +72,6 @@ def _study(at: At, *more: str) -> str:
     return at.program("study", at.folder / "study.toml", *more).out
 
 
-def _source(at: At) -> str:
-    answers = FingerAnswers(at.finger)
-    answers.press(deep("cylinder:9", 0.3))
-    matrix_page.write(at.folder, matrix_page.MatrixPage((), {}, matrix_page._provenance(answers, "made by")))
-    return (at.folder / "study.html").read_text("utf-8")
-
-
 def _compared(at: At, *more: str) -> str:
     run = at.run()
     ended = at.program("compare", run, *more)
@@ -107,7 +98,6 @@ PLACES: dict[str, Callable[[At], str]] = {
     "rig compare --json": lambda at: _compared(at, "--json"),
     "rig study": _study,
     "rig study --json": lambda at: _study(at, "--json"),
-    "the source, figure by figure": _source,
 }
 
 

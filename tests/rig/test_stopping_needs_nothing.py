@@ -18,7 +18,7 @@ from tests.error_codes import raises
 from tests.preloaded import Popen
 
 pytest.importorskip("pty", reason="needs pseudo-terminals")
-obstacles = pytest.importorskip("studies.faults.obstacles", reason="needs limits of resources")
+obstacles = pytest.importorskip("tests.faults.obstacles", reason="needs limits of resources")
 
 
 @pytest.fixture(autouse=True)

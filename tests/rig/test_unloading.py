@@ -16,9 +16,9 @@ from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand
 from rig.units import GWT_N
-from studies.faults.catalogue import GRBL, MODBUS
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 from tests.error_codes import raises
+from tests.faults.catalogue import GRBL, MODBUS
 
 FORCES_GWT = (0.5, 8.0, 28.9)  # the soft trip is at 16
 Act = Callable[[FaultyBench], None]

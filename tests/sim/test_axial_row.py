@@ -23,7 +23,6 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
 from sim.units import PSEUDO_E_EPIDERMIS
-from studies.coding.sheets_read_back import in_plane
 from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
@@ -53,6 +52,17 @@ def row(finger: Fingertip, line: SkinLine) -> ReceptorRow:
 @pytest.fixture(scope="module")
 def cylinder(finger: Fingertip) -> IndentationResult:
     return finger.indent("cylinder:6", 0.2, doi_mm=0.6)
+
+
+def in_plane(row: ReceptorRow, result: IndentationResult) -> ContactPressure:
+    """What a press bears on the skin of the receptor plane."""
+    patch, across = result.model.patch, result.model.across
+    place = row.line.places(patch.x[across])
+    outward = row.line.normals(row.line.angles(place)).T
+    pressure = PSEUDO_E_EPIDERMIS * result.state.force[:, across] / patch.area_mm2[across]
+    inward = -(outward * pressure).sum(axis=0)
+    along = outward[1] * pressure[0] - outward[0] * pressure[1]
+    return ContactPressure(place, np.gradient(place), inward, along)
 
 
 def means(row: ReceptorRow, pressed: IndentationResult) -> Array:

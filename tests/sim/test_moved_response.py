@@ -8,8 +8,6 @@ from sim.coding.point_loaded_finger import LoadedFinger, PointLoad, Site, energy
 from sim.coding.point_spread import MovedResponse, PointSpread, in_frames, receptor_sheet, spreads
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
-from sim.models.catalogue import load
-from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import coarse_mesh
 
 CONFIG = FingertipConfig(mesh=coarse_mesh(0.4, 0.4, round_patch_mm=2.0))
@@ -93,35 +91,3 @@ def test_it_is_moved_the_right_way(loaded: LoadedFinger, response: MovedResponse
 def test_far_from_all_that_was_seen_it_says_nothing(loaded: LoadedFinger, response: MovedResponse) -> None:
     ends = loaded.skin(np.zeros(2), np.array([0.5, 12.5]))
     assert not response.convolved(ends[:1], np.ones(1), ends[1:]).any()
-
-
-@pytest.fixture(scope="module")
-def pressed() -> Fingertip:
-    return load("finger", CONFIG, cached=False)
-
-
-def test_a_press_is_the_sum_of_its_forces(loaded: LoadedFinger, response: MovedResponse, pressed: Fingertip) -> None:
-    result = pressed.indent("cylinder:9", 0.0, doi_mm=0.3)
-    missed = response.missed_of_press(result)
-    patch = result.model.patch
-    force = np.append(result.state.force, np.zeros((1, len(patch))), axis=0).T
-    outward = loaded.normals(patch.position_mm)
-    inward = -(force * outward).sum(axis=1)
-    sideways = np.linalg.norm(force + inward[:, None] * outward, axis=1)
-    assert missed.lateral_share == pytest.approx(sideways.sum() / inward.sum())
-    assert 0.05 < missed.lateral_share < 0.5
-    row = np.abs(response.sheet.skin_mm[:, Z] - PLANE) < 1e-6
-    sheet = response.sheet
-    found = energy_density(
-        response.convolved(patch.position_mm, inward, sheet.skin_mm[row]), np.full(row.sum(), 0.1), 0.48
-    )
-    per_load = loaded.recovery(sheet.at_mm).strain(
-        loaded.interior.moved(
-            np.stack([loaded.on_nodes(patch.position_mm, f) for f in (force, -inward[:, None] * outward)])
-        )
-    )
-    both, normal = (energy_density(strain[row], np.full(row.sum(), 0.1), 0.48) for strain in per_load)
-    assert missed.relative_l2 == pytest.approx(np.linalg.norm(found - both) / np.linalg.norm(both))
-    assert missed.normal_alone == pytest.approx(np.linalg.norm(found - normal) / np.linalg.norm(normal))
-    assert missed.peak == pytest.approx(found.max() / both.max() - 1)
-    assert missed.relative_l2 < 0.5

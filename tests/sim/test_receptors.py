@@ -16,13 +16,11 @@ from sim.measures.receptors import (
     ReceptorSet,
     blended,
     located,
-    operator_of,
     patch_around,
     place_receptors,
     strain_operator,
 )
 from sim.models.fingertip import Fingertip
-from studies.accuracy.strain_recovery import WAYS
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
@@ -110,20 +108,6 @@ def test_a_quadratic_strain_field_is_recovered(skin: FingertipSurface, placed: R
         corners = mesh.nodes[mesh.hexes[elements]]
         sampled_at = np.einsum("mk,mki->mi", shape_functions(corners.shape[1], local)[0], corners)
         np.testing.assert_allclose(weights @ field(sampled_at), field(point[None])[0], rtol=0, atol=1e-9)
-
-
-@pytest.mark.study  # ways of a study; that of the program is above
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize("element", ["bbar", "quadratic"])
-def test_every_way_of_the_bench_recovers_a_linear_field(
-    skin: FingertipSurface, placed: ReceptorSet, element: str, way: str
-) -> None:
-    mesh = build_mesh(FingertipConfig(mesh=MeshSpec.model_validate({"spacing_mm": 0.3, "element": element})), skin)
-    g = 1e-3 * np.array([[3.0, -1.0, 2.0], [0.5, -4.0, 1.0], [0.2, 0.7, 1.5]])
-    samples = [WAYS[way](mesh, point) for point in placed.position_mm]
-    strain = (operator_of(mesh, samples) @ (mesh.nodes @ g.T).ravel()).reshape(-1, 6)
-    expected = [g[0, 0], g[1, 1], g[2, 2], g[0, 1] + g[1, 0], g[1, 2] + g[2, 1], g[0, 2] + g[2, 0]]
-    np.testing.assert_allclose(strain, np.tile(expected, (10, 1)), rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("element", ["bbar", "quadratic"])

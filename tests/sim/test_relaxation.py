@@ -153,7 +153,7 @@ def flat() -> Patch:
 
 
 def test_a_ramp_and_a_hold_are_lee_and_radoks(flat: Patch) -> None:
-    """By steps of a twentieth of τ 0.04 % of the elastic force is left (docs/validation/relaxation.md)."""
+    """By steps of a twentieth of τ 0.04 % of the elastic force is left (docs/validation/tissue.md)."""
     way = relaxing_contact.up_and_held(STEPS)
     forces = relaxing_contact.pressed_along(flat, way) / relaxing_contact.elastic(flat)
     expected = [relaxing_contact.growing(t_s) for t_s in np.cumsum([step_s for step_s, _ in way])]

@@ -10,7 +10,6 @@ from sim.coding.pressure import SectionSkin, contact_pressure, frictionless
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.coding.shape_class import CLASSES, ShapeEstimate, classify_shape, edges_mm
 from sim.config import FingertipConfig
-from studies.coding.shapes_read_back import OTHER_TISSUE, SEED, draw, felt
 
 Array = NDArray[np.float64]
 
@@ -141,12 +140,3 @@ def test_the_pressures_of_a_press_tell_what_pressed(
     found = classify_shape(frictionless(section, ENDS, "finite").skin, true)
     assert found.name == name
     assert_allclose(found.size_mm, size, rtol=within)
-
-
-def test_the_other_finger_of_the_study_is_another() -> None:
-    """Its SED differs by 10 % and more from the default's, under presses alike."""
-    other = sampled_section(FingertipConfig(tissue=OTHER_TISSUE), Sampling())
-    default = sampled_section(FingertipConfig(), Sampling())
-    for name in CLASSES:
-        one, another = (felt(finger, draw(name, SEED)) for finger in (default, other))
-        assert np.linalg.norm(another - one) > 0.1 * np.linalg.norm(one)

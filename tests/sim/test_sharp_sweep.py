@@ -3,12 +3,12 @@
 import pytest
 
 from sim.models.fingertip import Fingertip
-from studies.accuracy.sharp_sweep import groups, solved
+from tests.sim.sharp_sweep import groups, solved
 
 
 @pytest.mark.parametrize("group", groups())
 def test_every_sharp_scene_converges(unwidened: Fingertip, group: str) -> None:
-    # 1e-10 is the solver's aim, 1e-8 what is required; `make bench` does the whole sweep. 13 has no factor in common
+    # 1e-10 is the solver's aim, 1e-8 what is required; 13 has no factor in common
     # with the numbers of depths, places and shapes, so that all of them occur.
     scenes = groups()[group][::13]
     results = list(solved(unwidened, scenes))

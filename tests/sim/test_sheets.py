@@ -23,14 +23,13 @@ from sim.coding.sheet import (
     pressed_skin,
     sheet_operator,
 )
-from sim.config import FingertipConfig, MeshSpec
+from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
 from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
-from studies.coding import sheets_read_back
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -355,36 +354,3 @@ def test_an_even_square_is_as_wide_as_its_places_are() -> None:
     pressure[3:7, 5:11] = 2.0
     x, z = extent_mm(lying_on(XX), pressure.ravel())
     assert (x, z) == (pytest.approx(0.3 * np.sqrt(4**2 - 1)), pytest.approx(0.3 * np.sqrt(6**2 - 1)))
-
-
-# --- what the study presses ---
-
-
-def test_the_study_presses_finer_meshes_and_a_finger_that_feels_otherwise(sphere: IndentationResult) -> None:
-    for slopes, mesh in sheets_read_back.FINER.items():
-        assert mesh.spacing_mm < MeshSpec().spacing_mm
-        decoding = MeshSpec().axial_mm if slopes == (X,) else MeshSpec().spacing_mm
-        assert mesh.axial_mm < decoding
-    config = CONFIG.model_copy(update={"tissue": sheets_read_back.OTHER_TISSUE})
-    places = {"receptor_x_mm": SIDE.tolist(), "receptor_z_mm": (PLANE + SIDE).tolist()}
-    other = load("finger", config, slopes=(X, Z), cached=False, **places)
-    pressed = other.indent("sphere:2", 0.2, z_mm=PLANE + 0.2, doi_mm=0.5)
-    assert missed(pressed.receptor_measures["sed"], sphere.receptor_measures["sed"]) > 0.1
-
-
-def test_scenes_of_the_study_are_of_their_class_and_within_reach() -> None:
-    for name in SOLIDS:
-        scenes = [sheets_read_back.draw(name, seed) for seed in range(30)]
-        assert {scene.shape.partition(":")[0] for scene in scenes} == {name}
-        assert scenes == [sheets_read_back.draw(name, seed) for seed in range(30)]
-        assert max(scene.doi_mm for scene in scenes) < 0.66
-        assert {scene.z_mm is None for scene in scenes} == {name != "sphere"}
-    sphere = sheets_read_back.draw("sphere", 1)
-    assert sphere.size == pytest.approx(2 * float(sphere.shape.split(":")[1]), abs=1e-3)
-
-
-def test_a_sheet_of_each_second_receptor_keeps_its_corners() -> None:
-    all_of, some = (sheets_read_back.SampledSheet(every, 30.0).receptors for every in (1, 2))
-    assert all_of.all()
-    assert some.reshape(13, 13)[::2, ::2].all()
-    assert some.sum() == 49

@@ -12,7 +12,7 @@ from rig.session.early_ending import FinalPosition
 from studies.faults.campaign import runner
 from studies.faults.campaign.__main__ import in_shard, sample
 from studies.faults.campaign.cases import FaultCase, cases
-from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, parsed, wire_faults
+from studies.faults.campaign.faults import LATE_S, FaultyCarriage, WireFault, wire_faults
 from studies.faults.campaign.judge import BOUND_GWT, EXEMPTIONS, claim_of, exemption_of, true_claim, violations
 from studies.faults.campaign.messages import (
     LANGUAGES,
@@ -28,7 +28,7 @@ from studies.faults.campaign.messages import (
 )
 from studies.faults.campaign.scenarios import SCENARIOS, Finished
 from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
-from studies.faults.campaign.world import BENCHES, ScenarioBench, VirtualWorld, config_of
+from studies.faults.campaign.world import BENCHES, VirtualWorld, config_of
 from studies.registry import read_table, tables_in
 
 # --- faults ---
@@ -53,8 +53,8 @@ def test_every_byte_of_a_message_is_struck_in_every_way() -> None:
 
 
 def test_a_fault_is_known_by_its_name() -> None:
-    for fault in wire_faults(b"SI\r\n", from_device=True):
-        assert parsed(str(fault)) == fault
+    found = [*wire_faults(b"SI\r\n", from_device=True)]
+    assert len({str(fault) for fault in found}) == len(found)
 
 
 _hex = bytes.fromhex
@@ -244,9 +244,8 @@ class Careless:
 
     name: str = "careless"
 
-    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+    def play(self, world: VirtualWorld, folder: Path) -> Finished:
         """Down to a press, up again, aside."""
-        assert isinstance(world, VirtualWorld)
         stage, wire = _homed(world), world.wire("stage")
         stage.move_to(x_mm=-30.0, z_mm=-12.9, speed_mm_s=5.0)
         for phase, line in (("lift", b"G53G1G90G21Z-11.900F300\n"), ("sideways", b"G53G1G90G21X-29.000F300\n")):
@@ -258,7 +257,7 @@ class Careless:
         remembered = (state_folder() / "remembered").read_text(encoding="ascii")
         return Finished("done", remembered, FinalPosition("lifted", 1.0, 1.0, True, False))
 
-    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+    def take_up(self, world: VirtualWorld, folder: Path) -> Finished:
         """There is nothing to take up."""
         return Finished("done", "", None)
 
@@ -308,9 +307,8 @@ class Halting:
 
     name: str = "halting"
 
-    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+    def play(self, world: VirtualWorld, folder: Path) -> Finished:
         """Twelve moves aside."""
-        assert isinstance(world, VirtualWorld)
         _homed(world)
         wire, world.phase = world.wire("stage"), "move"
         for n in range(12):
@@ -320,7 +318,7 @@ class Halting:
                 return Finished("failed", f"move {n}", None)
         return Finished("done", "", None)
 
-    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+    def take_up(self, world: VirtualWorld, folder: Path) -> Finished:
         """The same again."""
         return self.play(world, folder)
 
@@ -363,11 +361,9 @@ def test_a_summary_counts_what_is_not_exempt() -> None:
     spared = {**bad, "case": "spared", "worst_gwt": 30.0, "exempt": EXEMPTIONS[0].name}
     found = CampaignSummary([{**about, "case": f"fine {n}", "violations": []} for n in range(60)] + [bad, spared])
     assert (found.bad, found.cases.total(), found.spared.total(), found.took_s) == (1, 62, 1, 31.0)
-    assert [record["case"] for record in found.worst_in("lift")][:1] == ["bad"]
     assert found.phases() == [["phase", "GRBL: cases", "worst, gwt"], ["lift", "62", "20.00"], ["all", "62", ""]]
     assert found.exceptions()[1][:4] == [EXEMPTIONS[0].name, "1", "1", "30.00"]
-    assert list(tables_in(found.table()))[1:] == [found.phases(), found.exceptions()]
-    assert "spared" in found.worst_as_csv("command")
+    assert list(tables_in(found.table())) == [found.phases(), found.exceptions()]
 
 
 WHOLE = ("grbl", "rtu", "tcp")

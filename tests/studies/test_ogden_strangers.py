@@ -10,12 +10,11 @@ from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import PronyTerm
 from sim.plant import RelaxingPress
-from studies.identification.ogden import KEPT, OgdenFinger, factor
+from studies.identification.ogden import OgdenFinger, factor, references
 from studies.identification.proof import GOALS
-from studies.stiffening.references import read
 
 BAR = parse_shape("bar:3.0")
-ROWS = read(KEPT)
+ROWS = references()
 RATIOS = {(row["shape"], row["doi_mm"]): row["force"] / row["linear"] for row in ROWS}
 
 

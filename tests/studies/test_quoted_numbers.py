@@ -151,8 +151,6 @@ QUOTED: list[tuple[str, str, list[float]]] = [
     ("what_to_expect", r"%, strain energy (\d+) to (\d+) %", candidate("halfspace", "default", 2)),
     ("what_to_expect", r"interpolation\) \| ([\d.]+) %", most(INTERPOLATED, "force, median / largest (%)", 1)),
     ("what_to_expect", r"interpolation\) \| [\d.]+ %, ([\d.]+)", most(INTERPOLATED, "SED, median / largest (%)", 1)),
-    ("what_to_expect", r"\[([\d.]+) s, then", each("speed/any_point", "CPU s", first="the first new point")),
-    ("what_to_expect", r"then ([\d.]+) s\]", each("speed/any_point", "CPU s", first="a further new point")),
     ("what_to_expect", r"p99 ([\d.]+) or", most("speed/warm_delays", DELAY, second="100")),
     ("what_to_expect", r"or ([\d.]+) ms\]", most("speed/warm_delays", DELAY, second="1000")),
     (
@@ -181,9 +179,9 @@ QUOTED: list[tuple[str, str, list[float]]] = [
     ("safety", r"up to (\d+) ms", most("safety/buttons", BUTTON, 1, first="quick-stop")),
     ("safety", r"\| (\d+) gwt \|" + r".*?\| (\d+) gwt \|" * 3, each("faults/exceptions", "worst, gwt")),
     ("safety", r"\[([\d.]+) gwt\]\(validation/faults.md#a-sensor", most("faults/nearer", "frozen at 0")),
-    ("running", r"\[(\d+) runs\]", [counted("faults/kills_instants")]),
+    ("running", r"\[(\d+) runs\]", [counted("faults/kills_endings")]),
     ("validation/faults", r"All (\d+) runs", [counted("faults/kills_endings")]),
-    ("validation/faults", r"(\d+) (\d+) cases: ", cases()),
+    ("validation/faults", r"Of (\d+) (\d+) cases on the first", cases()),
     (
         "validation/faults",
         r"(\d+) cases are exempt",
@@ -193,7 +191,6 @@ QUOTED: list[tuple[str, str, list[float]]] = [
     ("coding", r"(\d+) to (\d+) %, by shape\]", extent(each("coding/convolution", "relative L2"))),
     ("coding", r"is (\d+) to (\d+) % off", extent(each("coding/bands_drawn", "30 dB"))),
     ("find_finger", r"within ± ([\d.]+) mm", each("safety/finger_place", "pad center x (mm)", 1, first="found")),
-    ("validation/safety", r"\[(\d+) and (\d+) ms\]", each("safety/buttons", BUTTON, 1)[2:]),
     ("validation/safety", r"took \[(\d+) ms\]", most("safety/panel_stops", "click to byte, ms: median, worst", 1)),
     ("validation/panel", r"up to (\d+) ms late", most("panel/soak", "second", 2, first="journal to page")),
     ("validation/coding", r"profiles\]\S+ are (\d+) to (\d+) %", extent(each("coding/bands_drawn", "30 dB"))),

@@ -6,7 +6,6 @@ os.environ["OMP_NUM_THREADS"] = "1"  # a fork takes no threads along
 
 import argparse
 import itertools
-import json
 import random
 import sys
 import tempfile
@@ -15,11 +14,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from studies.faults.campaign import real_time
 from studies.faults.campaign.cases import FaultCase, cases
 from studies.faults.campaign.runner import CampaignProgress, carry_out, commit
 from studies.faults.campaign.scenarios import SCENARIOS, Scenario
-from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of
+from studies.faults.campaign.tables import CampaignSummary, Record, names_in, records_of, told
 from studies.faults.campaign.world import BENCHES
 
 
@@ -27,15 +25,11 @@ def main() -> None:
     """The whole, or a sample."""
     options = _options()
     if options.table:
-        found = CampaignSummary(records_of(options.out))
-        print(found.table())
-        if options.worst is not None:
-            options.worst.write_text(found.worst_as_csv("python -m studies.faults.campaign"), encoding="ascii")
+        print(CampaignSummary(records_of(options.out)).table())
         return
-    number = options.sample if options.real_time is None else options.real_time
     picked: set[str] | None = None
-    if number is not None:
-        picked = {case.name for case in sample(list(_cases(options)), number, options.seed)}
+    if options.sample is not None:
+        picked = {case.name for case in sample(list(_cases(options)), options.sample, options.seed)}
     shard = list(_cases(options)) if options.shard else None
     every = _cases(options) if shard is None else shard
     counts = _counted(case for case in every if picked is None or case.name in picked)
@@ -51,14 +45,12 @@ def main() -> None:
         left = [case for case in some if case.name not in done]
         going.skip(len(some) - len(left))
         del done, some
-        if options.real_time is not None:
-            real_time.carry_out(left, options.out, options.load, lambda line: print(line, flush=True))
-        else:
-            carry_out(left, options.out, options.processes, going)
+        carry_out(left, options.out, options.processes, going)
     summary = CampaignSummary(r for r in _found(options) if picked is None or r["case"] in picked)
     print(summary)
-    for record in _found(options) if options.case else ():
-        print(json.dumps(record, indent=1))
+    for record in _found(options):
+        if options.case or (record["violations"] and record["exempt"] is None):
+            print(told(record))
     sys.exit(bool(summary.bad))
 
 
@@ -73,8 +65,6 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--seed", type=int, default=0, help="of the sample")
     parser.add_argument("--case", action="append", help="the case of this name")
-    parser.add_argument("--real-time", type=int, metavar="N", help="N cases of a sample, in real time over TCP")
-    parser.add_argument("--load", type=int, default=0, help="with --real-time: processes that never rest beside it")
     parser.add_argument("--processes", type=int, default=2)
     out = "results, added to; those of this commit are not redone"
     parser.add_argument("--out", type=Path, default=Path("campaign.jsonl"), help=out)
@@ -82,13 +72,11 @@ def _options() -> argparse.Namespace:
     parser.add_argument(
         "--table", action="store_true", help="the tables of studies/results/faults/, of the results in --out"
     )
-    parser.add_argument("--worst", type=Path, help="with --table: a CSV of the worst five of each bench and phase")
     return parser.parse_args()
 
 
 def _units(options: argparse.Namespace) -> Iterator[tuple[str, Scenario]]:
-    benches = options.bench or (BENCHES if options.real_time is None else real_time.BENCHES)
-    return itertools.product(benches, SCENARIOS)
+    return itertools.product(options.bench or BENCHES, SCENARIOS)
 
 
 def _cases(options: argparse.Namespace, bench: str = "", scenario: Scenario | None = None) -> Iterator[FaultCase]:

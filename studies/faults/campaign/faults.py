@@ -1,6 +1,6 @@
 """The faults of the campaign: of a wire with one message, of a carriage with its commands, of a cell.
 
-A fault is data, so that the virtual clock and a proxy in real time inject the same one.
+A fault is data.
 """
 
 import math
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from rig.units import GWT_N
 
 if TYPE_CHECKING:
-    from studies.faults.campaign.world import World
+    from studies.faults.campaign.world import VirtualWorld
 
 LATE_S = (0.1, 0.5, 2.0)
 
@@ -46,15 +46,6 @@ class WireFault:
             "cut": lambda: data[:at],
         }[self.kind]()
         return [(0.0, changed)] if changed else []
-
-
-def parsed(text: str) -> WireFault:
-    """The fault of a case's name."""
-    kind, _, where = text.partition(" ")
-    if kind == "late":
-        return WireFault("late", late_s=float(where.removesuffix(" s")))
-    at, _, bit = where.partition(".")
-    return WireFault(kind, int(at or 0), int(bit or 0))
 
 
 def wire_faults(data: bytes, *, from_device: bool) -> Iterator[WireFault]:
@@ -124,8 +115,8 @@ class FaultyCarriage:
     is told to be near that switch nothing moves. (The virtual controllers believe in the switch all the same.)
     """
 
-    def __init__(self, world: "World", kind: str) -> None:
-        self._world, self.kind, self._from_s = world, kind, world.scheduler.monotonic_s()
+    def __init__(self, world: "VirtualWorld", kind: str) -> None:
+        self._world, self.kind, self._from_s = world, kind, world.clock.monotonic_s()
         self._followed = dict(MECHANICAL[kind])
         pose = world.carriage.pose_at(self._from_s)
         self._told = (pose.x_mm, pose.above_apex_mm)
@@ -138,7 +129,7 @@ class FaultyCarriage:
 
     def mend(self) -> None:
         """It follows again."""
-        self.pose_mm(self._world.scheduler.monotonic_s())
+        self.pose_mm(self._world.clock.monotonic_s())
         self.kind, self._followed = MENDED, {}
 
     def pose_mm(self, t_s: float) -> tuple[float, float]:
@@ -198,9 +189,9 @@ class FaultyCarriage:
 DRIFT_GWT_S, SATURATED_GWT, CELL_LATE_S = 0.2, 1.0, 0.5
 
 
-def cell(world: "World", kind: str) -> Callable[[float], float]:
+def cell(world: "VirtualWorld", kind: str) -> Callable[[float], float]:
     """What a cell that fails now shows from now on, N at an instant."""
-    from_s, true_n = world.scheduler.monotonic_s(), world.true_n
+    from_s, true_n = world.clock.monotonic_s(), world.true_n
     frozen_n = true_n(from_s)
     found: dict[str, Callable[[float], float]] = {
         "none": true_n,

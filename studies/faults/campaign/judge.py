@@ -10,10 +10,8 @@ from typing import Any, Literal
 
 from rig.engine.bench_memory import LastKnown
 from rig.session.early_ending import FinalPosition
-from rig.units import GWT_N
 from studies.faults.campaign.faults import GOES_FARTHER, MOVES_WITHOUT_COMMAND, READS_LOW
-from studies.faults.faulty_bench import PREDICTED
-from studies.faults.outcomes import bound_gwt
+from studies.faults.faulty_bench import bound_gwt
 
 Claim = Literal["clear", "touching", "not confirmed", "none"]
 
@@ -112,8 +110,3 @@ def violations(record: Mapping[str, Any]) -> list[str]:
     if record["exit"] == "crashed":
         found.append("crash")
     return found
-
-
-def deepest_gwt(depth_mm: float) -> float:
-    """What the finger answers at a depth."""
-    return PREDICTED.force_at(PREDICTED.contact_mm - depth_mm) / GWT_N

@@ -24,14 +24,14 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import read_run
-from rig.data.journal import LineFile
+from rig.data.journal import LineFile, read_journal
+from rig.data.schema import PRESS_STREAMS
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory
 from rig.errors import BadInputError
 from rig.protocol import turns
 from rig.transport import TransportError
-from studies.faults.attempts import attempts
 from studies.faults.campaign.cases import FaultCase
 from studies.faults.campaign.faults import FaultyCarriage, cell
 from studies.faults.campaign.judge import (
@@ -161,7 +161,6 @@ class Played:
         resource.setrlimit(resource.RLIMIT_CPU, (LONGEST_CPU_S, LONGEST_CPU_S))
         self._begun_s = time.process_time()
         self._case, world = case, self.world
-        self._before_gwt = world.worst.force_gwt
         world.worst = Worst()
         folder = self._folder / "cases" / str(os.getpid())
         folder.mkdir(parents=True)
@@ -325,6 +324,25 @@ def finished_presses(run: Path) -> dict[int, Any]:
     return {}
 
 
+def attempts(journal: Path) -> dict[int, list[tuple[int, str, dict[str, Any]]]]:
+    """Return the last attempt at each indentation, by index: the part of the run, stream and event of each line.
+
+    A part begins where the run was taken up.
+    """
+    found: dict[int, list[tuple[int, str, dict[str, Any]]]] = {}
+    part = 0
+    for document in read_journal(journal):
+        part += document["doc"] == "resume"
+        if document["doc"] != "event" or document["stream"] not in PRESS_STREAMS:
+            continue
+        stream, data = document["stream"], document["data"]
+        if stream == "indentation_start":
+            found[data["index"]] = []
+        if data.get("index") in found:
+            found[data["index"]].append((part, stream, {"t_s": document["t_s"], **data}))
+    return found
+
+
 def kept(run: Path, before: dict[int, Any]) -> Record:
     """Whether what was done before is there as it was, once each and of one attempt."""
     if not (run / "events.jsonl").exists():
@@ -395,29 +413,23 @@ class CampaignProgress:
     """How many cases are over, and how long the others will take."""
 
     def __init__(self, number: int, say: Callable[[str], None], every_s: float = 20.0) -> None:
-        self._number, self._say, self._every_s = number, say, every_s
-        self._done = self._skipped = 0
-        self._begun_s = self._said_s = time.monotonic()
+        self._left, self._say, self._every_s = number, say, every_s
+        self._done, self._begun_s, self._said_s = 0, time.monotonic(), time.monotonic()
 
     def skip(self, number: int) -> None:
         """So many are in the results already."""
-        self._skipped += number
+        self._left -= number
 
     def follow(self, pipes: list[int]) -> None:
         """Until all workers have closed their ends."""
         while pipes:
             for pipe in select.select(pipes, [], [], 1.0)[0]:
                 heard = os.read(pipe, 4096)
-                self._done += len(heard)
+                self._done, self._left = self._done + len(heard), self._left - len(heard)
                 if not heard:
                     pipes.remove(pipe)
                     os.close(pipe)
-            if self._done and time.monotonic() - self._said_s > self._every_s:
-                self._tell()
-
-    def _tell(self) -> None:
-        self._said_s = time.monotonic()
-        took_s, over = self._said_s - self._begun_s, self._skipped + self._done
-        left_min = took_s / self._done * (self._number - over) / 60
-        each = f"{took_s:.0f} s, {1000 * took_s / self._done:.0f} ms each"
-        self._say(f"{over} of {self._number}, {each}, {left_min:.0f} min left")
+            now_s = time.monotonic()
+            if self._done and now_s - self._said_s > self._every_s:
+                self._said_s, each_s = now_s, (now_s - self._begun_s) / self._done
+                self._say(f"{self._left} left, {1000 * each_s:.0f} ms each, {each_s * self._left / 60:.0f} min")

@@ -28,7 +28,7 @@ from rig.session.early_ending import FinalPosition
 from rig.session.execute import Live
 from rig.session.resume import StoppedRun
 from rig.session.session import NewRun, NoAttendant, Session
-from studies.faults.campaign.world import RememberingBench, ScenarioBench
+from studies.faults.campaign.world import CampaignBench, VirtualWorld
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET
 
 E = TypeVar("E")
@@ -70,7 +70,7 @@ class SpringModel:
 class Phased:
     """Carries steps out, and says what the rig is doing."""
 
-    def __init__(self, world: ScenarioBench, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
+    def __init__(self, world: VirtualWorld, phases: Mapping[str, str], engine: Engine, walk: Walk) -> None:
         self._world, self._phases, self._count = world, phases, dict[str, int]()
         walk.model = SpringModel()
         assert isinstance(engine._journal, Journal)
@@ -89,7 +89,7 @@ class PhasedByEvents(NoAttendant):
     """Names the phases within a press by what is journalled."""
 
     def __init__(
-        self, world: ScenarioBench, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]
+        self, world: VirtualWorld, phases: Mapping[tuple[str, str], str], act: Callable[[str], None]
     ) -> None:
         self._world, self._phases, self._act = world, phases, act
 
@@ -114,7 +114,7 @@ class RunScenario:
     events: Mapping[tuple[str, str], str]  # phases by verb and event
     stopped_first: bool = False  # whether the run that is struck is one that is resumed under force
 
-    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+    def play(self, world: VirtualWorld, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
         folder.mkdir(parents=True, exist_ok=True)
         for name in _MADE_FROM:
@@ -124,13 +124,13 @@ class RunScenario:
         self._session(world, folder, None, {}, _stop_in_hold(world))
         return self._session(world, folder, read_run(folder), self.verbs, phase="resume")
 
-    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+    def take_up(self, world: VirtualWorld, folder: Path) -> Finished:
         """What is missing, by another program."""
         return self._session(world, folder, read_run(folder), {})
 
     def _session(
         self,
-        world: ScenarioBench,
+        world: VirtualWorld,
         folder: Path,
         before: Run | None,
         verbs: Mapping[str, str],
@@ -163,13 +163,13 @@ class RunScenario:
         return Plan({"data": planned, "precondition": [], "reference": []}, first_soft_trip_n=SOFT_TRIP_N)
 
 
-def _into(folder: Path, script: Script, world: ScenarioBench, before: Run | None) -> NewRun | StoppedRun:
+def _into(folder: Path, script: Script, world: VirtualWorld, before: Run | None) -> NewRun | StoppedRun:
     if before is None:
         return NewRun(folder)
     return StoppedRun(RunFolder(folder), script, world.config, True, before)
 
 
-def _stop_in_hold(world: ScenarioBench) -> Callable[[str], None]:
+def _stop_in_hold(world: VirtualWorld) -> Callable[[str], None]:
     """The operator's stop in the first hold: the finger stays pressed."""
 
     def act(stream: str) -> None:
@@ -257,10 +257,10 @@ class Scenario(Protocol):
     def name(self) -> str:
         """A word."""
 
-    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+    def play(self, world: VirtualWorld, folder: Path) -> Finished:
         """To its end, whatever happens to it on the way."""
 
-    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+    def take_up(self, world: VirtualWorld, folder: Path) -> Finished:
         """What a person does next, with a program of its own."""
 
 
@@ -273,7 +273,7 @@ class HandScenario:
 
     name = "hand"
 
-    def play(self, world: ScenarioBench, folder: Path) -> Finished:
+    def play(self, world: VirtualWorld, folder: Path) -> Finished:
         """Home, zero, go over the finger, jog down to it and away, and home from contact."""
         self._home(world, "")
         self._zero(world)
@@ -289,12 +289,12 @@ class HandScenario:
         self._home(world, "home by hand")
         return Finished("done", "", None)
 
-    def take_up(self, world: ScenarioBench, folder: Path) -> Finished:
+    def take_up(self, world: VirtualWorld, folder: Path) -> Finished:
         """Home again."""
         self._home(world, "")
         return Finished("done", "", None)
 
-    def _home(self, world: ScenarioBench, phase: str) -> None:
+    def _home(self, world: VirtualWorld, phase: str) -> None:
         world.phase = phase
         with closing(world.connected()) as bench:
             sensing = Sensing(world.config, world.clock, bench.force)
@@ -302,13 +302,13 @@ class HandScenario:
             at_hand.home(world.config, bench, sensing)
         world.phase = ""
 
-    def _zero(self, world: ScenarioBench) -> None:
+    def _zero(self, world: VirtualWorld) -> None:
         with closing(world.connected(moves=False)) as bench:
             sensing = Sensing(world.config, world.clock, bench.force)
             with _hand(world, bench, sensing) as hand:
                 at_hand.zero(world.config, sensing, hand)
 
-    def _jog(self, world: ScenarioBench, phase: str, way: Direction, by_mm: float) -> Moved:
+    def _jog(self, world: VirtualWorld, phase: str, way: Direction, by_mm: float) -> Moved:
         world.phase = phase if phase in _CONNECTS else ""
         with closing(world.connected(moves=False)) as bench, _hand(world, bench) as hand:
             world.phase = phase
@@ -317,7 +317,7 @@ class HandScenario:
         return moved
 
 
-def _far_mm(world: ScenarioBench) -> tuple[float, float]:
+def _far_mm(world: VirtualWorld) -> tuple[float, float]:
     """How far the indentor is from the pad's center and above its apex."""
     with closing(world.connected(moves=False)) as bench:
         at = bench.stage.look()
@@ -325,7 +325,7 @@ def _far_mm(world: ScenarioBench) -> tuple[float, float]:
     return at.x_mm - frame.pad_centre_x_mm, at.z_mm - frame.apex_z_mm
 
 
-def _hand(world: ScenarioBench, bench: RememberingBench, sensing: Sensing | None = None) -> Any:
+def _hand(world: VirtualWorld, bench: CampaignBench, sensing: Sensing | None = None) -> Any:
     bench.stage.connect()
     sensing = at_hand.feel(sensing or Sensing(world.config, world.clock, bench.force))
     return at_hand.at_hand(world.config, bench.stage, world.clock, sensing, lambda at, force_gwt: None, bench.before)

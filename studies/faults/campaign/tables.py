@@ -1,4 +1,4 @@
-"""What came of a campaign: counts by class of violation, and the worst cases of each phase."""
+"""What came of a campaign: counts by class of violation, and the worst force of each phase."""
 
 import json
 import re
@@ -12,9 +12,7 @@ from studies.registry import Rows, as_markdown
 
 Record = dict[str, Any]
 CLASSES = ("force", "sideways", "report", "lost or repeated", "not resumed", "crash")
-KEPT = ("case", "data", "worst_gwt", "left_gwt", "drag_mm", "exit", "claim", "on_record", "violations", "exempt")
 TITLES = {"grbl": "GRBL", "rtu": "RTU", "tcp": "TCP", "tmcl": "TMCL", "net_ft": "Net F/T"}
-WORST = 5
 _NAME = re.compile(r'"commit": "([^"]*)", "case": "([^"]*)"')
 
 
@@ -45,7 +43,7 @@ def pressed_gwt(record: Record) -> float:
 
 
 class CampaignSummary:
-    """Counts by bench, phase and class, and the worst of each phase."""
+    """Counts by bench, phase and class, and the worst force of each phase."""
 
     def __init__(self, records: Iterable[Record]) -> None:
         self.commits: set[str] = set()
@@ -53,7 +51,7 @@ class CampaignSummary:
         self.resumed = self.absorbed = 0
         self.cases, self.spared = Counter[tuple[str, str]](), Counter[tuple[str, str]]()
         self.found = Counter[tuple[str, str, str]]()
-        self.worst: dict[tuple[str, str, bool], list[Record]] = {}
+        self.worst_gwt: dict[tuple[str, str], float] = {}  # without the exempt
         self.exempt: dict[str, list[float]] = {}
         self.bad = 0  # cases that break something and are not exempt
         for record in records:
@@ -69,36 +67,18 @@ class CampaignSummary:
         if exempt is None:
             self.bad += bool(record["violations"])
             self.found.update((*place, kind) for kind in record["violations"])
+            self.worst_gwt[place] = max(self.worst_gwt.get(place, 0.0), pressed_gwt(record))
         else:
             self.spared[place] += bool(record["violations"])
             self.exempt.setdefault(exempt, []).append(pressed_gwt(record))
-        worst = self.worst.setdefault((*place, exempt is None), [])
-        worst.append(record)
-        if len(worst) > 10 * WORST:
-            worst[:] = _hardest(worst)
-
-    def worst_in(self, phase: str) -> list[Record]:
-        """The cases of a phase that pressed hardest, on whatever bench, without those exempt."""
-        some = [r for (_, at, counts), records in self.worst.items() if at == phase and counts for r in records]
-        return _hardest(some)
 
     def __str__(self) -> str:
-        took = f"{self.took_s / 60:.0f} min of processor time"
-        lines = [
-            f"{self.cases.total()} cases ({self.absorbed} absorbed, {self.resumed} resumed), {took}, "
-            f"bound {BOUND_GWT:.2f} gwt",
-            "",
-            f"| bench | phase | cases | {' | '.join(CLASSES)} | exempt | worst gwt |",
-            f"|---|---|---|{'---|' * (len(CLASSES) + 2)}",
-        ]
-        for place, cases in self.cases.items():
-            worst = max(map(pressed_gwt, self.worst.get((*place, True), [])), default=0.0)
-            numbers = " | ".join(str(self.found[(*place, kind)] or "") for kind in CLASSES)
-            spared = self.spared[place] or ""
-            lines.append(f"| {place[0]} | {place[1]} | {cases} | {numbers} | {spared} | {worst:.2f} |")
-        totals = " | ".join(str(sum(n for (_, _, k), n in self.found.items() if k == kind)) for kind in CLASSES)
-        lines.append(f"| all | | {self.cases.total()} | {totals} | {self.spared.total()} | |")
-        return "\n".join(lines)
+        broken = Counter({kind: sum(n for (_, _, k), n in self.found.items() if k == kind) for kind in CLASSES})
+        return (
+            f"{self.cases.total()} cases ({self.absorbed} absorbed, {self.resumed} resumed), "
+            f"{self.took_s / 60:.0f} min of processor time, bound {BOUND_GWT:.2f} gwt; "
+            f"{', '.join(f'{kind}: {n}' for kind, n in broken.items())}; exempt: {self.spared.total()}"
+        )
 
     def phases(self) -> Rows:
         """Cases and worst force of each phase on each bench: studies/results/faults/campaign.csv."""
@@ -107,8 +87,7 @@ class CampaignSummary:
         for phase in dict.fromkeys(phase for _, phase in self.cases):
             rows.append([phase])
             for bench in benches:
-                worst = max(map(pressed_gwt, self.worst.get((bench, phase, True), [])), default=0.0)
-                rows[-1] += [_spaced(self.cases[bench, phase]), f"{worst:.2f}"]
+                rows[-1] += [_spaced(self.cases[bench, phase]), f"{self.worst_gwt.get((bench, phase), 0.0):.2f}"]
         totals = [_spaced(sum(n for (on, _), n in self.cases.items() if on == bench)) for bench in benches]
         return [*rows, ["all", *(cell for total in totals for cell in (total, ""))]]
 
@@ -125,15 +104,6 @@ class CampaignSummary:
         """All tables as Markdown; `python -m studies run campaign` stores those of docs/validation/faults.md."""
         return "\n".join([f"{self}\n", as_markdown(self.phases()), as_markdown(self.exceptions())])
 
-    def worst_as_csv(self, command: str) -> str:
-        """The worst of each bench and phase, exempt or not, with what made them."""
-        lines = [f"# {command}, at {', '.join(sorted(self.commits))}", ",".join(KEPT)]
-        for records in self.worst.values():
-            for record in _hardest(records):
-                row = {**record, "violations": " and ".join(record["violations"]), "exempt": record["exempt"] or ""}
-                lines.append(",".join(str(row.get(key, "")).replace(",", ";") for key in KEPT))
-        return "\n".join(lines) + "\n"
-
 
 def _title(bench: str) -> str:
     return TITLES.get(bench, bench.replace("_", " ").capitalize())
@@ -141,11 +111,6 @@ def _title(bench: str) -> str:
 
 def _spaced(number: int) -> str:
     return f"{number:,}".replace(",", " ")
-
-
-def _hardest(records: list[Record]) -> list[Record]:
-    """Those that break something first, then by force."""
-    return sorted(records, key=lambda r: (not r["violations"], -pressed_gwt(r)))[:WORST]
 
 
 def told(record: Record) -> str:

@@ -14,19 +14,18 @@ from rig.bench.virtual import (
     virtual_line,
     virtual_stage,
 )
-from rig.clock import Clock
 from rig.devices.base import ForceSensor, Stage, StageError
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import BUILT_IN, kind_of
 from rig.engine import Journal
-from rig.engine.bench import NO_PAUSE, Heartbeat, Meanwhile, Pause, WatchedBench
+from rig.engine.bench import NO_PAUSE, Heartbeat, Meanwhile, Pause
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.sensing import ForceZero
 from rig.plan.config import Config
 from rig.transport import TransportError
 from rig.transport.wire import LoopbackTransport
 from rig.units import GWT_N
-from sim.devices.clock import Scheduler, VirtualClock
+from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine
 from studies.faults.campaign.messages import Language, language
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N
@@ -113,50 +112,24 @@ class Worst:
     drag_mm: float = 0.0
 
 
-def config_of(bench: str, ports: Mapping[str, str] | None = None) -> Config:
-    """The configuration of a bench, its devices on these ports."""
-    tables: dict[str, Any] = {**_ALWAYS, **BENCHES[bench]}
-    for device, port in (ports or {}).items():
-        tables[device] = {**tables.get(device, {}), "port": port}
-    return Config.model_validate(tables)
+def config_of(bench: str) -> Config:
+    """The configuration of a bench."""
+    return Config.model_validate({**_ALWAYS, **BENCHES[bench]})
 
 
-class RememberingBench(WatchedBench, Protocol):
-    """A bench that remembers for the next command."""
-
-    @property
-    def memory(self) -> BenchMemory:
-        """What the next command finds."""
-
-
-class ScenarioBench(Protocol):
-    """Where a scenario is played: a configured bench, and what a scenario tells of itself.
+class VirtualWorld:
+    """Virtual devices with a finger of springs between them; whoever connects comes and goes.
 
     phase and verb: what the rig is doing. journal: that of the run that is under way. folder: where the run is kept
     instead of where it began.
     """
 
-    config: Config
-    phase: str
-    verb: str
-    journal: Journal | None
-    folder: Path | None
-
-    @property
-    def clock(self) -> Clock:
-        """Of the programs that are played."""
-
-    def connected(self, *, moves: bool = True) -> RememberingBench:
-        """The bench of another program, with drivers of its own; moves: it says so to whoever comes next."""
-
-
-class World:
-    """Virtual devices with a finger of springs between them, on any clock; whoever connects comes and goes."""
-
-    def __init__(self, bench: str, scheduler: Scheduler) -> None:
-        self.scheduler, clock = scheduler, scheduler
+    def __init__(self, bench: str) -> None:
+        self.clock = clock = VirtualClock(1.7e9)
         self.config = config = config_of(bench)
-        self.phase = ""
+        self.phase = self.verb = ""
+        self.journal: Journal | None = None
+        self.folder: Path | None = None
         self.tap: Tap = untouched
         self.messages = 0
         self.mechanics: FaultMechanics | None = None
@@ -194,10 +167,10 @@ class World:
     @property
     def true_gwt(self) -> float:
         """What the finger feels now."""
-        return self.true_n(self.scheduler.monotonic_s()) / GWT_N
+        return self.true_n(self.clock.monotonic_s()) / GWT_N
 
     def _look(self) -> None:
-        now_s = self.scheduler.monotonic_s()
+        now_s = self.clock.monotonic_s()
         x_mm, height_mm = self.pose_mm(now_s)
         force_n = PREDICTED.force_at(height_mm)
         worst = self.worst
@@ -213,13 +186,13 @@ class World:
         else:
             self._before = None
         far_s = (height_mm - PREDICTED.contact_mm) / _FASTEST_MM_S
-        self.scheduler.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
+        self.clock.call_at(now_s + min(max(far_s, TRUTH_S), _LONGEST_LOOK_S), self._look)
 
     # the wires
 
     def passed(self, wire: str, way: Way, data: bytes) -> list[tuple[float, bytes]]:
         """What comes of a message at the other end."""
-        now_s, language = self.scheduler.monotonic_s(), self.languages[wire]
+        now_s, language = self.clock.monotonic_s(), self.languages[wire]
         message = Message(language, self.messages, self.phase, wire, way, data, now_s, round(self.true_gwt, 3))
         self.messages += 1
         found = self.tap(message)
@@ -230,7 +203,7 @@ class World:
     def later(self, late_s: float, action: Callable[[], None]) -> None:
         """At once, or on the clock."""
         if late_s:
-            self.scheduler.call_at(self.scheduler.monotonic_s() + late_s, action)
+            self.clock.call_at(self.clock.monotonic_s() + late_s, action)
         else:
             action()
 
@@ -243,17 +216,6 @@ class World:
                     self.later(late_s, lambda piece=piece: send(piece))  # type: ignore[misc]
 
         line.device_write = tapped  # type: ignore[method-assign]
-
-
-class VirtualWorld(World):
-    """A world on the virtual clock, and the drivers of the programs that come to it."""
-
-    def __init__(self, bench: str) -> None:
-        self.clock = VirtualClock(1.7e9)
-        self.verb = ""
-        self.journal: Journal | None = None
-        self.folder: Path | None = None
-        super().__init__(bench, self.clock)
 
     def wire(self, name: str, line: SerialLine | None = None) -> "TappedWire":
         """The host's end of a wire; line: of a further port of that device."""

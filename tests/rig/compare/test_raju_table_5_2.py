@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.compare.raju_table_5_2 import Agreement, agreement, agreement_limits, source_flags
+from rig.compare.raju_table_5_2 import Agreement, agreement, source_flags
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 
@@ -46,34 +46,3 @@ def test_precision_and_recall() -> None:
     found = Agreement(both=6, ours=2, source=4, neither=20)
     assert (found.precision, found.recall) == (0.75, 0.6)
     assert np.isnan(Agreement(0, 0, 3, 9).precision)
-
-
-def test_limits_are_those_of_measures_or_of_receptors() -> None:
-    """Every measure alike: drawing measures again changes nothing. Of four receptors the two tables share one."""
-    source = np.zeros((5, 3, 4), dtype=bool)
-    source[:, :, :2] = True
-    ours = np.zeros_like(source)
-    ours[:, :, 1:3] = True
-    by_measures = agreement_limits(ours, source, "measures")
-    assert by_measures == ((0.5, 0.5), (0.5, 0.5), (0.0, 0.0))
-    by_receptors = agreement_limits(ours, source, "receptors")
-    assert by_receptors == ((0.0, 1.0), (0.0, 1.0), (-1.0, 1.0))
-
-
-def test_limits_hold_the_value_and_are_reproducible() -> None:
-    rng = np.random.default_rng(1)
-    source = source_flags(RECEPTORS)
-    ours = source ^ (rng.random(source.shape) < 0.1)
-    found = agreement(ours, source)
-    for over in ("measures", "receptors"):
-        limits = agreement_limits(ours, source, over)  # type: ignore[arg-type]
-        for name in ("precision", "recall", "matthews"):
-            low, high = getattr(limits, name)
-            assert low < getattr(found, name) < high
-        assert limits == agreement_limits(ours, source, over)  # type: ignore[arg-type]
-
-
-def test_limits_of_nothing() -> None:
-    nothing = np.zeros((3, 2, 4), dtype=bool)
-    assert np.isnan(agreement_limits(nothing, nothing, "measures").precision).all()
-    assert agreement_limits(nothing, nothing, "measures").matthews == (0.0, 0.0)

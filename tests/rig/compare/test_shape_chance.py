@@ -8,9 +8,7 @@ from numpy.typing import NDArray
 
 from rig.compare.profile_shape_test import (
     ShapePositions,
-    candidates_by_chance,
     chance_rows,
-    moved_response,
     passed_by_chance,
     shape_flags,
     shape_test,
@@ -72,38 +70,6 @@ def test_passed_by_chance() -> None:
     assert strict is not None
     assert strict < share / 3
     assert passed_by_chance(ShapePositions("cylinder:9", X), 0.5) is None
-
-
-def test_a_response_that_moves_is_seen_shifted() -> None:
-    """The receptor at 0.25 sees at x what that at 0 sees at x − 0.25: the next position."""
-    found = moved_response(STEP, np.array([0.0, 0.25]), 0.7, 40, rng())
-    assert found.shape == (40, 2, 25)
-    np.testing.assert_allclose(found[:, 1, 1:], found[:, 0, :-1], atol=1e-9)
-    assert np.abs(found[:, 1] - found[:, 0]).max() > 0.1
-
-
-def test_candidates_by_chance() -> None:
-    receptors = np.array([-1.0, 0.0, 1.0])
-    one = passed_by_chance(STEP, 0.5)
-    some = candidates_by_chance([STEP], receptors, 0.5)
-    both = candidates_by_chance([STEP, STEP], receptors, 0.5)
-    mixed = candidates_by_chance([STEP, BAR], receptors, 0.5)
-    assert one is not None
-    assert some is not None
-    assert both is not None
-    assert mixed is not None
-    assert one < some < 3 * one  # of three receptors, each sees the same response elsewhere
-    assert both < some
-    assert mixed < some
-    assert candidates_by_chance([STEP, ShapePositions("cylinder:9", X)], receptors, 0.5) is not None
-    assert candidates_by_chance([ShapePositions("cylinder:9", X)], receptors, 0.5) is None
-
-
-def test_under_bars_only_receptors_near_the_centre_count() -> None:
-    far, near = (candidates_by_chance([BAR], np.array([x]), 0.5) for x in (0.26, 0.25))
-    assert far == 0.0
-    assert near is not None
-    assert near > 0.3
 
 
 def test_the_rows_of_a_comparison(make_stimulus: Callable[..., StimulusRow]) -> None:

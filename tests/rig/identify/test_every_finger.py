@@ -1,7 +1,4 @@
-"""Every kind of finger that the program serves or rehearses is identified, by the shipped force tables.
-
-`python -m studies.identification.every_finger` does it over the bytes of the virtual bench.
-"""
+"""Every kind of finger that the program serves or rehearses is identified, by the shipped force tables."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from studies.faults.panel_attacks import ATTACKS, BIG, under
-from studies.faults.panel_under_attack import panel_under_attack
+from tests.faults.panel_attacks import ATTACKS, BIG, under
+from tests.faults.panel_under_attack import panel_under_attack
 from tests.preloaded import Popen
 from tests.program import beside_progress
 from tests.waiting import DEADLINE_S, until

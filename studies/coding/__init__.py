@@ -1,1 +1,0 @@
-"""Chapter 6 of the source as one page: `make study-coding`."""

@@ -1,1 +1,0 @@
-"""What designed presses are worth."""

@@ -1,1 +1,0 @@
-"""Friction beside closed forms, beside CalculiX, and what it costs."""

@@ -1,1 +1,0 @@
-"""The three classes of `sim.nerve` beside 18 published tests of afferents."""
