@@ -136,11 +136,6 @@ class Case:
         return FingerWithReceptors.of(self.config_json, self.receptor_x_mm, self.receptor_depth_mm)
 
     @property
-    def stiffening(self) -> float:
-        """Stiffening of the tissue."""
-        return FingertipConfig.model_validate_json(self.config_json).tissue.stiffening
-
-    @property
     def shapes(self) -> tuple[str, ...]:
         """Names of the shapes."""
         return (self.shape,)

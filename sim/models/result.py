@@ -146,7 +146,8 @@ class IndentationResult:
     @property
     def small_strain(self) -> SmallStrain:
         """Deviation of this small-strain answer from finite strain, as measured (`docs/small_strain.md`)."""
-        return small_strain(self.model.kind, self.doi_mm, self.strained.stiffening)
+        model = self.model
+        return small_strain(model.kind, self.doi_mm, self.strained.stiffening, compared=model.default_finger)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:
