@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rig.cli.options import checked_file
+from rig.cli.options import HTML, PDF, checked_file
 from rig.cli.output import THE_FINGER, busy, out, print_json
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
@@ -38,7 +38,7 @@ def compare_example(report: Path, pdf: Path | None, *, as_json: bool) -> None:
     began = time.perf_counter()
     for option, path in {"--out": report, "--pdf": pdf}.items():
         if path is not None:
-            checked_file(option, path)
+            checked_file(option, path, *(PDF if option == "--pdf" else HTML))
     with busy(THE_FINGER, as_json=as_json):
         finger = Fingertip.load()
     x_mm = positions()

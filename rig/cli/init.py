@@ -132,7 +132,7 @@ def init_command(
     with one_line_errors(as_json=as_json):
         if to.exists() and not force:
             raise _exists_already(to)
-        checked_file("--to", to)
+        checked_file("--to", to, ".toml")
         given = {"stage": _DeviceOptions(stage, stage_port), "force": _DeviceOptions(sensor, sensor_port)}
         for room in WORDS:
             _refuse_unknown_kind(room, given[room].kind)

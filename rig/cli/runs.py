@@ -74,7 +74,7 @@ def runs_command(
             )  # fmt: skip
         chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
-            checked_file("--table", table)
+            checked_file("--table", table, ".csv")
         entries = _entries(runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]

@@ -48,7 +48,7 @@ def command(
         began = time.perf_counter()
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file
-        checked_file("--out", table)
+        checked_file("--out", table, ".csv")
         if not exact:
             cases = interpolated(cases)
         nodes = nodes_to_build(cases)
