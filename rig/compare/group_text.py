@@ -25,7 +25,7 @@ def sentence_of_group(verdict: GroupVerdict | None) -> str:
     best, number = verdict.best, len(verdict.afferents)
     if verdict.outcome == "nothing":
         return (
-            f"No measure explains these afferents: {verdict.unexplained} of {number} reject every measure. "
+            f"No measure explains these afferents: {verdict.unexplained} of {number} reject{'s' * (verdict.unexplained == 1)} every measure. "
             f"The most probable one in common is {best.name}."
         )
     if verdict.outcome == "one measure":
@@ -50,7 +50,7 @@ def sentences_of_group(verdict: GroupVerdict) -> list[str]:
     return [
         f"Probability: {listed_probabilities(verdict.set)}. {besides}",
         f"Maximum-likelihood measure of each afferent alone: {wins}, of {number} afferents. {best.name} is in the "
-        f"set of {best.kept}, and {verdict.unexplained} reject every measure.",
+        f"set of {best.kept}, and {verdict.unexplained} reject{'s' * (verdict.unexplained == 1)} every measure.",
     ]
 
 

@@ -140,6 +140,10 @@ def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
     ("text", "spacing_mm", "found"),
     [
         ("pressure\n10\n20\n10\n", 0.17, [10, 20, 10]),
+        ("x_mm;pressure\n-0,5;10,5\n0;20\n0,5;10\n", 0.5, [10.5, 20, 10]),
+        ("x_mm\tpressure\n-0.5\t10\n0\t20\n0.5\t10\n", 0.5, [10, 20, 10]),
+        ("x_mm;pressure\n0;1,234\n", 0.5, "ambiguous_number"),  # 1.234 or 1234?
+        ("pressure\n1\n-0.5e1,5\n", 0.17, "row_length"),
         ("x_mm,pressure\n-0.5,10\n0,20\n0.5,10\n", 0.5, [10, 20, 10]),
         ("place_mm,pressure\n-0.25,10\n0.25,20\n", 0.5, [10, 20]),
         ("x_mm,pressure\n-0.5,10\n0,20\n0.5,10\n", 0.17, "other_place"),  # they were put 0.17 mm apart
