@@ -24,6 +24,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces
 from sim.models.cache import keep_tops
 from sim.models.catalogue import ModelName, load
+from sim.models.default_finger import is_default_finger
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import refuse_beside_the_finger, refuse_meaningless
 
@@ -324,6 +325,8 @@ class Choice:
         Processor time (s) and memory (MB) of a press.
     passed : tuple of str
         Cheaper models, and their errors.
+    measured : bool
+        Whether the errors were measured on this finger, the default one.
 
     Examples
     --------
@@ -342,6 +345,7 @@ class Choice:
     errors: Mapping[str, float]
     cost: Cost
     passed: tuple[str, ...]
+    measured: bool = True
 
     @property
     def promised(self) -> float:
@@ -364,10 +368,11 @@ class Choice:
         """Reason for the choice, in one line."""
         kind = "sharp" if self.sharp else "smooth"
         errors = ", ".join(map(_percent, self.errors.values()))
+        of = "" if self.measured else " of the default finger, since this one was not measured"
         passed = f"; cheaper models rejected: {'; '.join(self.passed)}" if self.passed else ""
         return (
             f"{self.model}, level {self.level}: the largest measured error of {', '.join(self.errors)} under "
-            f"{kind} shapes at this depth and position is {errors}; the tolerance is "
+            f"{kind} shapes at this depth and position is {errors}{of}; the tolerance is "
             f"{100 * self.aim.tolerance:g} %{passed}"
         )
 
@@ -450,8 +455,9 @@ def choose(
 ) -> Choice:
     """Choose the cheapest model that is known to hold an aim in a scene; nothing is solved.
 
-    The errors were measured on the default finger, against the level `fine`. The choice depends on the scene and the
-    aim, not on the cache.
+    The errors were measured on the default finger, against the level `fine`. For another finger only the levels of
+    `finger` are considered, since the errors of half-space and section are those of its layers and shape. The choice
+    depends on the finger, the scene and the aim, not on the cache.
 
     Parameters
     ----------
@@ -494,14 +500,23 @@ def choose(
     """
     refuse_unless_one(doi_mm, force_gwt)
     shape = parse_shape(indentor) if isinstance(indentor, str) else indentor
-    situation = Situation.of(shape, x_mm, z_mm, doi_mm, finger_config(config), reference)
-    return cheapest(situation, aim or Aim(), bundled())
+    finger = finger_config(config)
+    situation = Situation.of(shape, x_mm, z_mm, doi_mm, finger, reference)
+    measured = is_default_finger(finger) and finger.contact.between_nodes
+    return cheapest(situation, aim or Aim(), bundled(), measured=measured)
 
 
-def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
-    """Return the first, from cheap to dear, whose largest error holds. Raises NoModelError with the best one."""
+def cheapest(situation: Situation, aim: Aim, expected: Expected, *, measured: bool = True) -> Choice:
+    """Return the first, from cheap to dear, whose largest error holds. Raises NoModelError with the best one.
+
+    Errors not `measured` on this finger count for the levels of the finger only.
+    """
     known = expected.errors(situation)
-    errors = {rung: of for rung, of in known.items() if _of_use(rung, of, situation, aim)}
+    errors = {
+        rung: of
+        for rung, of in known.items()
+        if _of_use(rung, of, situation, aim) and (measured or rung.model == "finger")
+    }
     if not errors:
         raise _unknown(situation)
     worst = {rung: max(of[quantity] for quantity in aim.quantities) for rung, of in errors.items()}
@@ -512,7 +527,7 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected) -> Choice:
             held = {quantity: errors[rung][quantity] for quantity in aim.quantities}
             mesh = of_level(*rung, situation.axes, expected.share(rung, situation)).mesh
             cost = expected.cost(rung, situation)
-            return Choice(*rung, mesh, situation.axes, situation.sharp, aim, held, cost, tuple(passed))
+            return Choice(*rung, mesh, situation.axes, situation.sharp, aim, held, cost, tuple(passed), measured)
         passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")
     best = min(ranked, key=lambda rung: worst[rung])
     raise NoModelError(

@@ -26,6 +26,7 @@ MOST_POINTS = 10_000
 FEWEST_SECTIONS = 5
 
 _NARROWEST_MM, _WIDEST_MM = 2.0, 60.0
+_WIDEST_SHAPE = 1.8  # half-width over height above the bone's axis
 _LEAST_SPREAD = 0.5  # of the finger's length, along z; the published points span 0.58
 _WIDEST_GAP = 0.25  # of the finger's length, along z; the published points leave 0.14
 _LEAST_SIDE = 0.05  # of the finger's length, to either side of x = 0
@@ -93,6 +94,11 @@ def check_sections(sections: Sequence[Row], length_mm: float) -> None:
         if (values <= 0).any():
             k = int(np.argmax(values <= 0))
             raise ValueError(f"{name} = {values[k]:g} at z_mm = {z[k]:g}: must be more than 0 mm")
+    if np.median(half_width / height) > _WIDEST_SHAPE:
+        raise ValueError(
+            f"half_width_mm is {np.median(half_width / height):.1f} times height_mm (median); a finger's is at most "
+            f"{_WIDEST_SHAPE:g} times: check that it is half of the width"
+        )
 
 
 # --- stiffness ---

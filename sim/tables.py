@@ -2,6 +2,7 @@
 
 import csv
 import math
+import re
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
@@ -27,8 +28,8 @@ class TableError(SimError, ValueError):
 def read_columns(path: Path, columns: Sequence[str]) -> tuple[Row, ...]:
     """Read the named columns of a CSV file, row by row, in the requested order.
 
-    The first line names the columns, in any order; others are ignored. Empty lines and lines that begin with # are
-    skipped. Raises TableError.
+    The first line names the columns, in any order; others are ignored. Cells are separated by commas, semicolons or
+    tabs; numbers may have a decimal comma. Empty lines and lines that begin with # are skipped. Raises TableError.
     """
     return tuple(row for _, row in read_numbered(path, columns))
 
@@ -74,7 +75,9 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
 def _lines(path: Path) -> list[tuple[int, list[str]]]:
     """Return the lines that are not empty or comments, with their numbers."""
     try:
-        reader = csv.reader(lines_of(path, most=MOST_TABLE_BYTES))
+        lines = list(lines_of(path, most=MOST_TABLE_BYTES))
+        header = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+        reader = csv.reader(lines, delimiter=next((one for one in ";\t" if one in header), ","))
         return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
         raise TableError(
@@ -86,18 +89,22 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         ) from None
 
 
+_MOST_LISTED = 20
+
+
 def _column_numbers(path: Path, line: int, names: list[str], columns: Sequence[str]) -> list[int]:
     for name in columns:
         if names.count(name) != 1:
             raise TableError(
                 "{path}, line {line}: the column {column} must occur once, not {count} times; the columns "
-                "are {columns}",
+                "are {columns}; read {read}",
                 code="column_count",
                 path=str(path),
                 line=line,
                 count=names.count(name),
                 column=name,
                 columns=",".join(columns),
+                read=", ".join(names[:_MOST_LISTED]),
             )
     return [names.index(name) for name in columns]
 
@@ -111,9 +118,23 @@ def is_number(value: Any) -> Any:
     return abs(value) <= LARGEST
 
 
+_DECIMAL_COMMA = re.compile(r"([+-]?\d*),(\d+(?:[eE][+-]?\d+)?)\Z")
+_MAY_BE_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
+
+
 def _number(path: Path, line: int, column: str, cell: str) -> float:
+    if _MAY_BE_THOUSANDS.fullmatch(cell.strip()):
+        raise TableError(
+            "{path}, line {line}, column {column}: {cell!r} may have a decimal comma or a separator of thousands; "
+            "write a point",
+            code="ambiguous_number",
+            path=str(path),
+            line=line,
+            column=column,
+            cell=cell.strip(),
+        )
     try:
-        value = float(cell)
+        value = float(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
     except ValueError:
         value = math.nan
     if not is_number(value):

@@ -32,7 +32,9 @@ def choice_lines(found: Mapping[str, Any]) -> list[tuple[str, str]]:
         is_in = any(one["in_set"] and one["name"] == found["truth"] for one in rows)
         lines.append(("truth", f"{found['truth']} (virtual nerve), {'in' if is_in else 'not in'} the set"))
     if found["planned_from"] is not None:
-        lines.append(("plan", f"counts stopped; from press {found['planned_from']} on, the run followed the plan"))
+        lines.append(
+            ("plan", f"counts stopped; from press index {found['planned_from']} on, the run followed the plan")
+        )
     if found["ended"] is not None:
         lines.append(("ended", WHY_ENDED[found["ended"]]))
     return lines

@@ -103,14 +103,14 @@ def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes
     return Sampling(spacing_mm, half_length, axes, depth_mm)
 
 
-def pressures_of(text: str) -> NDArray[np.float64]:
+def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
     """Return (n,) pressures (pseudo-units) from `20,14` or a CSV column; raise BadInputError if invalid."""
     try:
         values = [float(cell) for cell in text.split(",")]
     except ValueError:
         values = None
     try:
-        return read_pressures(Path(text)) if values is None else checked_pressures(values)
+        return read_pressures(Path(text), spacing_mm) if values is None else checked_pressures(values)
     except TableError as error:
         sentence = "--pressure {problem}: must be numbers such as 20,14, or a CSV with a column pressure"
         raise around(BadInputError, sentence, error) from None

@@ -12,7 +12,7 @@ import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
-from rig.cli.options import ExactOption, JsonOption, checked_file, checked_friction, numbers
+from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
@@ -189,7 +189,7 @@ def command(
             )  # fmt: skip
         reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
         if out_file is not None:
-            checked_file("--out", out_file)
+            checked_file("--out", out_file, *HTML)
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True):
             found = _without_copies([recorded_run(path) for path in runs])

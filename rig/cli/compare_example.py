@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from rig.cli.options import checked_file
+from rig.cli.options import HTML, checked_file
 from rig.cli.output import THE_FINGER, busy, out, print_json
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
@@ -36,7 +36,7 @@ _TITLE = "Which measure explains a recorded afferent under a bar?"
 def compare_example(report: Path, *, as_json: bool) -> None:
     """Rehearse the protocol on the default finger, compare both phases, write the page."""
     began = time.perf_counter()
-    checked_file("--out", report)
+    checked_file("--out", report, *HTML)
     with busy(THE_FINGER, as_json=as_json):
         finger = Fingertip.load()
     x_mm = positions()

@@ -458,7 +458,7 @@ def decode_command(
         half_lengths = axial_of(axial, name, readings)
         checked_picture(picture)
         finger = load_config(config).finger
-        source = _source(pressure, shape, readings, x_mm, doi_mm, finger)
+        source = _source(pressure, shape, readings, x_mm, doi_mm, finger, spacing_mm)
         whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
         model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
@@ -480,9 +480,10 @@ def _source(
     x_mm: float,
     doi_mm: float | None,
     finger: FingertipConfig,
+    spacing_mm: float,
 ) -> Array | SectionPress | FileReadings:
     if pressure is not None:
-        return pressures_of(pressure)
+        return pressures_of(pressure, spacing_mm)
     if shape is not None:
         return press_of(shape, x_mm, doi_mm)
     assert readings is not None

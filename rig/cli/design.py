@@ -9,6 +9,7 @@ from typing import Annotated, Any, TypeVar
 import typer
 
 from rig.cli.options import (
+    HTML,
     FingerConfigOption,
     FingerFileOption,
     ForceFingerOption,
@@ -121,8 +122,8 @@ def command(
     with one_line_errors(as_json=as_json):
         began = time.perf_counter()
         page_file = to.with_suffix(".html") if out_file is None else out_file
-        checked_file("--to", to)
-        checked_file("--out", page_file)
+        checked_file("--to", to, ".py")
+        checked_file("--out", page_file, *HTML)
         if depths_mm is not None and forces_gwt is not None:
             raise BadInputError(
                 "{option} and {other} cannot be combined; remove one",

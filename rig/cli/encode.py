@@ -125,7 +125,7 @@ def encode_command(
             source: NDArray[np.float64] | SectionPress = press_of(shape, x_mm, doi_mm)
         else:
             assert pressure is not None
-            source = pressures_of(pressure)
+            source = pressures_of(pressure, sampling.spacing_mm)
         with busy("plane-strain section: building it, then computing the readings …", as_json=as_json):
             finger = load_config(config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
@@ -135,7 +135,7 @@ def encode_command(
         if as_json:
             print_json(_as_json(found, receptor, at))
         else:
-            _print(found, added)
+            _print(found, added, receptor)
 
 
 def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
@@ -166,7 +166,7 @@ def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> 
     }
 
 
-def _print(found: EncodeResult, added: Noise | None) -> None:
+def _print(found: EncodeResult, added: Noise | None, receptor: Receptor | None) -> None:
     load, encoded = found
     operator = load.operator
     out.print(
@@ -184,9 +184,12 @@ def _print(found: EncodeResult, added: Noise | None) -> None:
         )
     if load.small_strain is not None:
         out.print(f"  {load.small_strain.note}")
-    table = Table("receptor at (mm)", "SED (pseudo)", "rate", box=None, padding=(0, 2))
+    noisy = [] if added is None or added.at == "receptor" else ["SED + noise (pseudo)"]
+    last = noisy if receptor is None else [f"rate ({RATE_UNIT})"]
+    table = Table("receptor at (mm)", "SED (pseudo)", *last, box=None, padding=(0, 2))
     for k in np.unique(np.linspace(0, encoded.samples - 1, _ROWS).round().astype(int)).tolist():
-        table.add_row(f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}")
+        cells = [f"{operator.receptor_mm[k]:.2f}", f"{encoded.sed[k]:.4g}", f"{encoded.rate[k]:.4g}"]
+        table.add_row(*cells[: 2 + len(last)])
     out.print(table)
     if not (encoded.rate > 0).any():
         complain(f"warning: no receptor responds: the highest SED, {encoded.sed.max():.4g}, is below the threshold")

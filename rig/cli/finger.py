@@ -177,7 +177,7 @@ def export_deck_command(
                 "{option} {path}: the file already exists; choose another name",
                 code="exists_already", option="--out", path=out_file,
             )  # fmt: skip
-        checked_file("--out", out_file)
+        checked_file("--out", out_file, ".inp")
         indentor = parse_shape(shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(

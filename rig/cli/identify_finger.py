@@ -348,7 +348,7 @@ def identify_command(
     with one_line_errors(as_json=as_json, beginning=beginning), ExitStack() as opened:
         settings = with_reliable_touch(load_config(config))
         _refuse(width, most_gwt, settings)
-        checked_file("--to", to)
+        checked_file("--to", to, ".toml")
         names = tuple(one.strip() for one in shapes.split(","))
         for name in (*names, *([] if mounted is None else [mounted])):
             parse_shape(name)

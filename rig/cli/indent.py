@@ -26,6 +26,7 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlace
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
 from sim.models.friction import FrictionResult
+from sim.models.halfspace import modulus_of
 from sim.models.pictures import ModelOutline
 from sim.models.result import IndentationResult, PointLoadResult
 from sim.units import GWT_N
@@ -43,11 +44,17 @@ class Chosen:
     model: ModelName
     choice: Choice | None
     length_mm: float | None
+    modulus: float | None = None
+    """E / E(epidermis) of a half-space."""
 
     @property
     def why(self) -> str:
         """Reason for the choice of the model, in one line."""
-        return f"{self.model}, as requested" if self.choice is None else self.choice.why
+        if self.choice is not None:
+            return self.choice.why
+        fitted = ", homogeneous" if self.modulus == 1 else ", fitted to the default finger"
+        of = "" if self.modulus is None else f", E = {self.modulus:g} of the epidermis's{fitted}"
+        return f"{self.model}, as requested{of}"
 
     @property
     def receptors(self) -> bool:
@@ -166,7 +173,7 @@ class ModelRequest:
     ) -> Chosen:
         """Return the named model, or the cheapest that meets the tolerance; raise NoModelError if none does."""
         if self.model is not None:
-            return self._requested(self.model)
+            return self._requested(self.model, config)
         found = choose(
             indentor,
             x_mm,
@@ -179,8 +186,9 @@ class ModelRequest:
         )
         return Chosen(found.model, found, self.length_mm)
 
-    def _requested(self, model: ModelName) -> Chosen:
-        return Chosen(model, None, self.length_mm)
+    def _requested(self, model: ModelName, config: FingertipConfig | None = None) -> Chosen:
+        modulus = modulus_of(config.tissue) if config is not None and model == "halfspace" else None
+        return Chosen(model, None, self.length_mm, modulus)
 
 
 def _fraction(text: str) -> float:

@@ -130,9 +130,9 @@ def init_command(
     Each port is asked with questions only: nothing moves and nothing is zeroed. Opening a port restarts many boards.
     """
     with one_line_errors(as_json=as_json):
+        checked_file("--to", to, ".toml")
         if to.exists() and not force:
             raise _exists_already(to)
-        checked_file("--to", to)
         given = {"stage": _DeviceOptions(stage, stage_port), "force": _DeviceOptions(sensor, sensor_port)}
         for room in WORDS:
             _refuse_unknown_kind(room, given[room].kind)

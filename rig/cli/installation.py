@@ -24,7 +24,7 @@ from rig.bench.checks import (
     today,
 )
 from rig.cli import device_catalogue
-from rig.cli.options import FingerConfigOption, JsonOption, checked_file
+from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
@@ -349,7 +349,7 @@ def speed_command(
 ) -> None:
     """Benchmark every model, element and refinement in its own process, and write the page."""
     with one_line_errors(as_json=as_json):
-        checked_file("--out", page_file)
+        checked_file("--out", page_file, *HTML)
         start = time.perf_counter()
         reference = stored()
         measured = []

@@ -448,6 +448,8 @@ class PressesJson(Output):
     indentor: Shape
     target_doi_mm: float | None
     target_force_gwt: float | None
+    increment: bool
+    """Whether the presses went on to a further target after these holds."""
     holds: int
     from_x_mm: float
     to_x_mm: float

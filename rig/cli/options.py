@@ -96,8 +96,37 @@ def _range(first: float, last: float, step: float) -> list[float]:
     return [round(first + k * step, 9) for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
-def checked_file(option: str, path: Path) -> Path:
-    """Return a path that can be written later; raise BadInputError before the work that fills it begins."""
+_OF_A_KIND = (
+    ".py",
+    ".toml",
+    ".html",
+    ".htm",
+    ".csv",
+    ".xlsx",
+    ".pdf",
+    ".inp",
+    ".json",
+    ".svg",
+    ".png",
+    ".nwb",
+    ".mat",
+)
+
+
+HTML = (".html", ".htm")
+"""Endings of pages."""
+
+
+def checked_file(option: str, path: Path, *endings: str) -> Path:
+    """Return a path that can be written later; raise BadInputError before the work that fills it begins.
+
+    A name with the ending of another kind of file is refused: it may be the user's script or data.
+    """
+    if endings and path.suffix.casefold() in set(_OF_A_KIND) - set(endings):
+        raise BadInputError(
+            "{option} {path}: must end in {endings}",
+            code="other_ending", option=option, path=path, endings=" or ".join(endings),
+        )  # fmt: skip
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(
             "{option} {path}: must be a file in an existing folder that you may write to",

@@ -74,7 +74,7 @@ def runs_command(
             )  # fmt: skip
         chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
-            checked_file("--table", table)
+            checked_file("--table", table, ".csv")
         entries = _entries(runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
@@ -260,10 +260,11 @@ def _identities(run: Run) -> dict[str, str]:
 
 
 def _presses(run: Run) -> list[dict[str, Any]]:
-    """Return completed holds, grouped by indentor and target."""
+    """Return completed holds, grouped by indentor and target; those on the way to a further target apart."""
     rows = list(tables(run)["hold_end"].rows) if run.stream("hold_end") else []
-    target = ("indentor", "target_doi_mm", "target_force_gwt")
-    kinds = [tuple(row.get(name) for name in target) for row in rows]
+    last = {row["index"]: row["hold"] for row in rows}
+    target = ("indentor", "target_doi_mm", "target_force_gwt", "increment")
+    kinds = [(*(row.get(name) for name in target[:-1]), row["hold"] != last[row["index"]]) for row in rows]
     order = list(dict.fromkeys(kinds))
     together = groupby(sorted(zip(kinds, rows, strict=True), key=lambda one: order.index(one[0])), lambda one: one[0])
     return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
@@ -305,7 +306,7 @@ def _pressed(one: dict[str, Any]) -> str:
     unit, target = (
         ("mm", one["target_doi_mm"]) if one["target_doi_mm"] is not None else ("gwt", one["target_force_gwt"])
     )
-    to = _UNKNOWN if target is None else f"{target:g} {unit}"
+    to = (_UNKNOWN if target is None else f"{target:g} {unit}") + ", on the way to more" * one["increment"]
     return (
         f"{one['indentor']} to {to}, x = {one['from_x_mm']:.2f} … {one['to_x_mm']:.2f} mm: "
         f"{number_of(one['holds'], 'holds')}, mean {one['mean_force_gwt']:.2f} gwt at {one['mean_doi_mm']:.3f} mm, "

@@ -450,7 +450,8 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
         )
     else:
         out.print(
-            f"{number_of(done.indentations, 'indentations')}, {done.duration_s:.0f} s of bench time in {wall_s:.1f} s"
+            f"{number_of(done.indentations, 'indentations')}, {done.duration_s:.0f} s of bench time "
+            + (f"with all parts; this part took {wall_s:.1f} s" if resumed else f"in {wall_s:.1f} s")
         )
         if counts:
             out.print(", ".join(f"{number} {what}" for what, number in counts.items()))

@@ -16,6 +16,8 @@ from rig.data.folder import replace_text
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
 from rig_shared.plural import number_of
+from sim.config import FingertipConfig
+from sim.models.default_finger import is_default_finger
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
 from sim.models.small_strain_error import small_strain
 
@@ -46,7 +48,7 @@ def command(
         began = time.perf_counter()
         cases = read_study(study)
         table = study.with_suffix(".csv") if out_file is None else out_file
-        checked_file("--out", table)
+        checked_file("--out", table, ".csv")
         if not exact:
             cases = interpolated(cases)
         nodes = nodes_to_build(cases)
@@ -81,7 +83,9 @@ def _small_strain(cases: Sequence[Case], answers: Sequence[Sequence[Row]]) -> st
     if not rows:
         return None
     row, case = max(rows, key=lambda one: one[0]["doi_mm"])
-    return small_strain(row["model"], row["doi_mm"], case.stiffening).note
+    finger = FingertipConfig.model_validate_json(case.config_json)
+    stiffening, compared = finger.tissue.finite_stiffening, is_default_finger(finger)
+    return small_strain(row["model"], row["doi_mm"], stiffening, compared=compared).note
 
 
 def _as_csv(names: list[str], rows: list[Row]) -> str:

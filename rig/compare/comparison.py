@@ -132,8 +132,11 @@ class Comparison:
     @property
     def small_strain(self) -> SmallStrain:
         """Difference between finite strain and small strain at the deepest press."""
-        pressed = [(float(np.max(s.doi_mm)), s.stiffening) for s in self.stimuli]
-        return small_strain("finger", *max(pressed, default=(0.0, None), key=lambda press: press[0]))
+        deepest = max(self.stimuli, key=lambda s: float(np.max(s.doi_mm)), default=None)
+        if deepest is None:
+            return small_strain("finger", 0.0)
+        depth_mm = float(np.max(deepest.doi_mm))
+        return small_strain("finger", depth_mm, deepest.stiffening, compared=deepest.default_finger)
 
     @cached_property
     def joints(self) -> tuple[Joint, ...]:

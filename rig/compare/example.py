@@ -36,6 +36,7 @@ from sim.measures.measures import (
     stress_from_strain,
 )
 from sim.models.cache import Arrays, cached_arrays
+from sim.models.default_finger import is_default_finger
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Moves
 from sim.models.result import IndentationResult
@@ -190,7 +191,7 @@ def _rehearsal(finger: Fingertip, arrays: dict[str, Array], speed_mm_s: float) -
         "rehearsal", SHAPE, "doi_mm", DOI_MM, arrays["x_mm"], doi_mm, arrays["force_gwt"],
         np.moveaxis(arrays["measures"], 1, 0), receptors, arrays["skin_mm"], arrays["pressure"],
         arrays["regions_mm"], controls=np.moveaxis(arrays["controls"], 1, 0),
-        stiffening=finger.config.tissue.finite_stiffening,
+        stiffening=finger.config.tissue.finite_stiffening, default_finger=is_default_finger(finger.config),
     )  # fmt: skip
     return Rehearsal(stimulus, _rates(arrays, finger.config.tissue.poisson, speed_mm_s), speed_mm_s)
 

@@ -24,8 +24,9 @@ def sentence_of_group(verdict: GroupVerdict | None) -> str:
         return f"A group requires {FEWEST} afferents with enough positions; there is no verdict on the group."
     best, number = verdict.best, len(verdict.afferents)
     if verdict.outcome == "nothing":
+        rejects = "rejects" if verdict.unexplained == 1 else "reject"
         return (
-            f"No measure explains these afferents: {verdict.unexplained} of {number} reject every measure. "
+            f"No measure explains these afferents: {verdict.unexplained} of {number} {rejects} every measure. "
             f"The most probable one in common is {best.name}."
         )
     if verdict.outcome == "one measure":
@@ -50,7 +51,7 @@ def sentences_of_group(verdict: GroupVerdict) -> list[str]:
     return [
         f"Probability: {listed_probabilities(verdict.set)}. {besides}",
         f"Maximum-likelihood measure of each afferent alone: {wins}, of {number} afferents. {best.name} is in the "
-        f"set of {best.kept}, and {verdict.unexplained} reject every measure.",
+        f"set of {best.kept}, and {verdict.unexplained} reject{'s' * (verdict.unexplained == 1)} every measure.",
     ]
 
 

@@ -6,7 +6,7 @@ against the indentor's position (Raju 1998, ch. 5). One run gives both.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from sim.contact.patch import X, Z
 from sim.contact.shapes import contents, parse_shape, shape_name
 from sim.measures.measures import MEASURES, shown
 from sim.models.cache import Arrays, cached_arrays, content_key, simulator_code
+from sim.models.default_finger import is_default_finger
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import strain_maps
 from sim.models.result import IndentationResult
@@ -119,6 +120,7 @@ class StimulusRow:
     pressed_with: str | None = None  # the indentor's name with the run's own copy of its file
     controls: Array | None = None
     stiffening: float | None = None  # of the finger; None at small strain
+    default_finger: bool = True
 
     @property
     def read_as(self) -> str:
@@ -205,10 +207,11 @@ def stimuli(run: Run, finger: Fingertip) -> list[StimulusRow]:
         _stimulus(run.folder.path.name, one, table, [one == other for other in what])
         for one in sorted(set(what), key=lambda one: (natural_order(one[0]), *one[1:]))
     ]
-    stiffening = finger.config.tissue.finite_stiffening
-    return [
-        replace(one, pressed_with=from_copy(run.folder.path, one.indentor), stiffening=stiffening) for one in found
-    ]
+    of_finger: dict[str, Any] = {
+        "stiffening": finger.config.tissue.finite_stiffening,
+        "default_finger": is_default_finger(finger.config),
+    }
+    return [replace(one, pressed_with=from_copy(run.folder.path, one.indentor), **of_finger) for one in found]
 
 
 def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> StimulusRow:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.data.run import Run
+from rig_shared.plural import number_of
 
 LARGEST = 0.3
 """Largest relative deviation from a prediction without a warning; an identified finger has a band instead."""
@@ -72,8 +73,9 @@ def warning_of(found: Sequence[PressDeviation]) -> str | None:
     first = large[0]
     share = statistics.median(one.measured / one.predicted for one in large)
     beyond = "outside their predicted band" if first.band else f"more than {LARGEST:.0%} off the prediction"
+    are = "is" if len(large) == 1 else "are"
     return (
-        f"{len(large)} of {len(found)} presses are {beyond}: {_NAMES[first.key]} {share:.2f} times the predicted one "
-        f"(median; press {first.index}: {first.words}); check that {first.indentor} is mounted, and the configured "
-        "finger"
+        f"{len(large)} of {number_of(len(found), 'presses')} {are} {beyond}: {_NAMES[first.key]} {share:.2f} times "
+        f"the predicted one (median; press index {first.index}: {first.words}); check that {first.indentor} is "
+        "mounted, and the configured finger"
     )

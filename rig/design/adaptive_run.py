@@ -233,12 +233,12 @@ class AdaptiveRun:
     def _late(self, step: ChoosePress) -> str:
         if step.last is None:
             return f"no choice of the first press within {CHOICE_WITHIN_S:g} s"
-        return f"no count of press {step.index - 1} within {self.within_s:g} s"
+        return f"no count of press index {step.index - 1} within {self.within_s:g} s"
 
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
         """Continue with the plan, and report it in journal, output, panel and report."""
         self.close()
-        engine.record("alarm", {"reason": f"{why}; from press {step.index} on, the run follows the plan"})
+        engine.record("alarm", {"reason": f"{why}; from press index {step.index} on, the run follows the plan"})
 
     def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""

@@ -221,10 +221,10 @@ def judged(
     Raises RecordingError for the file, DesignError for the request.
     """
     request.refuse()
-    read_counts(path, possible_presses(request.shapes, request.kind, request.targets))  # refused before it takes long
+    read_counts(path, possible_presses(request.shapes, request.kind, request.targets), request.hold_s)  # early
     with threadpool_limits(1):
         table, times, _ = bench_of(request, config, finger, plausible, count, progress)
-        counted = read_counts(path, table.presses)
+        counted = read_counts(path, table.presses, request.hold_s)
         progress("session compared with the candidates", 0, 1)
         model = CountModel(request.hold_s, request.unknowns)
         return session_verdict(table, times, request.candidates, model, counted, _SIZES.draws, request.seed)

@@ -169,7 +169,8 @@ def verdict_lines(verdict: SessionVerdict) -> list[str]:
     named = ", ".join(row.name for row in inside)
     left = f"{named} explain{'s' if len(inside) == 1 else ''} these counts"
     together = "it has at least" if len(inside) == 1 else "together they have"
-    lines = [f"{'set':<10}{left} ({number_of(verdict.presses, 'presses')}); {together} 95 % of the probability"]
+    over = f"{number_of(verdict.presses, 'presses')}, each counted over its hold of {verdict.hold_s:g} s"
+    lines = [f"{'set':<10}{left} ({over}); {together} 95 % of the probability"]
     if best.p_fit < FITS:
         lines = [
             f"{'set':<10}no candidate explains these counts: {best.name}, the most probable one, misfits (p = "

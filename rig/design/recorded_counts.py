@@ -22,6 +22,7 @@ from sim.contact.shapes import shape_name
 Array = NDArray[np.float64]
 
 _DECIMALS = 3
+_FEW = 12  # places that a message lists
 _PARAMETERS = 4  # gain, threshold, x and depth
 
 
@@ -47,12 +48,14 @@ class SessionVerdict(NamedTuple):
     candidates: tuple[CandidateVerdict, ...]
     presses: int
     effective: float
+    hold_s: float
+    """Window of the counts."""
 
 
-def read_counts(path: Path, presses: Sequence[PossiblePress]) -> list[CountedPress]:
+def read_counts(path: Path, presses: Sequence[PossiblePress], hold_s: float) -> list[CountedPress]:
     """Return the counts of a table with the columns shape, x_mm, doi_mm or force_gwt, and count, in order of time.
 
-    Raises RecordingError, naming row and column.
+    A column window_s must be the hold, over which spikes are counted. Raises RecordingError, naming row and column.
     """
     kind = presses[0].kind
     columns = ("shape", "x_mm", kind, "count")
@@ -61,8 +64,10 @@ def read_counts(path: Path, presses: Sequence[PossiblePress]) -> list[CountedPre
         for k, one in enumerate(presses)
     }
     names = {shape_name(one.shape) for one in presses}
+    targets = sorted({round(one.target, _DECIMALS) for one in presses})
+    option = "--depths-mm" if kind == "doi_mm" else "--forces-gwt"
     found = []
-    for row in read_table(path, columns, others=True):
+    for row in read_table(path, columns, ("window_s",)):
         x_mm, target, count = row.number("x_mm"), row.number(kind), row.number("count", 0.0)
         if count != round(count):
             raise row.wrong("count", "no_whole_number", "a whole number of spikes")
@@ -70,13 +75,28 @@ def read_counts(path: Path, presses: Sequence[PossiblePress]) -> list[CountedPre
         if shape not in {one.shape for one in presses} | names:
             shapes = ", ".join(sorted(names, key=natural_order))
             raise row.wrong("shape", "shape_not_designed", "one of {shapes}", shapes=shapes)
+        if "window_s" in row.cells and not np.isclose(row.number("window_s"), hold_s, rtol=1e-3, atol=0.0):
+            expected = "the hold, {hold_s:g} s; use the same --hold-s as for the design, and count over all of it"
+            raise row.wrong("window_s", "other_window", expected, hold_s=hold_s)
+        if round(target, _DECIMALS) not in targets:
+            raise row.wrong(
+                kind, "press_not_designed", "one of {targets}; use the same {option} as for the design",
+                targets=", ".join(f"{one:g}" for one in targets), option=option,
+            )  # fmt: skip
         at = shape_name(shape), round(x_mm, _DECIMALS), round(target, _DECIMALS)
         if at not in number:
-            raise row.wrong("x_mm", "press_not_designed", "that of a possible press of this shape to this target")
+            possible = sorted(x for name, x, to in number if (name, to) == (at[0], at[2]))
+            expected = "that of a possible press of this shape to this target, {places} mm"
+            raise row.wrong("x_mm", "press_not_designed", expected, places=_in_words(possible))
         found.append(CountedPress(number[at], count))
     if not found:
         raise no_rows(path, "a count")
     return found
+
+
+def _in_words(possible: Sequence[float]) -> str:
+    few = [f"{x:g}" for x in possible]
+    return ", ".join(few if len(few) <= _FEW else [*few[: _FEW - 1], "…", few[-1]])
 
 
 def session_verdict(
@@ -121,6 +141,7 @@ def session_verdict(
         tuple(sorted(rows, key=lambda row: -row.probability)),
         len(counted),
         float(effective[probability[0].argmax()]),
+        model.window_s,
     )
 
 

@@ -9,7 +9,7 @@ from contextlib import suppress
 from functools import cached_property
 from typing import ClassVar, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -44,6 +44,36 @@ _SIDE_BY_SIDE = {
 }
 """Fields without text between them: a value is a whole word."""
 _FIELD = re.compile(r"\{(\w*)\}")
+_DASH = r"[-\u2010-\u2015\u2212\ufe63\uff0d]|(?<!\w)\ufffd+"
+_LONE_MINUS = re.compile(rf"({_DASH})(?![\w.>\ufffd])|\b(minus|neg|negative)\b", re.IGNORECASE)
+"""A minus that belongs to no number behind it. `->` is an arrow; a character that is not ASCII arrives as U+FFFD."""
+_WORD = re.compile(r"(?:[^\W\d_]|\ufffd)+")
+_PART_OF_NUMBER = re.compile(r"[\d.]\{value\}|\{value\}(\d|[.eE]\{)")
+_UNIT_WORDS = {
+    "g": "g gr gram grams gramm gf gwt",
+    "kg": "kg kgs kgf kp kilo kilos kilogram kilograms kilogramm",
+    "lb": "lb lbs lbf pound pounds",
+    "N": "n newton newtons",
+    "mN": "mn millinewton millinewtons",
+    "": "mg milligram milligrams oz ozs ozf ounce ounces kn kilonewton kilonewtons \ufffd\ufffdn un dyn dyne dynes",
+}
+_MINUS = "has a minus apart from its number; have the board print it directly before the number"
+_COMMA = "has a comma within a number; have the board print a decimal point and no separators of thousands"
+_UNIT_OF = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
+
+
+def _other_unit(before: str, after: str, unit: str) -> str | None:
+    """Return the known unit beside a number, up to the next digit, if it is another one."""
+    words = _WORD.findall(re.split(r"\d", after)[0]), _WORD.findall(re.split(r"\d", before)[-1])[::-1]
+    known = next((word for side in words for word in side if word.casefold() in _UNIT_OF), None)
+    return None if known is None or _UNIT_OF[known.casefold()] == unit else known
+
+
+_HERE = "\0"
+
+
+def _placeholder(field: re.Match[str]) -> str:
+    return _HERE if field[1] == "value" else "0"
 
 
 class TextCellSettings(Settings):
@@ -59,7 +89,7 @@ class TextCellSettings(Settings):
         max_length=200,
         description="a line with a reading: {value} stands for the number, {skip} for any text, all else for itself",
     )
-    unit: Literal["g", "kg", "lb", "N", "mN"] = Field("g", description="unit of the number")
+    unit: Literal["g", "kg", "lb", "N", "mN"] = Field("g", validate_default=True, description="unit of the number")
     ignore: tuple[str, ...] = Field((), description="beginnings of lines without a reading, such as a banner")
     poll: str = Field(
         "", max_length=40, description="text that requests a reading; absent: the board sends lines by itself"
@@ -89,7 +119,20 @@ class TextCellSettings(Settings):
         names = _FIELD.findall(line)
         if names.count("value") != 1 or not set(names) <= set(_FIELDS) or not line.isprintable():
             raise RuleError("needs {{value}} once, and no other field than {{skip}}", code="bad_line_format")
+        if _PART_OF_NUMBER.search(line):
+            raise RuleError("digits and the point belong to {{value}}; leave them out", code="part_of_number")
+        if _LONE_MINUS.search(line):
+            raise RuleError("the minus belongs to {{value}}; leave it out", code="sign_beside_value")
         return line
+
+    @field_validator("unit")
+    @classmethod
+    def _agrees_with_line(cls, unit: str, info: ValidationInfo) -> str:
+        before, _, after = _FIELD.sub(_placeholder, info.data.get("line", "")).partition(_HERE)
+        if word := _other_unit(before, after, unit):
+            raise RuleError("is {unit}, but line has {word!r}; make them agree", code="unit_beside_line", unit=unit,
+                            word=word)  # fmt: skip
+        return unit
 
     @field_validator("ignore")
     @classmethod
@@ -249,8 +292,25 @@ class TextCellForce:
 
     def _value(self, line: str) -> str | None:
         """Return the text of the value in a line with a reading; None for another line."""
-        found = self._settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None
-        return None if found is None else found["value"]
+        found = self._match(line)
+        return None if found is None or self._doubt(found) else found["value"]
+
+    def _match(self, line: str) -> re.Match[str] | None:
+        return self._settings.pattern.fullmatch(line) if len(line) <= _LONGEST else None
+
+    def _doubt(self, found: re.Match[str]) -> str | None:
+        """Return why the sign, the scale or the unit of a number may not be what it seems."""
+        line, value, unit = found.string, found["value"], self._settings.unit
+        before, after = line[: found.start("value")], line[found.end("value") :]
+        if not value.startswith(("-", "+")) and (_LONE_MINUS.search(before) or _LONE_MINUS.search(after)):
+            return _MINUS
+        template = self._settings.line
+        in_front = re.search(r"\d,\Z", before) and ",{value}" not in template
+        if in_front or (re.match(r",\d", after) and "{value}," not in template):
+            return _COMMA
+        if word := _other_unit(before, after, unit):
+            return f"has a number in {word}, but force.text_cell.unit is {unit}; set the unit that the board sends"
+        return None
 
     def _line(self, within_s: float) -> str:
         """Return a line that is no older than the request, or than the last line of a stream."""
@@ -298,13 +358,21 @@ class TextCellForce:
         )
 
     def _garbled(self, line: str) -> ForceError:
+        found = self._match(line)
+        reason = None if found is None else self._doubt(found)
+        if found is None and re.search(r"\d,\d", line):
+            reason = _COMMA
+        elif found is None and _LONE_MINUS.search(line) and re.search(r"\d", line):
+            reason = _MINUS
         return ForceError(
-            "{port}: {line!r} does not match force.text_cell.line = {expected!r}; correct it, or add the "
-            "beginning of the line to force.text_cell.ignore",
+            "{port}: {line!r} {reason}",
             code="garbled",
             port=self._transport.name,
             line=line,
             expected=self._settings.line,
+            reason=reason
+            or f"does not match force.text_cell.line = {self._settings.line!r} with a number such as -12.5; correct "
+            "it, or add the beginning of the line to force.text_cell.ignore",
         )
 
 

@@ -37,7 +37,7 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if abs(off) > band:
         engine.alarm(
             TripError(
-                "reference press {index} deviates by {deviation:+.1%} from the first one, more than "
+                "reference press index {index} deviates by {deviation:+.1%} from the first one, more than "
                 "limits.reference_band = {band:g}",
                 code="reference_off",
                 index=found.index,
@@ -49,7 +49,7 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if not low <= forces_gwt[-1] <= high:
         engine.alarm(
             TripError(
-                "reference press {index} reads {force_gwt:.3g} gwt, but {low_gwt:.3g} … {high_gwt:.3g} gwt "
+                "reference press index {index} reads {force_gwt:.3g} gwt, but {low_gwt:.3g} … {high_gwt:.3g} gwt "
                 "is predicted for the identified finger; check that the finger has not moved",
                 code="not_as_met",
                 index=found.index,

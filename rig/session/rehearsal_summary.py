@@ -16,8 +16,10 @@ from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
 from rig_shared.plural import number_of
+from sim.config import FingertipConfig
 from sim.contact.shapes import with_size
-from sim.models.small_strain_error import small_strain
+from sim.models.default_finger import is_default_finger
+from sim.models.small_strain_error import SmallStrain, small_strain
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
@@ -54,7 +56,7 @@ class Preflight:
             "contact_s": self.rehearsed.contact_s,
             "peak_force_n": peak_gwt * GWT_N,
             "peak_force_gwt": peak_gwt,
-            "small_strain": small_strain("finger", deepest_mm, self.config.finger.tissue.finite_stiffening).as_json(),
+            "small_strain": _small_strain(self.config.finger, deepest_mm).as_json(),
             "peak_pressure_kpa": max(step["peak_pressure_kpa"] for step in steps),
             "soft_trip_n": min(limits.soft_trip_n, self.plan.soft_trip_n),
             "hard_trip_n": limits.hard_trip_n,
@@ -249,8 +251,7 @@ class Page:
     @property
     def _small_strain(self) -> str:
         depths = [planned.deepest_mm for planned in self._allowed.all_presses]
-        stiffening = self.session.config.finger.tissue.finite_stiffening
-        return f"; {small_strain('finger', max(depths), stiffening).note}" if depths else ""
+        return f"; {_small_strain(self.session.config.finger, max(depths)).note}" if depths else ""
 
     @property
     def _ramps(self) -> Lines:
@@ -290,3 +291,7 @@ class Page:
 def in_both_units(force_n: float) -> str:
     """Return a force in newtons and gram-weight, as text."""
     return f"{force_n:.3g} N ({force_n / GWT_N:.4g} gwt)"
+
+
+def _small_strain(finger: FingertipConfig, doi_mm: float) -> SmallStrain:
+    return small_strain("finger", doi_mm, finger.tissue.finite_stiffening, compared=is_default_finger(finger))

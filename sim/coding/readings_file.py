@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -9,13 +10,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim.coding.decoder_results import CodingError
 from sim.coding.receptor_readings import FEWEST_AT_REST, LOWEST_SD
-from sim.coding.section import receptor_points, skin_of
+from sim.coding.section import SPACING_MM, receptor_points, skin_of
 from sim.coding.sheet import FEWEST_READINGS as FEWEST_OF_SHEET
 from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
-from sim.tables import TableError, header_of, read_columns, read_numbered
+from sim.tables import TableError, header_of, read_numbered
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -114,8 +115,8 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     found = [name for name in columns if name in names]
     if len(found) != 1:
         raise TableError(
-            "{where}: must have exactly one of the columns {columns}; found {found}",
-            code="not_one_column", where=where, found=len(found), columns=", ".join(columns),
+            "{where}: must have exactly one of the columns {columns}; found {found}, read {read}",
+            code="not_one_column", where=where, found=len(found), columns=", ".join(columns), read=", ".join(names),
         )  # fmt: skip
     return found[0]
 
@@ -254,12 +255,18 @@ class _Rows:
 MOST_SAMPLES = 400
 
 
-def read_pressures(path: Path) -> Array:
-    """Read the column `pressure` of a CSV file.
+_PLACED = 0.02  # largest error of a place, of the spacing
+
+
+def read_pressures(path: Path, spacing_mm: float = SPACING_MM) -> Array:
+    """Read the column `pressure` of a CSV file, one sample of skin a row.
 
     Parameters
     ----------
     path : Path
+        Table with the column `pressure`, and perhaps `x_mm` or `place_mm`, the places along the skin.
+    spacing_mm : float, optional
+        Spacing of the samples, which lie about the middle of the pad (mm).
 
     Returns
     -------
@@ -269,11 +276,42 @@ def read_pressures(path: Path) -> Array:
     Raises
     ------
     TableError
-        For a file without such a column.
+        For a file without such a column or with an unknown one, an empty row, or other places.
     CodingError
         As `checked_pressures`.
     """
-    return checked_pressures([pressure for (pressure,) in read_columns(path, ("pressure",))])
+    line, names = header_of(path)
+    where = f"{path}, line {line}"
+    unknown = [name for name in names if name not in ("pressure", *PLACES)]
+    if "pressure" in names and unknown:
+        raise TableError(
+            "{where}: the column {column!r} is unknown; the columns are pressure, and x_mm or place_mm if you like",
+            code="extra_column", where=where, column=unknown[0],
+        )  # fmt: skip
+    place = [_one_of(where, names, PLACES)] if set(PLACES) & set(names) else []
+    numbered = read_numbered(path, ("pressure", *place))
+    for (before, _), (n, _) in pairwise(numbered):
+        if n != before + 1:
+            raise TableError(
+                "{path}, line {line}: has no pressure; each row is the next sample of skin: write 0, or delete it",
+                code="empty_row", path=str(path), line=before + 1,
+            )  # fmt: skip
+    if place:
+        _refuse_other_places(path, place[0], [(n, row[1]) for n, row in numbered], spacing_mm)
+    return checked_pressures([row[0] for _, row in numbered])
+
+
+def _refuse_other_places(path: Path, column: str, numbered: Sequence[tuple[int, float]], spacing_mm: float) -> None:
+    middle = (len(numbered) - 1) / 2
+    for k, (n, at) in enumerate(numbered):
+        expected_mm = spacing_mm * (k - middle)
+        if abs(at - expected_mm) > _PLACED * spacing_mm:
+            raise TableError(
+                "{path}, line {line}, column {column}: {value:g} must be {expected_mm:.3g}: pressures lie "
+                "{spacing_mm:g} mm apart along the skin (--spacing-mm), about the middle of the pad",
+                code="other_place", path=str(path), line=n, column=column, value=at, expected_mm=expected_mm + 0.0,
+                spacing_mm=spacing_mm,
+            )  # fmt: skip
 
 
 def checked_pressures(values: ArrayLike) -> Array:

@@ -224,6 +224,9 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
     return _centered(np.array(height, dtype=np.float64), spacing_mm)
 
 
+_SHOWN = 60  # characters of a wrong header
+
+
 def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
     """Read points under a header, or rows of heights at a spacing."""
     try:
@@ -236,10 +239,11 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in settings:
         raise HeightMapError(
-            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…",
+            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…; read {read}",
             code="no_columns",
             name=where,
             columns=COLUMNS,
+            read=lines[0][:_SHOWN] if lines else "nothing",
         )
     if sum(line.count(",") + 1 for line in lines) > 3 * MOST_POINTS + 3:
         raise _too_many(where)

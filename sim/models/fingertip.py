@@ -25,6 +25,7 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, receptors_at
 from sim.models.cache import keep_tops
 from sim.models.condensed import CondensedModel
+from sim.models.default_finger import is_default_finger
 from sim.models.interpolation import Interpolated
 from sim.models.pictures import ModelOutline, finger_as_html
 from sim.models.pressing import PlacedIndentor, Pressing, RimError, refuse_beside_the_finger, refuse_meaningless
@@ -187,7 +188,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             make_ready()
             start = time.perf_counter()
             self._models[key], from_cache = self._source.model(key)
-            self._outlines[key] = _outline(self._models[key], self.config.tissue.poisson, patch)
+            self._outlines[key] = _outline(self._models[key], self.config, patch)
             self.from_cache = self.from_cache and from_cache
             self.build_s += time.perf_counter() - start
         return self._models[key]
@@ -643,7 +644,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         return doi_mm, pressing.solve(doi_mm, start if fits else None)
 
 
-def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) -> ModelOutline:
+def _outline(model: CondensedModel, config: FingertipConfig, patch: HalfWidths | None) -> ModelOutline:
     """Return the part of a model that results store."""
     return ModelOutline(
         patch=model.patch.nodes,
@@ -653,7 +654,8 @@ def _outline(model: CondensedModel, poisson: float, patch: HalfWidths | None) ->
         receptor_e=model.columns.young_ratio,
         nodes=model.nodes,
         kind=model.kind,
-        poisson=poisson,
+        poisson=config.tissue.poisson,
+        default_finger=is_default_finger(config),
         widened_mm=patch,
     )
 

@@ -8,17 +8,19 @@ real, curved skin; only the compliance is flat, homogeneous and infinite.
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.config import FingertipConfig
+from sim.config import FingertipConfig, Tissue
 from sim.contact.patch import Patch, X, Y, Z
+from sim.errors import ModelRangeError
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorSet, depths_of
 from sim.models.condensed import Columns, CondensedModel, meshed_for, skin_beside
+from sim.models.default_finger import differences
 
 Array = NDArray[np.float64]
 
 EFFECTIVE_MODULUS = 0.21
-"""E / E(epidermis) of the half-space.
+"""E / E(epidermis) of the half-space for the layers of the default finger.
 
 With it a cylinder 9 mm in diameter at x = 0, pressed 0.4 mm deep, carries the finger's force. Other shapes and depths
 would give other values.
@@ -28,14 +30,28 @@ _FAR = 10.0
 _STEP = 1e-20  # of complex-step differentiation: exact to round-off
 
 
+def modulus_of(tissue: Tissue) -> float:
+    """Return E / E(epidermis) of the half-space. Raises ModelRangeError for layers that no modulus was fitted to."""
+    if tissue.e_dermis == tissue.e_fat == 1:
+        return 1.0
+    if different := differences(tissue):
+        raise ModelRangeError(
+            "the modulus of the half-space was fitted to the layers of the default finger, and this finger has other "
+            "{keys}; choose the model finger or section",
+            code="no_modulus", keys=", ".join(different),
+        )  # fmt: skip
+    return EFFECTIVE_MODULUS
+
+
 def build_halfspace(
     config: FingertipConfig,
     surface: FingertipSurface,
     receptors: ReceptorSet,
     slopes: tuple[int, ...],
-    modulus: float = EFFECTIVE_MODULUS,
+    modulus: float | None = None,
 ) -> CondensedModel:
-    """Build the patch of a finger on a half-space of E = modulus · E(epidermis)."""
+    """Build the patch of a finger on a half-space of E = modulus · E(epidermis), by default of `modulus_of`."""
+    modulus = modulus_of(config.tissue) if modulus is None else modulus
     mesh = build_mesh(meshed_for(config, slopes), surface)
     poisson, axes = config.tissue.poisson, (*slopes, Y)
     position = mesh.nodes[mesh.patch_nodes]

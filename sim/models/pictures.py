@@ -42,6 +42,7 @@ class ModelOutline:
     nodes: int  # number of nodes of the model's mesh
     kind: str
     poisson: float
+    default_finger: bool
     widened_mm: tuple[float, float] | None = None  # half-widths of a patch that contact made necessary
 
     @cached_property

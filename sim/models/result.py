@@ -147,7 +147,7 @@ class IndentationResult:
     def small_strain(self) -> SmallStrain:
         """Deviation of this small-strain answer from finite strain, as measured (`docs/small_strain.md`)."""
         stiffening = None if self.strained.linear else self.strained.stiffening
-        return small_strain(self.model.kind, self.doi_mm, stiffening)
+        return small_strain(self.model.kind, self.doi_mm, stiffening, compared=self.model.default_finger)
 
     @cached_property
     def nodal_pressure_pseudo(self) -> Array:

@@ -47,6 +47,8 @@ class SmallStrain:
     force: DeviationRange | None
     sed: DeviationRange | None
     stiffening: float | None = None
+    compared: bool = True
+    """Whether the finger is the one that was compared with finite strain, the default one."""
 
     @property
     def note(self) -> str:
@@ -54,6 +56,8 @@ class SmallStrain:
         if self.stiffening is not None:
             force, sed = (f"{100 * error:g} %" for error in (FORCE_ERROR, SED_ERROR))
             return f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed}"
+        if not self.compared:
+            return "small strain: not measured for this finger, only for the default one"
         if self.force is None or self.sed is None:
             return (
                 f"small strain: a {self.kind} pressed {self.doi_mm:.2f} mm deep was not compared with finite strain"
@@ -65,14 +69,16 @@ class SmallStrain:
         return {"note_text": self.note, "force": self.force, "sed": self.sed}
 
 
-def small_strain(kind: str, doi_mm: float, stiffening: float | None = None) -> SmallStrain:
+def small_strain(kind: str, doi_mm: float, stiffening: float | None = None, *, compared: bool = True) -> SmallStrain:
     """Return the deviation for a kind of model ("finger", "section", "halfspace") at a depth in mm.
 
-    stiffening: None at small strain.
+    It is known for a finger that was `compared` with finite strain, or that has a stiffening, at finite strain.
     """
     if stiffening is not None:
         force, sed = (DeviationRange(-error, error) for error in (FORCE_ERROR, SED_ERROR))
         return SmallStrain(kind, doi_mm, force, sed, stiffening)
+    if not compared:
+        return SmallStrain(kind, doi_mm, None, None, compared=False)
     curve = _curves().get(kind.removeprefix("interpolated "), ())
     points = [(0.0, DeviationRange(0.0, 0.0), DeviationRange(0.0, 0.0)), *curve]
     for (above, force, sed), (below, force_below, sed_below) in pairwise(points):

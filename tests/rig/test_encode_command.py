@@ -50,7 +50,7 @@ def test_a_press_far_off_the_middle_is_felt_too(rig: Program) -> None:
 
 
 def test_pressures_from_a_file(rig: Program) -> None:
-    Path("p.csv").write_text("place,pressure\n0,20\n1,14\n", encoding="utf-8")
+    Path("p.csv").write_text("place_mm,pressure\n-0.085,20\n0.085,14\n", encoding="utf-8")
     options = (*QUICK, "--snr-db", 10, "--seed", 3, "--noise", "output", "--gain", 2, "--threshold", 0, "--json")
     by_file, by_hand = (rig("encode", "--pressure", given, *options).json for given in ("p.csv", "20,14"))
     assert by_file == by_hand

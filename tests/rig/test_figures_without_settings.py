@@ -40,6 +40,7 @@ ENVIRONMENTS = {
     "TeX": {"MATPLOTLIBRC": "text.usetex: True\n"},
     "a bad value": {"MATPLOTLIBRC": "image.cmap: nosuch\n"},
     "noise": {"MATPLOTLIBRC": "\udcff\n: ::\n"},
+    "a locale that is not installed": {"MATPLOTLIBRC": "axes.formatter.use_locale: True\n", "LC_ALL": "xx_XX.UTF-8"},
 }
 SAVE = """\
 import sys
@@ -49,14 +50,28 @@ sys.stdout.write(Plot((3, 2), _draw).svg)
 
 
 @pytest.mark.parametrize(
-    ("name", "where"), [*((name, "variable") for name in ENVIRONMENTS), ("a bad value", "working folder")]
+    ("name", "where"),
+    [
+        *((name, "variable") for name in ENVIRONMENTS),
+        *(
+            (name, where)
+            for name, environment in ENVIRONMENTS.items()
+            for where in ("working folder", "home")
+            if "MATPLOTLIBRC" in environment
+        ),
+    ],
 )
 def test_a_program_starts_whatever_the_settings_of_matplotlib_are(name: str, where: str, tmp_path: Path) -> None:
     env = {**os.environ, **ENVIRONMENTS[name], "PYTHONPATH": str(Path(__file__).parents[2])}
     if (text := env.get("MATPLOTLIBRC")) is not None:
         file = tmp_path / "matplotlibrc"
         file.write_bytes(text.encode("utf-8", "surrogateescape"))
-        env["MATPLOTLIBRC"] = str(file)
+        if where == "variable":
+            env["MATPLOTLIBRC"] = str(file)
+        else:
+            del env["MATPLOTLIBRC"]
+    if where == "home":
+        env["MPLCONFIGDIR"] = str(tmp_path)
     cwd = tmp_path if where == "working folder" else Path(__file__).parents[2]
     program = "import rig.report\n" + SAVE
     done = subprocess.run([sys.executable, "-c", program], env=env, cwd=cwd, capture_output=True, text=True)

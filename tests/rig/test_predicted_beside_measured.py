@@ -85,7 +85,7 @@ def test_an_identified_finger_has_its_band() -> None:
     assert (wide.is_large, narrow.is_large) == (False, True)
     warning = warning_of([wide, narrow])
     assert warning is not None
-    assert warning.startswith("1 of 2 presses are outside their predicted band: force 1.10 times")
+    assert warning.startswith("1 of 2 presses is outside their predicted band: force 1.10 times")
 
 
 def test_who_follows_a_run_uses_the_band_of_an_identified_finger() -> None:

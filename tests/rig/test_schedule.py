@@ -392,7 +392,7 @@ def test_a_finger_that_has_softened_alarms(finger: Fingertip, tmp_path: Path, on
     )
     alarms = done.run.stream("alarm")
     assert len(alarms) == 1
-    assert alarms[0]["reason"].startswith("reference press 1 deviates by ")
+    assert alarms[0]["reason"].startswith("reference press index 1 deviates by ")
     assert done.complete is (on_alarm == "warn")
 
 

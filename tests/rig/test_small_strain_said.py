@@ -18,9 +18,10 @@ from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
 from rig.study.parameter_study import read_study
-from sim.config import FingertipConfig, Tissue
+from sim.config import FingertipConfig, Geometry, Tissue
 from sim.models import small_strain_error as module
 from sim.models.catalogue import load
+from sim.models.default_finger import is_default_finger
 from sim.models.fingertip import Fingertip
 from sim.models.small_strain_error import DeviationRange, small_strain
 from tests.program import Program
@@ -47,6 +48,7 @@ class At(NamedTuple):
     folder: Path
     program: Program
     run: Callable[[], Path]
+    study: str = STUDY
 
     def said(self, *arguments: object) -> str:
         """What the program prints on that finger."""
@@ -68,7 +70,7 @@ def _page(at: At) -> str:
 
 
 def _study(at: At, *more: str) -> str:
-    (at.folder / "study.toml").write_text(STUDY, encoding="utf-8")
+    (at.folder / "study.toml").write_text(at.study, encoding="utf-8")
     return at.program("study", at.folder / "study.toml", *more).out
 
 
@@ -113,9 +115,9 @@ def at(
     (tmp_path / "mine.py").write_text(SCRIPT, encoding="utf-8")
 
     def run() -> Path:
-        return made_once(
-            "run", lambda: program("dry-run", tmp_path / "mine.py", "--config", tmp_path / "coarse.toml")
-        )
+        config = tmp_path / "coarse.toml"
+        kind = "run" if config.read_text("utf-8") == COARSE else "run on another finger"
+        return made_once(kind, lambda: program("dry-run", tmp_path / "mine.py", "--config", config))
 
     return At(tmp_path, program, run)
 
@@ -124,6 +126,35 @@ def at(
 @pytest.mark.parametrize("place", PLACES)
 def test_a_place_says_it(place: str, at: At) -> None:
     assert SAID.search(PLACES[place](at))
+
+
+NOT_MEASURED = "small strain: not measured for this finger, only for the default one"
+LAYERED = "[finger.tissue]\ne_dermis = 1.0\ne_fat = 1.0\n"
+"""A shell as stiff as all below it: its linear force is no longer too high (`docs/validation/small_strain.md`)."""
+
+
+@pytest.mark.usefixtures("empty_figures")
+@pytest.mark.parametrize("place", [place for place in PLACES if not place.startswith("the source")])
+def test_a_place_says_that_another_finger_was_not_measured(place: str, at: At) -> None:
+    (at.folder / "coarse.toml").write_text(COARSE + LAYERED, encoding="utf-8")
+    said = PLACES[place](at._replace(study="[finger.tissue]\ne_dermis = [1.0]\n" + STUDY))
+    assert NOT_MEASURED in said
+    assert not SAID.search(said)
+
+
+@pytest.mark.parametrize(
+    ("finger", "compared"),
+    [
+        (FingertipConfig(), True),
+        (FingertipConfig(tissue=Tissue(stiffness=3.0), mesh=MESH), True),  # a ratio of forces knows no unit
+        (FingertipConfig(tissue=Tissue(e_fat=0.09)), False),
+        (FingertipConfig(tissue=Tissue(poisson=0.45)), False),
+        (FingertipConfig(geometry=Geometry(length_mm=13.0)), False),
+        (FingertipConfig(receptor_plane_from_tip_mm=5.0), False),
+    ],
+)
+def test_the_fingers_that_were_compared(finger: FingertipConfig, compared: bool) -> None:
+    assert is_default_finger(finger) is compared
 
 
 def test_a_half_space_was_not_compared() -> None:
@@ -178,6 +209,8 @@ def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(
     assert compare(stiffened, {}).small_strain.note.startswith(STIFFENS)
     linear = replace(stiffened[0], stiffening=None)
     assert compare([linear], {}).small_strain.note.startswith("small strain")
+    other = replace(linear, default_finger=False)
+    assert compare([other], {}).small_strain.note == NOT_MEASURED
     assert compare([], {}).small_strain == small_strain("finger", 0.0)
 
 

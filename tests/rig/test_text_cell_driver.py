@@ -95,6 +95,47 @@ def test_a_value_is_a_whole_word_of_the_line(line: str, sent: bytes, gwt: float 
         assert board.gwt() == gwt
 
 
+SIGN, SCALE, UNIT = "minus apart", "comma within", "set the unit"
+
+
+@pytest.mark.parametrize(
+    ("line", "sent", "gwt"),
+    [
+        ("{skip}{value} g", "W - 12.5 g", SIGN),  # read as +12.5 once
+        ("{skip} {value} g", "W - 12.5 g", SIGN),
+        ("{skip}{value} g", "- W 12.5 g", SIGN),
+        ("{skip}{value} g", "(-) 12.5 g", SIGN),
+        ("{skip}{value} g", "W \u2212 12.5 g", SIGN),
+        ("{skip}{value} g", "minus 12.5 g", SIGN),
+        ("{value}{skip}", "12.5 - g", SIGN),  # a trailing sign
+        ("{skip}{value} g", "W -12.5 g", -12.5),
+        ("{skip}{value} g", "W - -12.5 g", -12.5),
+        ("{skip}{value} g", "W -> 12.5 g", 12.5),
+        ("{skip}{value} g", "HX-711 load-cell + 12.5 g", 12.5),
+        ("{value} {skip}", "12.5 -0.3", 12.5),  # the sign of another number
+        ("{value} {skip}", "0.0125 kg", UNIT),
+        ("{skip}{value}", "Weight (kg): 0.0125", UNIT),
+        ("{skip}{value}", "12.5 oz 0.3", UNIT),
+        ("{value} {skip}", "12.5 \u00b5N", UNIT),
+        ("{value} {skip}", "12.5 stable g", 12.5),
+        ("{skip}C {value}", "20 \u00b0C 12.5", 12.5),
+        ("{skip}{value} g", "0.3 N 12.5 g", 12.5),  # N belongs to the other number
+        ("{value}{skip}", "0,85 g", SCALE),  # read as 0 once
+        ("{value} g", "12,5 g", SCALE),
+        ("{skip}{value} g", "1,234.5 g", SCALE),  # read as 234.5 once
+        ("{skip},{value},{skip}", "1234,12.5,0", 12.5),  # the comma of the format is a separator
+    ],
+)
+def test_a_force_is_never_read_with_the_wrong_sign_or_scale(line: str, sent: str, gwt: float | str) -> None:
+    board = Board((0.05, b"of a line\r\n"), (0.1, f"{sent}\r\n".encode()), line=line)
+    if isinstance(gwt, str):
+        with raises(ForceError, "garbled") as caught:
+            board.gwt()
+        assert gwt in str(caught.value)
+    else:
+        assert board.gwt() == gwt
+
+
 @pytest.mark.parametrize(
     "line", ["{skip},{value},lbs,{skip},{skip},", "{skip},{skip},{skip},{value},{skip},{skip},g",
              "{skip}{value}", "{skip}{value}{skip} g", "{skip} " * 20 + "{value}"],
@@ -102,7 +143,7 @@ def test_a_value_is_a_whole_word_of_the_line(line: str, sent: bytes, gwt: float 
 @pytest.mark.parametrize("piece", ["1,lbs,", "1,", "1", "1 g", "g ", " "])
 def test_no_line_takes_long(line: str, piece: str) -> None:
     """A format with five {skip} once took half a minute for 250 characters: for these, longer than a test may."""
-    TextCellSettings(line=line).pattern.fullmatch((500 * piece)[:499] + "x")
+    TextCellSettings(line=line, unit="lb" if "lbs" in line else "g").pattern.fullmatch((500 * piece)[:499] + "x")
 
 
 @pytest.mark.parametrize(
@@ -112,6 +153,15 @@ def test_no_line_takes_long(line: str, piece: str) -> None:
         ({"line": "{value} {value}"}, "force.text_cell.line", "bad_line_format"),
         ({"line": "{weight} g {value}"}, "force.text_cell.line", "bad_line_format"),
         ({"line": "{value}\n"}, "force.text_cell.line", "bad_line_format"),
+        ({"line": "-{value} g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "W - {value} g"}, "force.text_cell.line", "sign_beside_value"),
+        ({"line": "{value}.{skip}"}, "force.text_cell.line", "part_of_number"),  # 12 for 12.5
+        ({"line": "0.{value}"}, "force.text_cell.line", "part_of_number"),
+        ({"line": "{value} N"}, "force.text_cell.unit", "unit_beside_line"),  # 102 times too small once
+        ({"line": "{value}kg"}, "force.text_cell.unit", "unit_beside_line"),
+        ({"line": "{skip},{value},lbs,{skip}", "unit": "N"}, "force.text_cell.unit", "unit_beside_line"),
+        ({"line": "Force [mN]: {value}"}, "force.text_cell.unit", "unit_beside_line"),
+        ({"line": "{value} oz"}, "force.text_cell.unit", "unit_beside_line"),
         ({"ignore": [""]}, "force.text_cell.ignore", "empty_beginning"),
         ({"unit": "oz"}, "force.text_cell.unit", "invalid_value"),
         ({"silence_s": 0}, "force.text_cell.silence_s", "invalid_value"),

@@ -5,16 +5,18 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.integrate import dblquad
 
-from sim.config import FingertipConfig
-from sim.contact.indentor import Indentor
+from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
+from sim.contact.indentor import BOTH, Indentor
 from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.points import ContactPose
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import solve_contact
+from sim.errors import ModelRangeError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.halfspace import interior_strain, surface_compliance
 from studies.verification.halfspace import boussinesq_strain
+from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
 POISSON = 0.48
@@ -84,6 +86,44 @@ def test_a_sphere_on_it_is_hertzs() -> None:
     exact = 4 / 3 / (1 - POISSON**2) * np.sqrt(radius) * doi**1.5
     assert state.converged
     assert state.normal_force == pytest.approx(exact, rel=0.01)
+
+
+HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("tissue", "ratio"),
+    [
+        ({}, 0.21),
+        ({"stiffness": 2.0}, 0.42),  # all layers are stiffer alike
+        (HOMOGENEOUS, 1.0),  # one modulus, which needs no fit
+        ({**HOMOGENEOUS, "stiffness": 0.5, "epidermis_mm": 0.2}, 0.5),
+        ({"e_fat": 0.02}, None),
+        ({"e_dermis": 0.2}, None),
+        ({"epidermis_mm": 0.3}, None),
+        ({"poisson": 0.3}, None),
+        ({"bone_fraction": 0.4}, None),
+    ],
+)
+def test_its_modulus_is_that_of_the_fingers_own_layers_or_it_is_refused(
+    tissue: dict[str, float], ratio: float | None
+) -> None:
+    config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.3, 0.4))
+    if ratio is None:
+        with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):
+            load("halfspace", config)
+        return
+    default = load("halfspace", FingertipConfig(mesh=config.mesh), slopes=BOTH).indent("sphere:1", doi_mm=0.2)
+    own = load("halfspace", config, slopes=BOTH).indent("sphere:1", doi_mm=0.2)
+    assert own.force_n / default.force_n == pytest.approx(ratio / 0.21, rel=1e-6)
+
+
+def test_a_homogeneous_finger_has_hertzs_force() -> None:
+    """F = 4/3 E / (1 − ν²) √R d^1.5, with R = 0.78 mm from the sphere's 1 mm and the skin's curvature."""
+    finger = FingertipConfig(tissue=Tissue(**HOMOGENEOUS))
+    hertz_n = 4 / 3 * E_EPIDERMIS_MPA / (1 - 0.48**2) * 0.78**0.5 * 0.2**1.5
+    found = load("halfspace", finger, slopes=BOTH).indent("sphere:1", doi_mm=0.2)
+    assert found.force_n == pytest.approx(hertz_n, rel=0.06)
 
 
 @pytest.mark.parametrize("shape", ["sphere:5", "line"])

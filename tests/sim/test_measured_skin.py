@@ -77,7 +77,7 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
         ("a,b\n1,2\n\nnan,2\n", "not_a_number", {"line": 4, "column": "a", "cell": "nan"}),
         ("a,b\n1,inf\n", "not_a_number", {"line": 2, "column": "b", "cell": "inf"}),
         ("#\na,b\n\n", "no_rows", {"line": 2}),
-        ("a;b\n1;2\n", "column_count", {"line": 1, "count": 0, "column": "a", "columns": "a,b"}),
+        ("a|b\n1|2\n", "column_count", {"line": 1, "count": 0, "column": "a", "columns": "a,b"}),
         ("a,b\n1,2\n1,\0\n", "not_a_number", {"line": 3, "column": "b", "cell": "\0"}),
     ],
 )
@@ -150,6 +150,10 @@ def test_points_must_fit_the_length_that_is_given() -> None:
     ("change", "expected"),
     [
         (lambda rows: rows[:4], "4 sections; at least 5 are required"),
+        (
+            lambda rows: [[z, 2 * half, height, lean] for z, half, height, lean in rows],  # full widths
+            "half_width_mm is 2.0 times height_mm (median); a finger's is at most 1.8 times: check that it is half",
+        ),
         (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: z_mm must rise from row to row"),
         (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: z_mm must rise"),
         (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275 mm; it must be in millimeters"),

@@ -124,7 +124,7 @@ def test_noise_at_rest_has_several_values(rest: tuple[int, ...], there: bool, re
 
 
 def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
-    (tmp_path / "p.csv").write_text("more,pressure\na,3\nb,0\n", encoding="utf-8")
+    (tmp_path / "p.csv").write_text("pressure\n3\n0\n", encoding="utf-8")
     assert read_pressures(tmp_path / "p.csv").tolist() == [3.0, 0.0]
     assert checked_pressures((20, 14)).tolist() == [20.0, 14.0]
     assert checked_pressures(5).tolist() == [5.0]
@@ -134,3 +134,34 @@ def test_pressures_are_finite_and_not_negative(tmp_path: Path) -> None:
     for number in (0, 401):
         with raises(CodingError, "wrong_count", pressure="pressure", numbers=number, most=400):
             checked_pressures(np.ones(number))
+
+
+@pytest.mark.parametrize(
+    ("text", "spacing_mm", "found"),
+    [
+        ("pressure\n10\n20\n10\n", 0.17, [10, 20, 10]),
+        ("x_mm;pressure\n-0,5;10,5\n0;20\n0,5;10\n", 0.5, [10.5, 20, 10]),
+        ("x_mm\tpressure\n-0.5\t10\n0\t20\n0.5\t10\n", 0.5, [10, 20, 10]),
+        ("x_mm;pressure\n0;1,234\n", 0.5, "ambiguous_number"),  # 1.234 or 1234?
+        ("pressure\n1\n-0.5e1,5\n", 0.17, "row_length"),
+        ("x_mm,pressure\n-0.5,10\n0,20\n0.5,10\n", 0.5, [10, 20, 10]),
+        ("place_mm,pressure\n-0.25,10\n0.25,20\n", 0.5, [10, 20]),
+        ("x_mm,pressure\n-0.5,10\n0,20\n0.5,10\n", 0.17, "other_place"),  # they were put 0.17 mm apart
+        ("x_mm,pressure\n0,10\n0.5,20\n1,10\n", 0.5, "other_place"),  # not about the middle of the pad
+        ("x_mm,pressure\n-0.5,10\n0.1,20\n0.5,10\n", 0.5, "other_place"),
+        ("pressure\n10\n\n20\n", 0.17, "empty_row"),  # the two became neighbors
+        ("pressure,unit\n10,kPa\n", 0.17, "extra_column"),
+        ("pressure,x_um\n10,0\n", 0.17, "extra_column"),
+        ("x_mm,place_mm,pressure\n0,0,1\n", 0.17, "not_one_column"),
+        ("x_mm\n0\n", 0.17, "column_count"),
+    ],
+)
+def test_pressures_lie_where_their_file_says_or_are_refused(
+    text: str, spacing_mm: float, found: list[float] | str, tmp_path: Path
+) -> None:
+    (tmp_path / "p.csv").write_text(text, encoding="utf-8")
+    if isinstance(found, str):
+        with raises(TableError, found):
+            read_pressures(tmp_path / "p.csv", spacing_mm)
+    else:
+        assert read_pressures(tmp_path / "p.csv", spacing_mm).tolist() == found

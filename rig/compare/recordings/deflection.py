@@ -5,6 +5,7 @@ Measured deflections are a CSV with the columns `deflection_mm` (downward displa
 from the proximal edge. Without x, the points lie on the center line of the pad; without z, in the receptor plane.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import column_list, no_rows, read_table
+from rig.compare.recordings.columns import Row, column_list, no_rows, read_table
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 
@@ -44,7 +45,20 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
     places = {
         name: np.array([row.number(name) if name in given else usual[name] for row in rows]) for name in _COLUMNS
     }
-    return SkinDeflection(**places, deflection_mm=np.array([row.number("deflection_mm") for row in rows]))
+    return SkinDeflection(**places, deflection_mm=downward_mm(path, rows))
+
+
+def downward_mm(path: Path, rows: Sequence[Row]) -> Array:
+    """Return the downward displacements (n,) of a table in mm. Raises RecordingError if none is downward."""
+    down = np.array([row.number("deflection_mm") for row in rows])
+    if down.max() <= 0 and down.min() < 0:
+        raise RecordingError(
+            "{path}, column deflection_mm: no value is above 0, and downward counts as positive; change the signs if "
+            "downward is negative",
+            code="none_downward",
+            path=str(path),
+        )
+    return down
 
 
 def deflection_at(result: IndentationResult, x_mm: Array, z_mm: Array) -> Array:

@@ -82,16 +82,16 @@ class AcceptedCounts:
         if index >= presses:
             made = "no press was finished yet" if not presses else "the last finished press was {last}"
             raise CountError(
-                f"a count for press {{index}} arrived, but {made}",
+                f"a count for press index {{index}} arrived, but {made}",
                 code="press_not_made", index=index, last=presses - 1 if presses else None,
             )  # fmt: skip
         spikes = _whole(
-            count, "bad_count", "the count {value} of press {index}: must be a whole number from 0", index
+            count, "bad_count", "the count {value} of press index {index}: must be a whole number from 0", index
         )
         if index in self._found or self._known.get(index, spikes) != spikes:
             before = self._found.get(index, self._known.get(index))
             raise CountError(
-                "two counts for press {index}, {before} and {count}: there must be one",
+                "two counts for press index {index}, {before} and {count}: there must be one",
                 code="two_counts", index=index, before=before, count=spikes,
             )  # fmt: skip
         self._found[index] = spikes

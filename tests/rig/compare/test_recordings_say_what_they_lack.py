@@ -794,7 +794,7 @@ def along(path: Path) -> list[float]:
 
 def counted(path: Path) -> list[float]:
     presses = [PossiblePress("bar:3", x, "doi_mm", 0.5) for x in (-1.0, 0.5)]
-    return [value for one in read_counts(path, presses) for value in one]
+    return [value for one in read_counts(path, presses, 1.0) for value in one]
 
 
 def afferents(path: Path) -> list[float]:

@@ -47,7 +47,7 @@ def test_counts_that_no_candidate_makes(table: ResponseTable, times: PressTimes)
 def test_a_table_of_counts(table: ResponseTable, tmp_path: Path) -> None:
     path = tmp_path / "counts.csv"
     path.write_text(GOOD, encoding="utf-8")
-    found = read_counts(path, table.presses)
+    found = read_counts(path, table.presses, 1.0)
     assert [(table.presses[k].shape, table.presses[k].target, count) for k, count in found] == [
         ("bar:1.5", 0.25, 3.0),
         ("bar:3.0", 1.0, 12.0),
@@ -64,10 +64,38 @@ def test_a_table_of_counts(table: ResponseTable, tmp_path: Path) -> None:
         ("bar:3,", "bar:4,", "shape_not_designed"),
         ("-0.17", "-0.2", "press_not_designed"),
         (",count", ",rates", "no_column"),
+        ("0.25,", "0.2,", "press_not_designed"),  # a depth that was not among those of the design
+        (",count", ",count,unit", "extra_column"),
     ],
 )
 def test_tables_that_are_refused(table: ResponseTable, tmp_path: Path, old: str, new: str, code: str) -> None:
     path = tmp_path / "counts.csv"
     path.write_text(GOOD.replace(old, new), encoding="utf-8")
     with raises(RecordingError, code):
-        read_counts(path, table.presses)
+        read_counts(path, table.presses, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("window", "hold_s", "code"),
+    [("window_s,1", 1.0, None), ("window_ms,1000", 1.0, None), ("window_s,0.5", 1.0, "other_window")],
+)
+def test_counts_belong_to_the_hold(
+    table: ResponseTable, tmp_path: Path, window: str, hold_s: float, code: str | None
+) -> None:
+    """Counts over half of a hold were taken for those of the whole hold."""
+    path, (name, value) = tmp_path / "counts.csv", window.split(",")
+    header, *rows = GOOD.splitlines()
+    path.write_text("\n".join([f"{header},{name}", *(f"{row},{value}" for row in rows)]), encoding="utf-8")
+    if code is None:
+        assert [one.spikes for one in read_counts(path, table.presses, hold_s)] == [3.0, 12.0]
+    else:
+        with raises(RecordingError, code, row=2, cell=value, hold_s=hold_s):
+            read_counts(path, table.presses, hold_s)
+
+
+def test_a_depth_that_was_not_designed_is_named_with_those_that_were(table: ResponseTable, tmp_path: Path) -> None:
+    path = tmp_path / "counts.csv"
+    path.write_text(GOOD.replace("0.25,", "0.2,"), encoding="utf-8")
+    with raises(RecordingError, "press_not_designed", option="--depths-mm") as caught:
+        read_counts(path, table.presses, 1.0)
+    assert caught.value.fields["column"] == "doi_mm"
