@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -202,6 +202,8 @@ def command(
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True, size=len(runs)):
             found = _without_copies([recorded_run(path) for path in runs])
+            if recorded:
+                _refuse_other_fingers(found)
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
@@ -451,6 +453,34 @@ def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fi
     return [loaded[config.model_dump_json()] for config in configs]
 
 
+def _refuse_other_fingers(runs: Sequence[Run]) -> None:
+    """Refuse runs on different fingers: one fit has one finger."""
+    first, *others = [_leaves(load_config(run.folder.path / "config.toml").finger.model_dump()) for run in runs]
+    for run, finger in zip(runs[1:], others, strict=True):
+        names = [name for name in sorted({*first, *finger}) if first.get(name) != finger.get(name)]
+        differing = [f"finger.{name} ({first.get(name)} and {finger.get(name)})" for name in names[:_MOST_DIFFERING]]
+        if differing:
+            raise BadInputError(
+                "run folders {run} and {other}: their fingers differ in {differing}; compare runs on one finger, or "
+                "each run alone",
+                code="other_finger",
+                run=runs[0].folder.path,
+                other=run.folder.path,
+                differing=", ".join(differing),
+            )
+
+
+_MOST_DIFFERING = 5
+
+
+def _leaves(tree: Mapping[str, Any], under: str = "") -> dict[str, object]:
+    """Return the values of nested tables by their dotted names."""
+    found: dict[str, object] = {}
+    for name, value in tree.items():
+        found |= _leaves(value, f"{under}{name}.") if isinstance(value, dict) else {f"{under}{name}": value}
+    return found
+
+
 def _sought(
     runs: list[Run], receptors: Receptors, place: bool, depth_mm: str | None, offset_mm: str | None
 ) -> PlaceRange | None:
@@ -510,7 +540,7 @@ def _print(
     if comparison.overlays and not verdicts:
         out.print(f"answer      {TOO_FEW}")
     for number, line in enumerate(clock):
-        out.print(f"{'' if number else 'spikes':<12}{line}")
+        out.print(f"{'' if number else 'recording':<12}{line}")
     for line in place_lines(at):
         out.print(f"place       {line}")
     for line in [] if verdicts else left_out_lines(comparison):

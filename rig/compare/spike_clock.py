@@ -3,7 +3,11 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.compare.recordings.recording import FromSpikes, Recording
+from rig.compare.recordings.spike_times import joined
 from rig.compare.verdict import AfferentVerdict, six_digits
 from rig.errors import RigError
 from rig_shared.plural import number_of
@@ -26,13 +30,17 @@ class ClockShift(NamedTuple):
     @property
     def sentence(self) -> str:
         """How far the answer depends on the clock."""
+        sides = [self._side(self.later_s, "later"), self._side(self.earlier_s, "earlier")]
         tried = ", ".join(f"{shift:g}" for shift in self.tried_s)
-        found = [f"{shift:g} s {side}" for shift, side in ((self.later_s, "later"), (self.earlier_s, "earlier"))
-                 if shift is not None]  # fmt: skip
-        if not found:
-            return f"No tried shift of this clock ({tried} s, later and earlier) changes the answer."
-        which = " or ".join(found)
-        return f"The answer changes if this clock is shifted by {which}; tried: {tried} s, later and earlier."
+        return f"If this clock is shifted, {joined(sides)} (tried: {tried} s)."
+
+    def _side(self, changed_s: float | None, side: str) -> str:
+        held_s = [shift for shift in self.tried_s if changed_s is None or shift < changed_s]
+        holds = f"the answer holds up to {held_s[-1]:g} s {side}" if held_s else ""
+        changes = "" if changed_s is None else f"changes at {changed_s:g} s"
+        if holds and changes:
+            return f"{holds} and {changes}"
+        return holds or f"the answer {changes} {side}"
 
 
 def outcome_of(answers: Sequence[AfferentVerdict]) -> object:
@@ -64,12 +72,26 @@ def _shifted(recordings: Recordings, shift_s: float) -> dict[str, Recording]:
 
 
 def recording_sentences(found: Recording) -> list[str]:
-    """Return sentences on the presses and the clock of a recording; none for a table of rates or counts."""
-    spikes = found.spikes
+    """Return sentences on the columns of a recording and, of spike times, on its presses and its clock."""
+    spikes, read = found.spikes, [found.read_as] if found.read_as else []
     if spikes is None:
-        return []
+        return read
     every = f"All {number_of(spikes.presses, 'presses')} were observed."
-    return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
+    return [*read, spikes.left_out or every, spikes.clock.text, *spikes.notes]
+
+
+def rate_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:
+    """Yield a row per recorded position, by afferent ("" for the only one): mean rate, presses, rates, and counts."""
+    for afferent, some in recordings.items():
+        for key, one in some.items():
+            for position, rates in zip(one.position_mm, one.repeats, strict=True):
+                each = ", ".join(f"{rate:.4g}" for rate in rates)
+                yield (*([afferent] if afferent else []), key, one.name, f"{position:g}", f"{rates.mean():.4g}",
+                       str(len(rates)), each, ", ".join(_counts(one, rates)) or "–")  # fmt: skip
+
+
+def _counts(one: Recording, rates: NDArray[np.float64]) -> list[str]:
+    return [] if one.window_s is None else [f"{count:.0f}" for count in rates * one.window_s]
 
 
 def recording_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:
@@ -91,6 +113,16 @@ def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift |
             "shape": key.partition("@")[0],
             "recording": one.name,
             "positions": len(one.position_mm),
+            "columns_text": one.read_as,
+            "window_s": one.window_s,
+            "rates": [
+                {
+                    "position_mm": six_digits(float(position)),
+                    "rate": six_digits(float(rates.mean())),
+                    "repeats": [six_digits(float(rate)) for rate in rates],
+                }
+                for position, rates in zip(one.position_mm, one.repeats, strict=True)
+            ],
             **_spikes_as_json(one.spikes),
         }
         for afferent, some in recordings.items()
@@ -115,6 +147,7 @@ def _spikes_as_json(spikes: FromSpikes | None) -> dict[str, Any]:
             "source": clock.source,
             "drift_ppm": six_digits(clock.drift_ppm),
             "worst_ms": six_digits(clock.worst_ms),
+            "at_start_s": six_digits(clock.at_start_s),
             "clock_text": " ".join([clock.text, *spikes.notes]),
         },
     }
