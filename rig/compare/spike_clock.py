@@ -30,17 +30,14 @@ class ClockShift(NamedTuple):
     @property
     def sentence(self) -> str:
         """How far the answer depends on the clock."""
-        sides = [self._side(self.later_s, "later"), self._side(self.earlier_s, "earlier")]
+        later, earlier = (self._held(changed_s) for changed_s in (self.later_s, self.earlier_s))
         tried = ", ".join(f"{shift:g}" for shift in self.tried_s)
-        return f"If this clock is shifted, {joined(sides)} (tried: {tried} s)."
+        return f"If this clock is shifted later, the answer {later}; if earlier, it {earlier} (tried: {tried} s)."
 
-    def _side(self, changed_s: float | None, side: str) -> str:
+    def _held(self, changed_s: float | None) -> str:
         held_s = [shift for shift in self.tried_s if changed_s is None or shift < changed_s]
-        holds = f"the answer holds up to {held_s[-1]:g} s {side}" if held_s else ""
-        changes = "" if changed_s is None else f"changes at {changed_s:g} s"
-        if holds and changes:
-            return f"{holds} and {changes}"
-        return holds or f"the answer {changes} {side}"
+        holds = [f"holds up to {held_s[-1]:g} s"] if held_s else []
+        return joined([*holds, *([] if changed_s is None else [f"changes at {changed_s:g} s"])])
 
 
 def outcome_of(answers: Sequence[AfferentVerdict]) -> object:

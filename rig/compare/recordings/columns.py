@@ -437,7 +437,9 @@ def check_header(
     for cell in header:
         if (cell not in taken and not others) or (cell in taken and header.count(cell) > 1):
             problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + (
-                _suggested(found, required, optional) or hint
+                "; delete or rename one of them"
+                if header.count(cell) > 1
+                else _suggested(found, required, optional) or hint
             )
             raise _wrong_header(problem, "extra_column", path, row, cell, column_list(required, optional), read)
     return found
@@ -530,7 +532,7 @@ def _suggested(found: Mapping[str, RecordingColumn], required: Sequence[str], op
     named = ",".join(f"{roles[name]}={found[name].name}" for name in (*required, *optional) if name in found)
     return (
         (
-            "; if it tells conditions or rejected presses apart, first keep the rows of one condition in a file of "
+            "; if it distinguishes conditions or rejected presses, first keep the rows of one of them in a file of "
             f'their own, since presses at one position count as repeats; to ignore it, use --columns "{named}"'
         )
         .replace("{", "{{")

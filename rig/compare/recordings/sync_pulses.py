@@ -288,9 +288,10 @@ def _described(found: _Match, pulse_s: Array, rise_s: Array) -> SpikeClock:
     ]
     drift_ppm, worst_ms = 1e6 * (1 / found.slope - 1), 1e3 * found.worst_s
     at_start_s = round(-found.offset_s / found.slope, 6) + 0.0
+    pace = f"{abs(drift_ppm):.0f} ppm {'fast' if drift_ppm >= 0 else 'slow'}"
     text = (
-        f"{number_of(len(found.pulses), 'sync pulses')} of the run were found in the file: its clock is "
-        f"{abs(drift_ppm):.0f} ppm {'fast' if drift_ppm >= 0 else 'slow'} and reads {at_start_s:.3f} s at the start of "
-        f"the run, and no pulse is off by more than {max(worst_ms, 0.01):.2g} ms{'; ' if besides else ''}{joined(besides)}."
+        f"{number_of(len(found.pulses), 'sync pulses')} of the run were found in the file: its clock is {pace} and "
+        f"reads {at_start_s:.3f} s at the start of the run, and no pulse is off by more than "
+        f"{max(worst_ms, 0.01):.2g} ms{'; ' if besides else ''}{joined(besides)}."
     )
     return SpikeClock("pulses", text, drift_ppm, worst_ms, at_start_s)
