@@ -830,8 +830,10 @@ UNKNOWN_UNITS = {
         "the remedy has no unit that would be wrong", table("position (mil),rate", "1,6", "2,24", "3,12"),
         code="unknown_unit", says=("convert the numbers", "position=position (mil):UNIT"),
     ),
-    "a comma in a name": Case("it is a part of the name", table('"x, left",rate', "-500,6", "0,24", "250,12", "1000,1"),
-                              ("position=x, left:um,rate=rate",), rates=ALL),
+    "a comma in a name": Case(
+        "it is a part of the name", table('"x, left",rate', "-500,6", "0,24", "250,12", "1000,1"),
+        ("position=x, left:um,rate=rate",), rates=ALL,
+    ),
     "a colon in a name": Case(
         "a unit follows after another colon", text("Time (h:mm:ss)\n" + "".join(f"{t}\n" for t in TIMES)),
         ("time=Time (h:mm:ss)",), code="unknown_unit", says=("after another",), pulses=False,
@@ -924,8 +926,8 @@ SHOWN = {
     "#row=0": Case("rows count from 1", units([0, 1, 0, 1], "#row=0"), code="no_unit", says=("from 1 to 4",)),
     "#cluster=7": Case("a column of whole numbers", lambda folder: nwb(
         units__id=[0, 1], units__cluster=[7, 8], units__spike_times=[*amplifier(TIMES), 1.0],
-        units__spike_times_index=[len(TIMES), len(TIMES) + 1], **PULSES)(folder) + "#cluster=7", ("observed=throughout",),
-        rates=ALL),
+        units__spike_times_index=[len(TIMES), len(TIMES) + 1], **PULSES)(folder) + "#cluster=7",
+        ("observed=throughout",), rates=ALL),
 }  # fmt: skip
 
 CASES = (
