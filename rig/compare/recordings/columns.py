@@ -304,7 +304,9 @@ def columns_read(rows: Sequence[Row], window_s: float | None = None) -> str:
     if not rows:
         return ""
     parts = [
-        f"{column.name} as {_WORDS.get(name, name)}" + (f" in {unit}" if (unit := _unit_read(name, column)) else "")
+        column.name
+        + (f" as {role}" if (role := _WORDS.get(name, name)) != column.name else "")
+        + (f" in {unit}" if (unit := _unit_read(name, column)) else "")
         for name, column in rows[0].columns.items()
     ]
     parts += [] if window_s is None else [f"{window_s:g} s as window"]

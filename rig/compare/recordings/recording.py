@@ -152,7 +152,7 @@ def _without_copies(found: Recording) -> Recording:
     if len(firing) < _FEWEST_POSITIONS or any(np.ptp(rates) > _SAME * rates.max() for rates in repeated):
         return found
     sd = np.where([len(rates) > 1 for rates in found.repeats], np.nan, found.sd)
-    text = "All repeats are equal, as copies of one press are: each position counts once."
+    text = "All repeats are equal, as copies are, and say nothing about the noise: each position counts once."
     return replace(
         found, repeats=tuple(rates[:1] for rates in found.repeats), sd=sd, read_as=f"{found.read_as} {text}".strip()
     )
