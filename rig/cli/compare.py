@@ -30,6 +30,7 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.spike_clock import (
     ClockShift,
     clock_shift,
+    columns_sentences,
     outcome_of,
     recording_sentences,
     recordings_as_json,
@@ -417,11 +418,11 @@ def _on(
 
 
 def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None) -> list[str]:
-    """Return lines on presses that were not observed, and on the clock of spike times."""
+    """Return lines on the columns that were read, presses that were not observed, and the clock of spike times."""
     several = len(recordings) > 1
     lines = [f"{f'{one.name}: ' if several else ''}{said}" for one in recordings.values()
              for said in recording_sentences(one)]  # fmt: skip
-    return [*lines, *([] if shift is None else [shift.sentence])]
+    return [*columns_sentences(recordings.values()), *lines, *([] if shift is None else [shift.sentence])]
 
 
 def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:

@@ -15,7 +15,7 @@ from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.table_cells import file_and_sheet
-from rig.compare.spike_clock import clock_shift, recording_sentences, recordings_as_json
+from rig.compare.spike_clock import clock_shift, columns_sentences, recording_sentences, recordings_as_json
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
@@ -129,8 +129,10 @@ def compare_group(of: GroupInput, report: Path, pdf: Path | None, *, as_json: bo
     for name, why in left_out.items():
         out.print(f"{name:<12}left out: {why}")
     for name, some in found.items():
-        for read in some.values():
+        for read in (read for read in some.values() if read.spikes is not None):
             out.print(f"{name:<12}{read.name}: {' '.join(recording_sentences(read))}")
+    for line in columns_sentences(read for some in found.values() for read in some.values()):
+        out.print(f"recordings  {line}")
     if shift is not None:
         out.print(f"clock       {shift.sentence}")
     out.print(f"report      {report}")

@@ -1,6 +1,6 @@
 """What a comparison says of recordings from spike times: presses left out, whose clock, and what a shift changes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -69,12 +69,31 @@ def _shifted(recordings: Recordings, shift_s: float) -> dict[str, Recording]:
 
 
 def recording_sentences(found: Recording) -> list[str]:
-    """Return sentences on the columns of a recording and, of spike times, on its presses and its clock."""
-    spikes, read = found.spikes, [found.read_as] if found.read_as else []
+    """Return sentences on the presses and the clock of a recording; none for a table of rates or counts."""
+    spikes = found.spikes
     if spikes is None:
-        return read
+        return []
     every = f"All {number_of(spikes.presses, 'presses')} were observed."
-    return [*read, spikes.left_out or every, spikes.clock.text, *spikes.notes]
+    return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
+
+
+def columns_sentences(recordings: Iterable[Recording]) -> list[str]:
+    """Return which columns were read in which units, with the files if they differ."""
+    files: dict[str, dict[str, None]] = {}
+    for one in recordings:
+        if one.read_as:
+            files.setdefault(one.read_as, {})[one.name] = None
+    if len(files) == 1:
+        return list(files)
+    return [f"{_few(list(names))}: {text}" for text, names in files.items()]
+
+
+_MOST_NAMED = 4
+
+
+def _few(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return f"{', '.join(names[:_MOST_NAMED])}{more}"
 
 
 def rate_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:

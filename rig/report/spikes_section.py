@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from rig.compare.spike_clock import ClockShift, Recordings, rate_rows, recording_rows
+from rig.compare.spike_clock import ClockShift, Recordings, columns_sentences, rate_rows, recording_rows
 from rig.report.page_parts import Section
 
 _HEADER = ("recording of", "file", "presses used", "not observed", "clock")
@@ -38,12 +38,7 @@ def _rates(recordings: Mapping[str, Recordings]) -> list[Section]:
     rows = tuple(rate_rows(recordings))
     if not rows:
         return []
-    said = dict.fromkeys(
-        f"{f'{afferent}, ' if afferent else ''}{one.name}: {one.read_as}"
-        for afferent, some in recordings.items()
-        for one in some.values()
-        if one.read_as
-    )
+    said = columns_sentences(one for some in recordings.values() for one in some.values())
     text = "All rates of the recordings as they were read: in 1/s, or in the file's own unit, such as a.u. or %."
     header = _RATES if len(rows[0]) == len(_RATES) else ("afferent", *_RATES)
     return [Section("Recorded rates", text, header, rows, points=tuple(said))]

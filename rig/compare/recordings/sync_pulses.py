@@ -137,7 +137,8 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
             "unknown."
         )
         return ClockFit(1.0, -at_start_s, True, SpikeClock("pulses", text, at_start_s=at_start_s))
-    for first_s in _first_of_both_edges(pulse_s, len(rise_s), width_s):
+    both = () if _every(pulse_s, rise_s) is not None else _first_of_both_edges(pulse_s, len(rise_s), width_s)
+    for first_s in both:
         if (found := _matched(path, first_s, rise_s)) is not None and abs(found.slope - 1) <= MOST_DRIFT:
             about = _described(found, first_s, rise_s)
             about = about._replace(text=f"{about.text} Both edges of the pulses are in the file; the first counts.")
@@ -151,8 +152,13 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
 
 
 def _matched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:
+    return _every(pulse_s, rise_s) or _searched(path, pulse_s, rise_s)
+
+
+def _every(pulse_s: Array, rise_s: Array) -> _Match | None:
+    """Return the match of as many pulses as rises, or None if they are others."""
     every = _line(pulse_s, rise_s) if len(pulse_s) == len(rise_s) else None
-    return every if every is not None and every.worst_s <= TOLERANCE_S else _searched(path, pulse_s, rise_s)
+    return every if every is not None and every.worst_s <= TOLERANCE_S else None
 
 
 def _line(pulse_s: Array, rise_s: Array) -> _Match:

@@ -953,7 +953,7 @@ def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
-    assert case.read_as in " ".join(recording_sentences(found))
+    assert case.read_as in " ".join([found.read_as, *recording_sentences(found)])
 
 
 def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path) -> None:
