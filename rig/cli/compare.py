@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
@@ -30,6 +30,7 @@ from rig.compare.recordings.recording import Recording
 from rig.compare.spike_clock import (
     ClockShift,
     clock_shift,
+    columns_sentences,
     outcome_of,
     recording_sentences,
     recordings_as_json,
@@ -193,6 +194,8 @@ def command(
         report = out_file or runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True):
             found = _without_copies([recorded_run(path) for path in runs])
+            if recorded:
+                _refuse_other_fingers(found)
         checked_file("--out", report)
         if (group := named_group(recorded or [])) is not None:
             refuse_options(
@@ -403,11 +406,11 @@ def _on(
 
 
 def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None) -> list[str]:
-    """Return lines on presses that were not observed, and on the clock of spike times."""
+    """Return lines on the columns that were read, presses that were not observed, and the clock of spike times."""
     several = len(recordings) > 1
     lines = [f"{f'{one.name}: ' if several else ''}{said}" for one in recordings.values()
              for said in recording_sentences(one)]  # fmt: skip
-    return [*lines, *([] if shift is None else [shift.sentence])]
+    return [*columns_sentences(recordings.values()), *lines, *([] if shift is None else [shift.sentence])]
 
 
 def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
@@ -437,6 +440,34 @@ def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fi
                     config, receptor_x_mm=receptors.x_mm, receptor_depth_mm=receptors.depth_mm
                 )
     return [loaded[config.model_dump_json()] for config in configs]
+
+
+def _refuse_other_fingers(runs: Sequence[Run]) -> None:
+    """Refuse runs on different fingers: one fit has one finger."""
+    first, *others = [_leaves(load_config(run.folder.path / "config.toml").finger.model_dump()) for run in runs]
+    for run, finger in zip(runs[1:], others, strict=True):
+        names = [name for name in sorted({*first, *finger}) if first.get(name) != finger.get(name)]
+        differing = [f"finger.{name} ({first.get(name)} and {finger.get(name)})" for name in names[:_MOST_DIFFERING]]
+        if differing:
+            raise BadInputError(
+                "run folders {run} and {other}: their fingers differ in {differing}; compare runs on one finger, or "
+                "each run alone",
+                code="other_finger",
+                run=runs[0].folder.path,
+                other=run.folder.path,
+                differing=", ".join(differing),
+            )
+
+
+_MOST_DIFFERING = 5
+
+
+def _leaves(tree: Mapping[str, Any], under: str = "") -> dict[str, object]:
+    """Return the values of nested tables by their dotted names."""
+    found: dict[str, object] = {}
+    for name, value in tree.items():
+        found |= _leaves(value, f"{under}{name}.") if isinstance(value, dict) else {f"{under}{name}": value}
+    return found
 
 
 def _sought(
@@ -498,7 +529,7 @@ def _print(
     if comparison.overlays and not verdicts:
         out.print(f"answer      {TOO_FEW}")
     for number, line in enumerate(clock):
-        out.print(f"{'' if number else 'spikes':<12}{line}")
+        out.print(f"{'' if number else 'recording':<12}{line}")
     for line in place_lines(at):
         out.print(f"place       {line}")
     for line in [] if verdicts else left_out_lines(comparison):

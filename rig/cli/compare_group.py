@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.cli.output import busy, out, print_json
-from rig.compare.comparison import compare
+from rig.compare.comparison import compare, left_out_rows
 from rig.compare.group import group_verdict
 from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
 from rig.compare.likelihood import Form
@@ -15,9 +15,10 @@ from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.table_cells import file_and_sheet
-from rig.compare.spike_clock import clock_shift, recording_sentences, recordings_as_json
+from rig.compare.spike_clock import clock_shift, columns_sentences, recording_sentences, recordings_as_json
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
+from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.report.group_page import GroupPage, write_group_page
@@ -109,7 +110,12 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
         write_group_page(report, page)
     if as_json:
         rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
-        rows |= {"afferents_left_out": list(left_out), "report": str(report)}
+        missing = [
+            {"afferent": name, **row}
+            for name, some in found.items()
+            for row in left_out_rows(compare(of.stimuli, some))
+        ]
+        rows |= {"afferents_left_out": list(left_out), "left_out": missing, "report": str(report)}
         print_json(rows | recordings_as_json(found, shift))
         return
     out.print(page.title)
@@ -118,11 +124,15 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
         out.print(f"            {line}")
     for name, one in verdicts.items():
         out.print(f"{name:<12}{in_short(one)}")
+        if one.left_out:
+            out.print(f"{'':<12}{positions(one)}")
     for name, why in left_out.items():
         out.print(f"{name:<12}left out: {why}")
     for name, some in found.items():
         for read in (read for read in some.values() if read.spikes is not None):
             out.print(f"{name:<12}{read.name}: {' '.join(recording_sentences(read))}")
+    for line in columns_sentences(read for some in found.values() for read in some.values()):
+        out.print(f"recordings  {line}")
     if shift is not None:
         out.print(f"clock       {shift.sentence}")
     out.print(f"report      {report}")

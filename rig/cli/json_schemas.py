@@ -898,6 +898,8 @@ class ClockJson(Output):
     source: ClockSource
     drift_ppm: Ratio | None
     worst_ms: float | None
+    at_start_s: float | None
+    """Time of the file at the start of the run."""
     clock_text: str
 
 
@@ -910,6 +912,14 @@ class ClockShiftJson(Output):
     shift_text: str
 
 
+class RecordedRateJson(Output):
+    """Rates at a recorded position: their mean, and those of the presses (repeats)."""
+
+    position_mm: float
+    rate: float
+    repeats: list[float]
+
+
 class RecordingJson(Output):
     """A recording that was read. presses, observed_text, clock: null if it is a table of rates or counts."""
 
@@ -918,6 +928,11 @@ class RecordingJson(Output):
     shape: Shape
     recording: File
     positions: int
+    columns_text: str
+    """Columns that were read, and their units."""
+    window_s: float | None
+    """Window of the counts; null for rates."""
+    rates: list[RecordedRateJson]
     presses: int | None
     not_observed_mm: list[float]
     """Positions of the presses at which the unit was not observed; they are left out."""
@@ -1001,12 +1016,19 @@ class AfferentAnswerJson(Output):
     answer: AnswerJson
 
 
+class LeftOutOfAfferentJson(LeftOutOfRecordingJson):
+    """Positions of a recording of an afferent that are left out."""
+
+    afferent: Name
+
+
 class GroupJson(Output):
     """Several afferents. group: null below two afferents with enough positions."""
 
     group: GroupVerdictJson | None
     afferents: list[AfferentAnswerJson]
     afferents_left_out: list[Name]
+    left_out: list[LeftOutOfAfferentJson]
     report: File
     recordings: list[RecordingJson]
     clock_shift: ClockShiftJson | None

@@ -1,9 +1,13 @@
 """What a comparison says of recordings from spike times: presses left out, whose clock, and what a shift changes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rig.compare.recordings.recording import FromSpikes, Recording
+from rig.compare.recordings.spike_times import joined
 from rig.compare.verdict import AfferentVerdict, six_digits
 from rig.errors import RigError
 from rig_shared.plural import number_of
@@ -26,13 +30,14 @@ class ClockShift(NamedTuple):
     @property
     def sentence(self) -> str:
         """How far the answer depends on the clock."""
+        later, earlier = (self._held(changed_s) for changed_s in (self.later_s, self.earlier_s))
         tried = ", ".join(f"{shift:g}" for shift in self.tried_s)
-        found = [f"{shift:g} s {side}" for shift, side in ((self.later_s, "later"), (self.earlier_s, "earlier"))
-                 if shift is not None]  # fmt: skip
-        if not found:
-            return f"No tried shift of this clock ({tried} s, later and earlier) changes the answer."
-        which = " or ".join(found)
-        return f"The answer changes if this clock is shifted by {which}; tried: {tried} s, later and earlier."
+        return f"If this clock is shifted later, the answer {later}; if earlier, it {earlier} (tried: {tried} s)."
+
+    def _held(self, changed_s: float | None) -> str:
+        held_s = [shift for shift in self.tried_s if changed_s is None or shift < changed_s]
+        holds = [f"holds up to {held_s[-1]:g} s"] if held_s else []
+        return joined([*holds, *([] if changed_s is None else [f"changes at {changed_s:g} s"])])
 
 
 def outcome_of(answers: Sequence[AfferentVerdict]) -> object:
@@ -72,6 +77,39 @@ def recording_sentences(found: Recording) -> list[str]:
     return [spikes.left_out or every, spikes.clock.text, *spikes.notes]
 
 
+def columns_sentences(recordings: Iterable[Recording]) -> list[str]:
+    """Return which columns were read in which units, with the files if they differ."""
+    files: dict[str, dict[str, None]] = {}
+    for one in recordings:
+        if one.read_as:
+            files.setdefault(one.read_as, {})[one.name] = None
+    if len(files) == 1:
+        return list(files)
+    return [f"{_few(list(names))}: {text}" for text, names in files.items()]
+
+
+_MOST_NAMED = 4
+
+
+def _few(names: list[str]) -> str:
+    more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+    return f"{', '.join(names[:_MOST_NAMED])}{more}"
+
+
+def rate_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:
+    """Yield a row per recorded position, by afferent ("" for the only one): mean rate, presses, rates, and counts."""
+    for afferent, some in recordings.items():
+        for key, one in some.items():
+            for position, rates in zip(one.position_mm, one.repeats, strict=True):
+                each = ", ".join(f"{rate:.4g}" for rate in rates)
+                yield (*([afferent] if afferent else []), key, one.name, f"{position:g}", f"{rates.mean():.4g}",
+                       str(len(rates)), each, ", ".join(_counts(one, rates)) or "–")  # fmt: skip
+
+
+def _counts(one: Recording, rates: NDArray[np.float64]) -> list[str]:
+    return [] if one.window_s is None else [f"{count:.0f}" for count in rates * one.window_s]
+
+
 def recording_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]:
     """Yield a row per recording from spike times, by afferent ("" for the only one)."""
     for afferent, some in recordings.items():
@@ -91,6 +129,16 @@ def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift |
             "shape": key.partition("@")[0],
             "recording": one.name,
             "positions": len(one.position_mm),
+            "columns_text": one.read_as,
+            "window_s": one.window_s,
+            "rates": [
+                {
+                    "position_mm": six_digits(float(position)),
+                    "rate": six_digits(float(rates.mean())),
+                    "repeats": [six_digits(float(rate)) for rate in rates],
+                }
+                for position, rates in zip(one.position_mm, one.repeats, strict=True)
+            ],
             **_spikes_as_json(one.spikes),
         }
         for afferent, some in recordings.items()
@@ -115,6 +163,7 @@ def _spikes_as_json(spikes: FromSpikes | None) -> dict[str, Any]:
             "source": clock.source,
             "drift_ppm": six_digits(clock.drift_ppm),
             "worst_ms": six_digits(clock.worst_ms),
+            "at_start_s": six_digits(clock.at_start_s),
             "clock_text": " ".join([clock.text, *spikes.notes]),
         },
     }

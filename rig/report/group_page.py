@@ -9,13 +9,14 @@ import numpy as np
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
+from rig.compare.comparison_rows import measure_unit
 from rig.compare.group import GroupRow, GroupVerdict
 from rig.compare.group_text import METHOD, in_short, is_synthetic, sentence_of_group, sentences_of_group
 from rig.compare.recordings.reading import sha256
 from rig.compare.recordings.recording import Recording
 from rig.compare.spike_clock import ClockShift
 from rig.compare.verdict import AfferentVerdict
-from rig.compare.verdict_text import percent
+from rig.compare.verdict_text import percent, positions
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.report.page_parts import PageFigure, Section, render
@@ -99,11 +100,22 @@ def _row(row: GroupRow) -> tuple[str, ...]:
         f"{row.worse_by:.1f}",
         str(row.wins),
         str(row.kept),
-        f"{as_number(of.gain)} {as_limits(of.gain_limits)}",
+        f"{as_number(of.gain)} {as_limits(of.gain_limits)} {_gain_unit(row.name)}",
         as_number(of.gain_factor),
-        f"{as_number(of.threshold)} {as_limits(of.threshold_limits)}",
-        as_number(of.threshold_sd),
+        f"{as_number(of.threshold)} {as_limits(of.threshold_limits)} {_unit(row.name)}".strip(),
+        f"{as_number(of.threshold_sd)} {_unit(row.name)}".strip(),
     )
+
+
+def _unit(name: str) -> str:
+    """Return the unit of a measure or control, "" for a strain."""
+    unit = measure_unit(name)
+    return "" if unit == "1" else unit
+
+
+def _gain_unit(name: str) -> str:
+    unit = _unit(name)
+    return f"1/s per {unit}" if unit else "1/s"
 
 
 def _afferents(page: GroupPage) -> Section:
@@ -123,6 +135,7 @@ def _afferents(page: GroupPage) -> Section:
         "page.",
         ("afferent", "verdict", "positions used", "explainable share"),
         tuple(rows),
+        points=tuple(f"{name}: {positions(one)}" for name, one in page.verdicts.items() if one.left_out),
     )
 
 

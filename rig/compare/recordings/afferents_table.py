@@ -127,7 +127,7 @@ def _refuse(
             afferent=one.afferent,
             shape=key,
         )
-    same = seen.setdefault((recording.sha256, unit_of(one.file), key), one)
+    same = seen.setdefault((recording.sha256, unit_of(one.file), "" if recording.spikes is None else key), one)
     if same is not one:
         copy = "" if Path(one.file).resolve() == Path(same.file).resolve() else ", in a file with the same content"
         raise RecordingError(
@@ -135,7 +135,7 @@ def _refuse(
             code="file_twice",
             copy=copy,
             file=one.file,
-            shape=key,
+            shape=same.shape,
             other=same.afferent,
             where=same.where,
         )

@@ -1,6 +1,7 @@
 """Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +22,7 @@ from rig.compare.recordings.column_units import (
     header_name,
     is_own_unit,
     means,
+    unknown_unit_of_rates,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
 from rig.compare.recordings.table_cells import table_lines
@@ -114,7 +116,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
     """
     given: dict[str, RecordingColumn] = {}
     for text in texts:
-        for part in text.split(","):
+        for part in _roles_in(text):
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):
                 raise RecordingError(
@@ -135,6 +137,17 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
     if "sd" in given and "rate" in given and not given["sd"].unit:
         given["sd"] = given["rate"]._replace(name=given["sd"].name)
     return ColumnMap(given, _stated_window(given))
+
+
+def _roles_in(text: str) -> list[str]:
+    """Split "position=x, left:mm,rate=FR" at the commas that are before a role."""
+    parts: list[str] = []
+    for part in text.split(","):
+        if parts and "=" not in part:
+            parts[-1] += f",{part}"
+        else:
+            parts.append(part)
+    return parts
 
 
 def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
@@ -180,7 +193,9 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
         if not before or factor is None:
             expected = "one of {units}" if of.listed and of is not COUNT else "omitted for this role"
             raise RecordingError(
-                "--columns {given!r}: the unit {unit!r} must be " + expected,
+                "--columns {given!r}: the unit {unit!r} must be "
+                + expected
+                + ("; if the colon belongs to the name, add the unit after another one" if colon in before else ""),
                 code="unknown_unit",
                 given=part,
                 unit=unit,
@@ -190,14 +205,13 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
         raise RecordingError(
-            "--columns {given!r}: the unit {unit!r} is unknown; it must be one of {units}, or state it after a "
-            "colon, e.g. {role_and_name}:{first}",
+            "--columns {given!r}: the unit {unit!r} is unknown; it must be one of {units}: convert the numbers, or, "
+            "if they are in one of these, state it as {role_and_name}:UNIT",
             code="unknown_unit",
             given=part,
             unit=said.unit,
             units=", ".join(of.listed),
             role_and_name=part.strip(),
-            first=of.listed[0],
         )
     return RecordingColumn(name, said.unit, said.factor or 1.0)
 
@@ -218,6 +232,8 @@ class Row:
     cells: Mapping[str, str]
     columns: Mapping[str, RecordingColumn]
     format: NumberFormat
+    unread: Mapping[str, str] = field(default_factory=dict)
+    """Cells of the columns that are not read, by their names in the file."""
 
     def number(self, column: str, least: float = -math.inf) -> float:
         """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError."""
@@ -275,7 +291,53 @@ def stated_unit(name: str, column: str, unit: str) -> str:
     role = next((role for role, own in _ROLES.items() if own == name), None)
     if role is None:
         return f"call the column {name.rpartition('_')[0]}_{unit}"
-    return f"--columns {role}={column}:{unit}"
+    stated = f"{role}={column}:{unit}"
+    return f"--columns {shlex.quote(stated)}"
+
+
+def columns_read(rows: Sequence[Row], window_s: float | None = None) -> str:
+    """Return which columns of a table were read, in which units, and which were not.
+
+    A column that is not read and has a few values, which differ between the repeats of one position, is named: it
+    may have conditions.
+    """
+    if not rows:
+        return ""
+    parts = [
+        column.name
+        + (f" as {role}" if (role := _WORDS.get(name, name)) != column.name else "")
+        + (f" in {unit}" if (unit := _unit_read(name, column)) else "")
+        for name, column in rows[0].columns.items()
+    ]
+    parts += [] if window_s is None else [f"{window_s:g} s as window"]
+    unread = [name for name in rows[0].unread if name]
+    text = f"Columns read: {', '.join(parts)}."
+    if not unread:
+        return text
+    text += f" Not read: {', '.join(unread[:_MOST_LISTED])}."
+    mixed = [name for name in unread if _may_be_a_condition(rows, name)]
+    if mixed:
+        text += f" {mixed[0]} differs between presses at one position, which count as repeats."
+    return text
+
+
+_WORDS = {own: role for role, own in _ROLES.items()}
+
+
+def _unit_read(name: str, column: RecordingColumn) -> str:
+    if dimension_of(name) in (NONE, COUNT) or name == "sd":
+        return column.unit
+    return column.unit or unit_of_name(name)
+
+
+def _may_be_a_condition(rows: Sequence[Row], name: str) -> bool:
+    position = role_name("position")
+    if position not in rows[0].cells:
+        return False
+    at: dict[str, set[str]] = {}
+    for row in rows:
+        at.setdefault(row.cells[position], set()).add(row.unread[name])
+    return len(set().union(*at.values())) <= len(rows) // 2 and any(len(values) > 1 for values in at.values())
 
 
 COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN, or time=COLUMN:ms for spike times"
@@ -330,9 +392,10 @@ def read_table(
                 cells=len(cells),
                 columns=len(header),
             )
-        rows.append((number, {name: cells[k] for name, k in at.items()}))
-    numbers = number_format(cells for _, cells in rows)
-    return [Row(path, number, cells, columns, numbers) for number, cells in rows]
+        unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
+        rows.append((number, {name: cells[k] for name, k in at.items()}, unread))
+    numbers = number_format(cells for _, cells, _ in rows)
+    return [Row(path, number, cells, columns, numbers, unread) for number, cells, unread in rows]
 
 
 def check_header(
@@ -355,6 +418,8 @@ def check_header(
     others = others or bool(given)
     found = {name: column for name in (*required, *optional) if (column := given.get(name)) is not None}
     taken = {column.name for column in found.values()}
+    for name in (one for one in found if given[one].name in header):
+        _refuse_unknown_unit(path, row, name, found[name])
     for name in (one for one in (*required, *optional) if one not in given):
         column = _recognized(path, row, [cell for cell in header if cell not in taken], name)
         if column is not None:
@@ -374,7 +439,9 @@ def check_header(
     for cell in header:
         if (cell not in taken and not others) or (cell in taken and header.count(cell) > 1):
             problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + (
-                _suggested(found, required, optional) or hint
+                "; delete or rename one of them"
+                if header.count(cell) > 1
+                else _suggested(found, required, optional) or hint
             )
             raise _wrong_header(problem, "extra_column", path, row, cell, column_list(required, optional), read)
     return found
@@ -413,32 +480,44 @@ def _recognized(path: Path, row: int, header: Sequence[str], name: str) -> Recor
     cell, said = meant[0]
     if said.factor is None:
         raise RecordingError(
-            "{path}, row {row}, column {column!r}: the unit {unit!r} is unknown; it must be one of {units}"
-            + ("" if stated_unit(name, cell, "x").startswith("call") else ", or be stated, e.g. {remedy}"),
+            "{path}, row {row}, column {column!r}: the unit {unit!r} is unknown; it must be one of {units}: convert "
+            "the numbers, or, if they are in one of these, {remedy}",
             code="unknown_unit",
             path=str(path),
             row=row,
             column=cell,
             unit=said.unit,
             units=", ".join(of.listed),
-            remedy=stated_unit(name, cell, of.listed[0]),
+            remedy=_use(stated_unit(name, cell, "UNIT")),
         )
-    if not said.unit and name != said.words and of in _NEED_A_UNIT:
-        raise RecordingError(
-            "{path}, row {row}, column {column!r}: states no unit; if it is {unit}, {remedy}",
-            code="no_unit",
-            path=str(path),
-            row=row,
-            column=cell,
-            unit=unit_of_name(name),
-            remedy=f"use {stated}"
-            if (stated := stated_unit(name, cell, unit_of_name(name))).startswith("-")
-            else stated,
-        )
-    return RecordingColumn(cell, said.unit, said.factor)
+    found = RecordingColumn(cell, said.unit, said.factor)
+    if name != said.words:
+        _refuse_unknown_unit(path, row, name, found)
+    return found
 
 
 _NEED_A_UNIT = (LENGTH, TIME, WINDOW, FORCE)
+
+
+def _refuse_unknown_unit(path: Path, row: int, name: str, column: RecordingColumn) -> None:
+    """Refuse a column whose unit is needed and is neither in its name nor stated, or is an unknown one of rates."""
+    of = dimension_of(name)
+    if column.unit or not (of in _NEED_A_UNIT or (name == "rate" and unknown_unit_of_rates(column.name))):
+        return
+    raise RecordingError(
+        "{path}, row {row}, column {column!r}: states no unit that is known ({units}); if it is {unit}, {remedy}",
+        code="no_unit",
+        path=str(path),
+        row=row,
+        column=column.name,
+        units=", ".join(of.listed),
+        unit=unit_of_name(name),
+        remedy=_use(stated_unit(name, column.name, unit_of_name(name))),
+    )
+
+
+def _use(remedy: str) -> str:
+    return f"use {remedy}" if remedy.startswith("-") else remedy
 
 
 def stated_column(name: str, column: str) -> str:
@@ -453,7 +532,14 @@ def _suggested(found: Mapping[str, RecordingColumn], required: Sequence[str], op
     if not all(name in found and name in roles for name in required):
         return ""
     named = ",".join(f"{roles[name]}={found[name].name}" for name in (*required, *optional) if name in found)
-    return f'; to ignore the others, use --columns "{named}"'.replace("{", "{{").replace("}", "}}")
+    return (
+        (
+            "; if it distinguishes conditions or rejected presses, first keep the rows of one of them in a file of "
+            f'their own, since presses at one position count as repeats; to ignore it, use --columns "{named}"'
+        )
+        .replace("{", "{{")
+        .replace("}", "}}")
+    )
 
 
 def _wrong_header(

@@ -1,5 +1,7 @@
 """What a file is, by its first bytes, in words for messages."""
 
+import struct
+
 HDF5 = b"\x89HDF\r\n\x1a\n"
 ZIP = b"PK\x03\x04"
 MATLAB, MATLAB_73 = b"MATLAB 5.0", b"MATLAB 7.3"
@@ -24,6 +26,20 @@ _HDF5_PLACES = (0, 512, 1024, 2048)
 def is_hdf5(start: bytes) -> bool:
     """Return whether a file is HDF5; MATLAB and others write a block of their own before it."""
     return any(start[at : at + len(HDF5)] == HDF5 for at in _HDF5_PLACES)
+
+
+def is_matlab_4(start: bytes) -> bool:
+    """Return whether a file with the suffix of MATLAB is of version 4, which has no signature."""
+    if len(start) < _MATLAB_4:
+        return False
+    for order in "<>":
+        kind, rows, columns, imaginary, letters = struct.unpack_from(f"{order}5i", start)
+        if 0 <= kind < 5000 and min(rows, columns) >= 0 and imaginary in (0, 1) and 1 < letters <= 64:
+            return True
+    return False
+
+
+_MATLAB_4 = 20
 
 
 def kind_of(start: bytes) -> str:

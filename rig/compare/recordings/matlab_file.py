@@ -17,7 +17,7 @@ _HEADER, _TAG = 128, 8
 _MATRIX, _COMPRESSED = 14, 15
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _CLASSES = {1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 16: "function", 17: "object"}
-_COMPLEX = 0x0800
+_COMPLEX, _LOGICAL = 0x0800, 0x0200
 
 
 class MatlabVariable(NamedTuple):
@@ -27,6 +27,7 @@ class MatlabVariable(NamedTuple):
     shape: tuple[int, ...]
     kind: str
     values: NDArray[np.float64] | None
+    logical: bool = False
 
     @property
     def vector(self) -> NDArray[np.float64] | None:
@@ -38,7 +39,7 @@ class MatlabVariable(NamedTuple):
     def size(self) -> str:
         """The length, the shape, or the kind, in words."""
         if self.values is None:
-            return self.kind
+            return f"{self.kind}, {' × '.join(map(str, self.shape))}" if self.kind == "complex" else self.kind
         return str(len(self.values)) if self.vector is not None else " × ".join(map(str, self.shape))
 
 
@@ -104,7 +105,7 @@ def _variable(data: bytes, order: str) -> MatlabVariable:
     values = np.frombuffer(numbers, f"{order}{_TYPES[code]}").astype(float) if numbers else np.empty(0)
     if any(one < 0 for one in shape) or len(values) != math.prod(shape):
         _damaged()
-    return MatlabVariable(text, shape, "", values)
+    return MatlabVariable(text, shape, "", values, bool(flag & _LOGICAL))
 
 
 _PARTS = 3

@@ -23,7 +23,7 @@ from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
 from rig.compare.recordings.spike_times import UnitSpikes
-from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
+from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
 
@@ -71,8 +71,8 @@ class _Channels:
     events: Mapping[str, Array] = field(default_factory=dict)
     spans: Mapping[str, Array] = field(default_factory=dict)
     """First and last time (1, 2) at which the unit of a spike train was observed, for those that state it."""
-    lines: Mapping[str, Callable[[], Array]] = field(default_factory=dict)
-    """Rises of sampled lines, by the names of their channels."""
+    lines: Mapping[str, Callable[[], tuple[Array, Array]]] = field(default_factory=dict)
+    """Rises and falls of sampled lines, by the names of their channels."""
 
     @property
     def empty(self) -> bool:
@@ -112,12 +112,15 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
     segments = _segments(path)
     segment = _one_segment(path, segments, columns)
     name, spikes = _spikes(path, segment, unit)
-    pulses = _pulses(path, segment, columns)
+    channel, pulses, ends = _pulses(path, segment, columns)
     return UnitSpikes(
         np.sort(finite_times(path, name, spikes)),
-        np.sort(finite_times(path, *pulses)),
+        np.sort(finite_times(path, channel, pulses)),
         segment.spans.get(name),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
+        end_s=ends,
+        line=channel in segment.lines,
+        read_as=f"Spike times read: {name}.",
     )
 
 
@@ -200,23 +203,24 @@ def _span(train: Any, times: Array) -> Array | None:
     return np.array([[first, last]]) if last > times.max(initial=first) else None
 
 
-def _lines(segment: Any) -> dict[str, Callable[[], Array]]:
+def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:
     """Return the sampled channels that are called as lines of pulses."""
     signals = [one for one in segment.analogsignals if called_like_pulses(str(one.name or ""))]
     return {
-        str(one.name) if one.shape[1] == 1 else f"{one.name}/{k + 1}": partial(_rises, one, k)
+        str(one.name) if one.shape[1] == 1 else f"{one.name}/{k + 1}": partial(_edges, one, k)
         for one in signals
         for k in range(one.shape[1])
     }
 
 
-def _rises(signal: Any, channel: int) -> Array:
+def _edges(signal: Any, channel: int) -> tuple[Array, Array]:
     loaded = _loaded(signal)
     values = np.asarray(loaded.magnitude)[:, channel]
     if not len(values):
-        return np.empty(0)
+        return np.empty(0), np.empty(0)
     start_s, rate_hz = float(loaded.t_start.rescale("s")), float(loaded.sampling_rate.rescale("Hz"))
-    return start_s + rises(values, (float(values.min()) + float(values.max())) / 2, high_before=True) / rate_hz
+    up, down = edges(values, (float(values.min()) + float(values.max())) / 2)
+    return start_s + up / rate_hz, start_s + down / rate_hz
 
 
 def _loaded(one: Any) -> Any:
@@ -285,7 +289,8 @@ def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
     )  # fmt: skip
 
 
-def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array]:
+def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array, Array]:
+    """Return the channel of the pulses, their beginnings, and their ends for a line."""
     name = columns["sync"].name
     if columns["sync"].stated:
         raise RecordingError(
@@ -293,12 +298,12 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
             code="no_unit_here", path=str(path), name=name, unit=columns["sync"].unit,
         )  # fmt: skip
     if name in segment.events:
-        return name, segment.events[name]
+        return name, segment.events[name], np.empty(0)
     if name in segment.lines:
-        return name, segment.lines[name]()
+        return name, *segment.lines[name]()
     given = "sync" in columns.named
     if name == NO_PULSES or (not given and not segment.lines and not any(map(len, segment.events.values()))):
-        return name, np.empty(0)
+        return name, np.empty(0), np.empty(0)
     raise RecordingError(
         "{path}: " + ("there is no event channel {name}" if given else "the channel of the sync pulses is unknown")
         + "; use --columns sync=CHANNEL, or sync=none if times are those of the run's journal ({held})",

@@ -30,7 +30,7 @@ from rig.compare.recordings.hdf5 import (
 )
 from rig.compare.recordings.recording import finite_times
 from rig.compare.recordings.spike_times import Array, UnitSpikes, union, without
-from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, rises
+from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
 
@@ -66,7 +66,9 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         observed = _observed(file, path, columns, units, row, spikes)
         of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
         pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
-        return UnitSpikes(spikes, columns["sync"].factor * np.sort(pulses), observed, of_run, stated, notes)
+        pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
+        read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}."
+        return UnitSpikes(spikes, pulse_s, observed, of_run, stated, notes, end_s, pulses.line, read_as)
 
 
 @contextmanager
@@ -134,8 +136,8 @@ class _Units(NamedTuple):
         column, equals, text = unit.partition("=")
         if equals and column == _ROW:
             found = [n for n in range(len(self.ids)) if str(n + 1) == text]
-        elif equals and column in labels:
-            found = [n for n, one in enumerate(labels[column]) if one == text]
+        elif equals and (texts := labels.get(column) or self._whole_numbers(file, column)):
+            found = [n for n, one in enumerate(texts) if one == text]
         else:
             found = [n for n in range(len(self.ids)) if any(texts[n] == unit for texts in labels.values())]
         if unit and len(found) == 1:
@@ -147,6 +149,7 @@ class _Units(NamedTuple):
         known = (
             "several units are called {unit}" if several else "there is no unit {unit}" if unit else "{units} units"
         )
+        known += f"; rows count from 1 to {len(self.ids)}" if equals and column == _ROW else ""
         raise RecordingError(
             "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
             code="unit_twice" if several else "no_unit" if unit else "several_units",
@@ -165,6 +168,13 @@ class _Units(NamedTuple):
             if texts is not None and len(texts) == len(self.ids):
                 found[column] = texts
         return found
+
+    def _whole_numbers(self, file: h5py.File, column: str) -> list[str]:
+        """Return the whole numbers of all units in a column as texts; none without such a column."""
+        found = dataset_at(file, self.path, f"units/{column}")
+        if found is None or found.dtype.kind not in "iu" or found.shape not in ((len(self.ids),), (len(self.ids), 1)):
+            return []
+        return [str(number) for number in values_of(found, self.path).ravel().tolist()]
 
     def _described(self, labels: dict[str, list[str]], row: int, several: bool) -> str:
         """Return a unit for a list: its id and texts, and how to choose it if its id or text does not."""
@@ -296,7 +306,7 @@ class _Candidate(NamedTuple):
         return f"{self.name if usual else self.place} ({number_of(self.size, self.kind)})"
 
 
-_NO_INTERVALS = ("invalid_times", "epochs")
+_NO_INTERVALS = ("invalid_times",)
 _WHERE = ("acquisition", "stimulus", "processing", "events", "analysis", "scratch")
 _DEEPEST = 3
 _TELLING = {
@@ -340,21 +350,21 @@ def _may_be_pulses(file: h5py.File, path: Path, one: _Candidate) -> bool:
 
 def _pulses(
     file: h5py.File, path: Path, columns: ColumnMap, *, required: bool
-) -> tuple[Array, bool, tuple[str, ...]]:
-    """Return the times of the pulses, whether the user states that there are none, and notes.
+) -> tuple["_Pulses", bool, tuple[str, ...]]:
+    """Return the pulses, whether the user states that there are none, and notes.
 
     Without `required`, something that may be pulses by another name is not.
     """
     name, named = columns["sync"].name, "sync" in columns.named
     if named and name == NO_PULSES:
-        return np.empty(0), True, ()
+        return _Pulses(np.empty(0)), True, ()
     every = _candidates(file, path)
     meant = [one for one in every if name in (one.place, one.name)]
     if len(meant) == 1:
-        return _rises(file, path, meant[0]), False, _unused(every, meant[0])
+        return _edges(file, path, meant[0]), False, _unused(every, meant[0])
     likely = [one for one in every if _may_be_pulses(file, path, one)]
     if not (meant or named or (likely and required)):
-        return np.empty(0), False, ()
+        return _Pulses(np.empty(0)), False, ()
     problem = (
         "several series are called {name}: {held}"
         if meant
@@ -378,12 +388,22 @@ def _unused(every: list[_Candidate], pulses: _Candidate) -> tuple[str, ...]:
     return tuple(f"The file's {one} are not used: presses are those of the run's journal." for one in trials)
 
 
-def _rises(file: h5py.File, path: Path, one: _Candidate) -> Array:
+class _Pulses(NamedTuple):
+    """Beginnings and ends of pulses in the unit of the file, and whether they are those of a line with two levels."""
+
+    begin: Array
+    end: Array = np.empty(0)
+    line: bool = False
+
+
+def _edges(file: h5py.File, path: Path, one: _Candidate) -> _Pulses:
     if one.kind in ("intervals", "times"):
-        return _times(file, path, f"{one.place}/{_TELLING[one.kind][0]}")
+        stop = f"{one.place}/stop_time"
+        end = _times(file, path, stop) if rows_of(file, path, stop) is not None else np.empty(0)
+        return _Pulses(_times(file, path, f"{one.place}/{_TELLING[one.kind][0]}"), end[np.isfinite(end)])
     if one.kind == "events":
-        return _rising_events(file, path, one.place)
-    return _rising_samples(file, path, one.place)
+        return _edges_of_events(file, path, one.place)
+    return _edges_of_samples(file, path, one.place)
 
 
 def _times(file: h5py.File, path: Path, place: str) -> Array:
@@ -392,24 +412,25 @@ def _times(file: h5py.File, path: Path, place: str) -> Array:
     return _numbers(values_of(found, path), path, place)
 
 
-def _rising_events(file: h5py.File, path: Path, place: str) -> Array:
-    """Return the times of events; if their data have two levels, of those at the higher one.
+def _edges_of_events(file: h5py.File, path: Path, place: str) -> _Pulses:
+    """Return the times of events; if their data have two levels, of the first events at each.
 
     Data with labels are numbers of lines, not levels: the pulses are then found among all events.
     """
     times = _times(file, path, f"{place}/timestamps")
     data = dataset_at(file, path, f"{place}/data")
     if data is None or data.dtype.kind not in "iufb" or data.shape != times.shape:
-        return times
+        return _Pulses(times)
     values = np.asarray(values_of(data, path), dtype=float)
     levels = np.unique(values)
     if len(levels) != _TWO or "labels" in data.attrs:
-        return times
-    return times[rises(values, float(levels.mean()), high_before=False)]
+        return _Pulses(times)
+    up, down = edges(values, float(levels.mean()), high_before=not values[0] > levels.mean())
+    return _Pulses(times[up], times[down], True)
 
 
-def _rising_samples(file: h5py.File, path: Path, place: str) -> Array:
-    """Return the times at which a sampled line rises beyond the middle of its range."""
+def _edges_of_samples(file: h5py.File, path: Path, place: str) -> _Pulses:
+    """Return the times at which a sampled line rises beyond the middle of its range, and falls below it."""
     data, start = numbers_in(file, path, f"{place}/data"), dataset_at(file, path, f"{place}/starting_time")
     rate_hz = attribute_of(file, path, f"{place}/starting_time", "rate")
     if data is None or start is None or rate_hz is None or not 0 < rate_hz < np.inf or len(data) > _MOST_SAMPLES:
@@ -425,12 +446,13 @@ def _rising_samples(file: h5py.File, path: Path, place: str) -> Array:
     read = (part_of(data, path, part).ravel() for part in parts)
     ends = np.array([(part.min(), part.max()) for part in read], dtype=float).reshape(-1, 2)
     low, high = (float(ends[:, 0].min()), float(ends[:, 1].max())) if len(ends) else (0.0, 0.0)
-    found, before = [np.empty(0)], True
+    up, down, before = [np.empty(0)], [np.empty(0)], None
     for part in parts if high > low else ():
         values, middle = part_of(data, path, part).ravel(), (low + high) / 2
-        found.append((part.start + rises(values, middle, high_before=before)) / rate_hz)
+        for every, some in zip((up, down), edges(values, middle, before), strict=True):
+            every.append((part.start + some) / rate_hz)
         before = bool(values[-1] > middle)
-    return float(start[()]) + np.concatenate(found)
+    return _Pulses(float(start[()]) + np.concatenate(up), float(start[()]) + np.concatenate(down), True)
 
 
 def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:

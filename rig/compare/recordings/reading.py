@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from rig.compare.recordings.columns import (
     COLUMNS_HINT,
     ColumnMap,
     Row,
+    columns_read,
     has_column,
     header_of,
     no_rows,
@@ -64,7 +65,8 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     changes = tuple(
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
-    return replace(_of_a_finger(path, with_enough_positions(path, found), rows), changes=changes)
+    found = replace(found, changes=changes, read_as=columns_read(rows, columns.window_s if counted else None))
+    return _of_a_finger(path, with_enough_positions(path, found), rows)
 
 
 def header_changes(rows: Sequence[Row], *roles: Sequence[str]) -> tuple[str, ...]:
@@ -204,6 +206,7 @@ def read_recordings(
         named[key] = shape, file
     found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
     _refuse_unused([file for _, file in named.values()], reading.columns)
+    _refuse_twice(found, {key: file for key, (_, file) in named.items()})
     for shape in mirror:
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
@@ -214,6 +217,23 @@ def read_recordings(
             )
         found |= {key: found[key].mirrored() for key in meant}
     return {str(key): one for key, one in found.items()}
+
+
+def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:
+    """Refuse a table that is the recording of two stimuli: it would count twice. Spike times have all presses."""
+    seen: dict[str, ShapeKey] = {}
+    for key, one in found.items():
+        other = seen.setdefault(one.sha256, key) if one.spikes is None else key
+        if other != key:
+            raise RecordingError(
+                "--recorded {shape}={file}: the recording of {other} already, in {other_file}; the rates of one "
+                "stimulus are not those of another: name a file of its own for each",
+                code="file_twice",
+                shape=str(key),
+                file=files[key],
+                other=str(other),
+                other_file=files[other],
+            )
 
 
 def _shape_and_file(text: str) -> tuple[str, str]:

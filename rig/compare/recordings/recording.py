@@ -87,6 +87,8 @@ class Recording:
     window_s: float | None = None
     spikes: FromSpikes | None = None
     """Origin of the rates, if they were counted from spike times."""
+    read_as: str = ""
+    """Sentences on the columns that were read, and their units."""
 
     @property
     def rate(self) -> Array:
@@ -140,9 +142,23 @@ def with_enough_positions(path: Path, found: Recording) -> Recording:
             positions=len(found.repeats),
             fewest=_FEWEST_POSITIONS,
         )
-    return found
+    return _without_copies(found)
 
 
+def _without_copies(found: Recording) -> Recording:
+    """Return the recording with one of each repeat if all are equal, as copies are: noise cannot be estimated."""
+    repeated = [rates for rates in found.repeats if len(rates) > 1]
+    firing = [rates for rates in repeated if rates.max() > 0]
+    if len(firing) < _FEWEST_POSITIONS or any(np.ptp(rates) > _SAME * rates.max() for rates in repeated):
+        return found
+    sd = np.where([len(rates) > 1 for rates in found.repeats], np.nan, found.sd)
+    text = "All repeats are equal, as copies are, and say nothing about the noise: each position counts once."
+    return replace(
+        found, repeats=tuple(rates[:1] for rates in found.repeats), sd=sd, read_as=f"{found.read_as} {text}".strip()
+    )
+
+
+_SAME = 1e-6
 _UNITS = {"doi_mm": "mm", "force_gwt": "gwt"}
 _CONDITION = re.compile(r"(\d+\.?\d*|\.\d+) ?(mm|gwt)")
 

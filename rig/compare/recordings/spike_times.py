@@ -19,13 +19,15 @@ class SpikeClock(NamedTuple):
     """Clock of the spike times, and why the program takes them for times of the run.
 
     `source`: "pulses" were matched; the file is on the clock of the "run", or is "stated" to be; "assumed": nothing
-    in the file tells. `drift_ppm` and `worst_ms` describe the pulses, NaN without.
+    in the file tells. `drift_ppm` and `worst_ms` describe the pulses, and `at_start_s` is the file's time at
+    the start of the run; NaN without pulses.
     """
 
     source: ClockSource
     text: str
     drift_ppm: float = np.nan
     worst_ms: float = np.nan
+    at_start_s: float = np.nan
 
 
 THROUGHOUT = np.array([[-np.inf, np.inf]])
@@ -38,9 +40,11 @@ _UNTOLD = SpikeClock(
 class UnitSpikes:
     """Content of a file on one unit, in s of the file's clock.
 
-    Spikes and sync pulses ascend. `observed_s` (n, 2) are the intervals in which the file says that the unit was
-    observed; None if it says nothing. `of_run` is whether the file was exported from the run; `stated` is whether
-    the user states that there are no pulses. `notes` are sentences for the page.
+    Spikes and sync pulses ascend. `pulse_s` are the rises of the pulses, or all edges if the file does not tell them
+    apart; `end_s` are their falls, and `line` is whether both are of a line with two levels. `observed_s` (n, 2) are
+    the intervals in which the file says that the unit was observed; None if it says nothing. `of_run` is whether the
+    file was exported from the run; `stated` is whether the user states that there are no pulses. `notes` are
+    sentences for the page, and `read_as` says what was read, in which unit.
     """
 
     spike_s: Array
@@ -49,6 +53,9 @@ class UnitSpikes:
     of_run: bool = False
     stated: bool = False
     notes: tuple[str, ...] = ()
+    end_s: Array = field(default_factory=lambda: np.empty(0))
+    line: bool = False
+    read_as: str = ""
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,7 @@ class SpikeTimes:
     stated: bool = True
     clock: SpikeClock = _UNTOLD
     notes: tuple[str, ...] = ()
+    read_as: str = ""
 
     def observed(self, begin_s: float, end_s: float) -> bool:
         """Return whether the unit was observed in a window."""

@@ -9,7 +9,15 @@ from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import MOST_MM
-from rig.compare.recordings.columns import COLUMNS_HINT, ColumnMap, Row, header_of, read_table, role_name
+from rig.compare.recordings.columns import (
+    COLUMNS_HINT,
+    ColumnMap,
+    Row,
+    columns_read,
+    header_of,
+    read_table,
+    role_name,
+)
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import (
@@ -21,13 +29,12 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent
-from rig.compare.recordings.sync_pulses import ClockFit, called_like_pulses, fitted_clock
+from rig.compare.recordings.sync_pulses import NO_PULSES, ClockFit, called_like_pulses, fitted_clock, leading_edges
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
 from rig_shared.natural_order import natural_order
-from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
@@ -36,7 +43,7 @@ Array = NDArray[np.float64]
 _SAME_PLACE_DECIMALS = 3
 
 
-SPIKES = (("time",), ("kind", "unit", "observed"))
+SPIKES = (("time",), ("kind", "unit", "sync", "observed"))
 SPIKES_IN_NWB = (("time",), ("sync", "observed"))
 SPIKES_IN_NEO: tuple[tuple[str, ...], tuple[str, ...]] = ((), ("sync", "observed", "segment"))
 """Roles of required and of optional columns, by kind of file."""
@@ -66,9 +73,40 @@ def read_spike_times(
         )
     if columns.observed_throughout or ("observed" in columns.named and not is_nwb(path)):
         found = _throughout(path, found, columns)
+    found = _without_doubles(path, unit, leading_edges(found, _width_s(run)))
     times = _on_the_runs_clock(path, found, run)
     _refuse_another_clock(path, found, times, run)
     return times
+
+
+def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
+    """Return the spikes, with a note on a few that follow another closer than a neuron fires; refuse many."""
+    gaps_s = np.diff(found.spike_s)
+    same, close = (int(np.count_nonzero(gaps_s < least_s)) for least_s in (_TICK_S, _REFRACTORY_S))
+    spikes = len(found.spike_s)
+    if same > max(_FEW, _MOST_SAME * spikes) or close > max(_FEW, _MOST_CLOSE * spikes):
+        raise RecordingError(
+            "{path}: {close} of {spikes} spikes come less than {least_ms:g} ms after another, {same} of them at the "
+            "same time, which no neuron does; if spikes are in the file twice (a unit merged with itself, a file "
+            "appended to itself), delete the copies; if times are rounded, export them with more decimals; else "
+            "check their unit of time",
+            code="spikes_twice",
+            path=f"{path}#{unit}" if unit else str(path),
+            close=close,
+            spikes=spikes,
+            same=same,
+            least_ms=1e3 * _REFRACTORY_S,
+        )
+    if not close:
+        return found
+    comes = "spike comes" if close == 1 else "spikes come"
+    note = f"{close} {comes} less than {1e3 * _REFRACTORY_S:g} ms after another, and all are counted."
+    return replace(found, notes=(*found.notes, note))
+
+
+_REFRACTORY_S = 5e-4
+_TICK_S = 1e-6
+_FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
 
 
 def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes:
@@ -86,27 +124,42 @@ def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes
 
 def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     rise_s = np.sort(np.array([event["rise_s"] for event in run.stream("sync")], dtype=float))
-    fit = fitted_clock(path, found.pulse_s, rise_s) if len(found.pulse_s) else _without_pulses(found, len(rise_s))
+    if len(found.pulse_s):
+        fit = fitted_clock(path, found.pulse_s, rise_s, _width_s(run))
+    else:
+        fit = _without_pulses(path, found, len(rise_s))
     spike_s = fit.run_s(found.spike_s)
     if found.observed_s is not None:
-        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes)
+        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes, found.read_as)
     events = extent(spike_s, fit.run_s(found.pulse_s))
     if fit.complete or not len(events):
-        return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes)
-    return SpikeTimes(spike_s, events, False, fit.clock, found.notes)
+        return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes, read_as=found.read_as)
+    return SpikeTimes(spike_s, events, False, fit.clock, found.notes, found.read_as)
+
+
+def _width_s(run: Run) -> float:
+    """Return the width of the run's pulses, NaN if its journal does not state it."""
+    widths = [float(event["width_s"]) for event in run.stream("sync") if event.get("width_s") is not None]
+    return float(np.median(widths)) if widths else np.nan
 
 
 _STATED = SpikeClock("stated", "Times are those of the run's journal (t_s), as sync=none states.")
 
 
-def _without_pulses(found: UnitSpikes, made: int) -> ClockFit:
+def _without_pulses(path: Path, found: UnitSpikes, made: int) -> ClockFit:
     if found.of_run:
         return ClockFit(1.0, 0.0, False, SpikeClock("run", "Times are the run's: the file was exported from it."))
     if found.stated:
         return ClockFit(1.0, 0.0, False, _STATED)
-    assumed = SpikeTimes(found.spike_s).clock
-    lacks = f" The run made {number_of(made, 'sync pulses')}, and the file has none." if made else ""
-    return ClockFit(1.0, 0.0, False, assumed._replace(text=assumed.text + lacks))
+    if made:
+        raise RecordingError(
+            "{path}: has no sync pulses, but the run made {made}; export them with the spikes (in a CSV as rows of "
+            "kind sync), or, if times are those of the run's journal (t_s), use --columns sync=none",
+            code="no_pulses_in_file",
+            path=str(path),
+            made=made,
+        )
+    return ClockFit(1.0, 0.0, False, SpikeTimes(found.spike_s).clock)
 
 
 def _refuse_another_clock(path: Path, found: UnitSpikes, times: SpikeTimes, run: Run) -> None:
@@ -144,8 +197,17 @@ _KINDS = ("spike", "sync", "start", "stop")
 
 def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     """Read the rows `time_s[,kind][,unit]`; rows of kind start and stop limit the time in which it was recorded."""
-    rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=columns.by_name, hint=COLUMNS_HINT)
-    _refuse_pulses_beside(path, rows)
+    stated = "sync" in columns.named
+    if stated and columns["sync"].name != NO_PULSES:
+        raise RecordingError(
+            "{path}: --columns sync={name} cannot be used for a table, which has pulses as rows of kind sync; use "
+            "kind=COLUMN, or sync=none if times are those of the run's journal (t_s)",
+            code="no_pulses", path=str(path), name=columns["sync"].name,
+        )  # fmt: skip
+    given = {name: column for name, column in columns.by_name.items() if name != role_name("sync")}
+    rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=given, hint=COLUMNS_HINT)
+    if not stated:
+        _refuse_pulses_beside(path, rows)
     times: dict[str, list[float]] = {name: [] for name in _KINDS}
     units: dict[str, int] = {}
     for row in rows:
@@ -168,9 +230,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         )  # fmt: skip
     spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
     observed = _between(path, starts, stops) if len(starts) or len(stops) else None
-    time = rows[0].columns[role_name("time")] if rows and "time" not in columns.named else None
-    notes = (f"Times were converted from {time.unit}.",) if time is not None and time.changed else ()
-    return UnitSpikes(spikes, pulses, observed, notes=notes)
+    pulses = np.empty(0) if stated else pulses
+    return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows))
 
 
 def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
@@ -180,7 +241,8 @@ def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
     if unread:
         raise RecordingError(
             "{path}: the column {column!r} may have the sync pulses and is not read; a CSV has them as rows whose "
-            "kind is sync (--columns kind=COLUMN); else remove the column",
+            "kind is sync (--columns kind=COLUMN); else remove the column, or use sync=none if times are those of "
+            "the run's journal (t_s)",
             code="unknown_pulses",
             path=str(path),
             column=unread[0],
@@ -259,7 +321,7 @@ def rates_in_run(
         return with_enough_positions(Path(name), moved)
 
     about = FromSpikes(len(rows) + len(lost_mm), tuple(lost_mm), times.span, times.clock, times.notes, shifted)
-    return replace(recording(name, rows, end - begin), spikes=about)
+    return replace(recording(name, rows, end - begin), spikes=about, read_as=times.read_as)
 
 
 _CLOCK_TICK_S = 1e-6

@@ -4,7 +4,10 @@ A recording may have pulses that the run did not make, such as one at switch-on,
 edges. The pulses are therefore matched by their times, and what has no partner is reported.
 """
 
+import math
 import re
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -12,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.spike_times import Array, SpikeClock, joined
+from rig.compare.recordings.spike_times import Array, SpikeClock, UnitSpikes, joined
 from rig_shared.plural import number_of
 
 NO_PULSES = "none"
@@ -26,10 +29,13 @@ def called_like_pulses(name: str) -> bool:
     return _SUGGESTIVE.search(name) is not None
 
 
-def rises(values: NDArray[Any], middle: float, *, high_before: bool) -> NDArray[np.int64]:
-    """Return the numbers of the samples (n,) at which a line rises beyond a middle level."""
+def edges(
+    values: NDArray[Any], middle: float, high_before: bool | None = None
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the numbers of the samples (n,) at which a line rises beyond a middle level, and falls below it."""
     above = np.asarray(values > middle)
-    return np.flatnonzero(above & ~np.concatenate([[high_before], above[:-1]]))
+    before = np.concatenate([above[:1] if high_before is None else [high_before], above[:-1]])
+    return np.flatnonzero(above & ~before), np.flatnonzero(~above & before)
 
 
 TOLERANCE_S = 0.005
@@ -42,6 +48,48 @@ _MOST_UNMATCHED = 0.1
 _ONE_PULSE_S = 0.05  # two edges of one pulse are closer
 _MOST_PAIRS = 4_000_000
 _ROUNDS = 6
+
+
+def leading_edges(found: UnitSpikes, width_s: float) -> UnitSpikes:
+    """Return the spikes with the times at which their pulses begin.
+
+    A line that is high at rest is inverted: its pulses begin where it falls. `width_s` is that of the run's pulses,
+    NaN if unknown; otherwise the line rests at the level at which it is longer.
+    """
+    if not len(found.end_s):
+        return found
+    high_s, low_s = _lasts(found.pulse_s, found.end_s), _lasts(found.end_s, found.pulse_s)
+    as_wide = [abs(lasts - width_s) <= max(TOLERANCE_S, _AS_WIDE * width_s) for lasts in (high_s, low_s)]
+    rests_high = found.line and (math.isnan(high_s) or low_s < high_s)
+    if as_wide[1] if as_wide[0] != as_wide[1] else rests_high:
+        return replace(found, pulse_s=found.end_s, notes=(*found.notes, _INVERTED))
+    return found
+
+
+def _first_of_both_edges(pulse_s: Array, rises: int, width_s: float) -> Iterator[Array]:
+    """Yield what the pulses are if the list has both edges of each, so that about every second gap is one width.
+
+    The width is that of the journal, or, with too many edges for the run's rises, one that the list suggests.
+    """
+    gaps_s = np.diff(pulse_s)
+    own = (gaps_s[::2], gaps_s[1::2]) if len(pulse_s) > _TOO_MANY * rises else ()
+    for width in (width_s, *(float(np.median(some)) for some in own if len(some))):
+        follows = np.abs(gaps_s - width) <= min(TOLERANCE_S, _AS_WIDE * width)
+        if len(gaps_s) and _PAIRED[0] <= follows.mean() <= _PAIRED[1]:
+            yield pulse_s[:-1][follows]
+
+
+def _lasts(begin_s: Array, end_s: Array) -> float:
+    """Return the median time from a beginning to the next end, NaN without any."""
+    after = np.searchsorted(end_s, begin_s, side="right")
+    ended = after < len(end_s)
+    return float(np.median(end_s[after[ended]] - begin_s[ended])) if ended.any() else math.nan
+
+
+_INVERTED = "The line of the pulses is high at rest: a pulse begins where it falls."
+_AS_WIDE = 0.2  # of the journal's width
+_PAIRED = 0.4, 0.65  # share of gaps that are as wide as a pulse, if both edges are in a file
+_TOO_MANY = 1.5  # edges for each rise of the run
 
 
 class _Match(NamedTuple):
@@ -69,8 +117,10 @@ class ClockFit(NamedTuple):
         return np.asarray(self.slope * file_s + self.offset_s)
 
 
-def fitted_clock(path: Path, pulse_s: Array, rise_s: Array) -> ClockFit:
+def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = math.nan) -> ClockFit:
     """Return the clock by which the pulses of a file (ascending, at least one) are those of the run.
+
+    `width_s` is that of the run's pulses: it tells the edges of a file that has both of each pulse.
 
     Raises
     ------
@@ -79,20 +129,36 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array) -> ClockFit:
     """
     if np.array_equal(pulse_s, rise_s):
         text = "Times are the run's: the pulses equal those of its journal."
-        return ClockFit(1.0, 0.0, True, SpikeClock("run", text, 0.0, 0.0))
+        return ClockFit(1.0, 0.0, True, SpikeClock("run", text, 0.0, 0.0, 0.0))
     if len(pulse_s) == len(rise_s) == 1:
-        text = "The offset of the clock is that of a single pulse; its drift is unknown."
-        return ClockFit(1.0, float(rise_s[0] - pulse_s[0]), True, SpikeClock("pulses", text))
-    every = _line(pulse_s, rise_s) if len(pulse_s) == len(rise_s) else None
-    if every is not None and every.worst_s <= TOLERANCE_S:
-        found = every
-    elif (searched := _searched(path, pulse_s, rise_s)) is not None:
-        found = searched
-    else:
-        raise _not_the_runs(path, pulse_s, rise_s, every)
+        at_start_s = float(pulse_s[0] - rise_s[0])
+        text = (
+            f"By a single pulse, the file's clock reads {at_start_s:.3f} s at the start of the run; its drift is "
+            "unknown."
+        )
+        return ClockFit(1.0, -at_start_s, True, SpikeClock("pulses", text, at_start_s=at_start_s))
+    both = () if _every(pulse_s, rise_s) is not None else _first_of_both_edges(pulse_s, len(rise_s), width_s)
+    for first_s in both:
+        if (found := _matched(path, first_s, rise_s)) is not None and abs(found.slope - 1) <= MOST_DRIFT:
+            about = _described(found, first_s, rise_s)
+            about = about._replace(text=f"{about.text} Both edges of the pulses are in the file; the first counts.")
+            return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), about)
+    found = _matched(path, pulse_s, rise_s)
+    if found is None:
+        raise _not_the_runs(path, pulse_s, rise_s)
     if abs(found.slope - 1) > MOST_DRIFT:
         raise _no_clock(path, found.slope)
     return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), _described(found, pulse_s, rise_s))
+
+
+def _matched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:
+    return _every(pulse_s, rise_s) or _searched(path, pulse_s, rise_s)
+
+
+def _every(pulse_s: Array, rise_s: Array) -> _Match | None:
+    """Return the match of as many pulses as rises, or None if they are others."""
+    every = _line(pulse_s, rise_s) if len(pulse_s) == len(rise_s) else None
+    return every if every is not None and every.worst_s <= TOLERANCE_S else None
 
 
 def _line(pulse_s: Array, rise_s: Array) -> _Match:
@@ -178,8 +244,8 @@ def _refined(pulse_s: Array, rise_s: Array, slope: float, offset_s: float) -> _M
     return best
 
 
-def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array, every: _Match | None) -> RecordingError:
-    if every is None:
+def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array) -> RecordingError:
+    if len(pulse_s) != len(rise_s):
         return RecordingError(
             "{path}: {pulses} sync pulses, but the run's journal has {journalled}"
             + (", and their intervals do not match" if len(rise_s) else "; if times are its t_s, remove the pulses "
@@ -194,7 +260,7 @@ def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array, every: _Match | Non
         "{most_ms:g} ms is allowed",
         code="pulses_apart",
         path=str(path),
-        worst_ms=1e3 * every.worst_s,
+        worst_ms=1e3 * _line(pulse_s, rise_s).worst_s,
         most_ms=1e3 * TOLERANCE_S,
     )
 
@@ -227,9 +293,11 @@ def _described(found: _Match, pulse_s: Array, rise_s: Array) -> SpikeClock:
         *([f"{number_of(missing, 'pulses')} of the run not in the file"] if missing else []),
     ]
     drift_ppm, worst_ms = 1e6 * (1 / found.slope - 1), 1e3 * found.worst_s
+    at_start_s = round(-found.offset_s / found.slope, 6) + 0.0
+    pace = f"{abs(drift_ppm):.0f} ppm {'fast' if drift_ppm >= 0 else 'slow'}"
     text = (
-        f"{number_of(len(found.pulses), 'sync pulses')} of the run were found in the file: its clock is "
-        f"{abs(drift_ppm):.0f} ppm {'fast' if drift_ppm >= 0 else 'slow'}, and no pulse is off by more than "
+        f"{number_of(len(found.pulses), 'sync pulses')} of the run were found in the file: its clock is {pace} and "
+        f"reads {at_start_s:.3f} s at the start of the run, and no pulse is off by more than "
         f"{max(worst_ms, 0.01):.2g} ms{'; ' if besides else ''}{joined(besides)}."
     )
-    return SpikeClock("pulses", text, drift_ppm, worst_ms)
+    return SpikeClock("pulses", text, drift_ppm, worst_ms, at_start_s)

@@ -20,7 +20,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, kind_of
+from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
 from rig_shared.user_files import MOST_LINES, read_bytes, text_of
 
@@ -84,6 +84,8 @@ def _lines(path: Path) -> Lines:
         raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
     if content.startswith(ZIP):
         return iter(_of_workbook(path, content, sheet))
+    if file.suffix.lower() == ".mat" and is_matlab_4(content):
+        raise _no_table(path, "a MATLAB file of version 4; save it in MATLAB with save(…, '-v7')")
     if content.startswith(MATLAB) and file.suffix.lower() == ".mat":
         return _of_matlab(path, content)
     return _of_csv(path, content)
@@ -136,6 +138,9 @@ _STRICT = "{http://purl.oclc.org/ooxml/spreadsheetml/main}"
 _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
 _DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
+_PERCENT_FORMATS = (9, 10)
+_QUOTED, _LETTER = re.compile(r'"[^"]*"|\\.'), re.compile(r"[^\W\d_]")
+_SCALED = re.compile(r"[0#],+(?![0#,])")
 _NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
@@ -144,12 +149,14 @@ _DAMAGE = (
 
 
 class _Workbook(NamedTuple):
-    """An open workbook: its archive, shared texts, and the styles that make numbers dates."""
+    """An open workbook: its archive, shared texts, and the styles that change what a number means."""
 
     path: Path
     archive: zipfile.ZipFile
     texts: list[str]
-    dates: frozenset[int]
+    shown: Mapping[int, str]
+    """What cells of a style are not plain numbers for, by the number of the style, e.g. "a percentage"."""
+    struck: frozenset[int]
 
 
 @lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
@@ -158,7 +165,7 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if "xl/workbook.xml" not in archive.namelist():
                 raise _no_table(path, kind_of(content))
-            book = _Workbook(path, archive, _shared_texts(archive), _date_styles(archive))
+            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive))
             return _one_sheet(book, _sheets(archive), sheet)
     except RecordingError:
         raise
@@ -222,22 +229,38 @@ def _text(element: ElementTree.Element) -> str:
     )
 
 
-def _date_styles(archive: zipfile.ZipFile) -> frozenset[int]:
-    """Return the numbers of the cell styles that show a number as a date or a time."""
+def _styles(archive: zipfile.ZipFile) -> tuple[dict[int, str], frozenset[int]]:
+    """Return the cell styles that show a number as something else, with what, and those that strike it out."""
     if "xl/styles.xml" not in archive.namelist():
-        return frozenset()
+        return {}, frozenset()
     own: dict[int, str] = {}
-    styles: list[int] = []
+    styles: list[tuple[int, int]] = []
+    fonts: list[bool] = []
     for element in _xml(archive, "xl/styles.xml"):
         if element.tag == f"{_MAIN}numFmt":
             own[int(element.get("numFmtId", 0))] = element.get("formatCode", "")
         elif element.tag == f"{_MAIN}cellXfs":
-            styles = [int(one.get("numFmtId", 0)) for one in element]
-    return frozenset(
-        n
-        for n, number in enumerate(styles)
-        if number in _DATE_FORMATS or _DATE_CODE.search(_NOT_CODE.sub("", own.get(number, "").replace("General", "")))
-    )
+            styles = [(int(one.get("numFmtId", 0)), int(one.get("fontId", 0))) for one in element]
+        elif element.tag == f"{_MAIN}fonts":
+            fonts = [_is_on(one.find(f"{_MAIN}strike")) for one in element]
+    shown = {n: what for n, (number, _) in enumerate(styles) if (what := _shown_as(number, own.get(number, "")))}
+    return shown, frozenset(n for n, (_, font) in enumerate(styles) if font < len(fonts) and fonts[font])
+
+
+def _is_on(flag: ElementTree.Element | None) -> bool:
+    return flag is not None and flag.get("val", "1") not in ("0", "false")
+
+
+def _shown_as(number: int, code: str) -> str:
+    """Return what a number format shows instead of the number, in words; "" for the number itself."""
+    plain = _NOT_CODE.sub("", code.replace("General", ""))
+    if number in _DATE_FORMATS or _DATE_CODE.search(plain):
+        return "a date or time in Excel"
+    if number in _PERCENT_FORMATS or "%" in plain:
+        return "a percentage in Excel"
+    if words := "".join(_QUOTED.findall(code)).strip('" \\'):
+        return f"shown as {words} in Excel; write the unit into the header" if _LETTER.search(words) else ""
+    return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 
 def _sheets(archive: zipfile.ZipFile) -> dict[str, str]:
@@ -258,7 +281,10 @@ def _sheets(archive: zipfile.ZipFile) -> dict[str, str]:
 
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
+    hidden, struck, merged = list[int](), list[int](), list[str]()
     for element in _xml(book.archive, part):
+        if element.tag == f"{_MAIN}mergeCell":
+            merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
         if element.tag != f"{_MAIN}row":
             continue
         number = int(element.get("r", found[-1][0] + 1 if found else 1))
@@ -270,10 +296,41 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
         cells += len(row)
         if cells > _MOST_CELLS:
             raise ValueError(f"more than {_MOST_CELLS} cells")
+        if any(row):
+            hidden += [number] if element.get("hidden", "0") in ("1", "true") else []
+            crossed = any(int(cell.get("s", 0)) in book.struck for cell in element.iter(f"{_MAIN}c"))
+            struck += [number] if crossed else []
         element.clear()
         found.append((number, row))
+    _refuse_unclear(book.path, hidden, struck, merged)
+    before = min((next(n for n, cell in enumerate(row) if cell) for _, row in found if any(row)), default=0)
+    found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
     return [(number, row + [""] * (width - len(row)) if any(row) else [""]) for number, row in found]
+
+
+def _has_rows(merged: str) -> bool:
+    ends = [_REFERENCE.fullmatch(end) for end in merged.split(":")]
+    return len({end[2] for end in ends if end is not None}) > 1
+
+
+def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], merged: list[str]) -> None:
+    """Refuse a sheet in which a reader sees other rows than a program, or cells that belong to several rows."""
+    for rows, are, remedy in (
+        (hidden, "hidden, by a filter or by hand", "copy the visible rows to a new sheet, or show all"),
+        (struck, "struck out", "delete them, or remove the strikethrough"),
+    ):
+        if rows:
+            listed = ", ".join(map(str, rows[:_MOST_LISTED])) + ", …" * (len(rows) > _MOST_LISTED)
+            raise RecordingError(
+                "{path}: {number} rows are " + are + " ({rows}); " + remedy,
+                code="unclear_rows", path=str(path), number=len(rows), rows=listed,
+            )  # fmt: skip
+    if merged:
+        raise RecordingError(
+            "{path}: the cells {cells} are merged over several rows; unmerge them and fill in every row",
+            code="merged_cells", path=str(path), cells=", ".join(merged[:_MOST_LISTED]),
+        )  # fmt: skip
 
 
 def _column_number(letters: str) -> int:
@@ -292,8 +349,10 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
         return "" if inside is None else _text(inside).strip()
     if not value and cell.find(f"{_MAIN}f") is not None:
         return "(a formula without a stored value)"
-    if kind == "n" and value and int(cell.get("s", 0)) in book.dates:
-        return f"{value} (a date or time in Excel)"
+    if kind == "b":
+        return "TRUE" if value == "1" else "FALSE"
+    if kind == "n" and value and (shown := book.shown.get(int(cell.get("s", 0)))):
+        return f"{value} ({shown})"
     return value.strip()
 
 
@@ -304,6 +363,8 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
     except (ValueError, struct.error) as error:
         raise _no_table(path, f"a damaged MATLAB file ({error})") from None
     vectors = {one.name: one.vector for one in variables if one.vector is not None}
+    others = {one.name: f"({one.size})" for one in variables if one.vector is None and one.kind in ("", "complex")}
+    others |= {one.name: "(logical)" for one in variables if one.vector is not None and one.logical}
     lengths = {len(values) for values in vectors.values()} - {1} or {1}
     if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
         raise RecordingError(
@@ -313,10 +374,13 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
             path=str(path),
             held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
         )
-    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()})
+    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()}, others)
 
 
-def _as_lines(columns: Mapping[str, Any]) -> Lines:
-    yield 1, list(columns)
-    for number, values in enumerate(zip(*(one.tolist() for one in columns.values()), strict=True), 2):
-        yield number, [f"{value:.17g}" for value in values]
+def _as_lines(columns: Mapping[str, Any], others: Mapping[str, str]) -> Lines:
+    """Yield the rows of columns; those of `others`, which are no vectors of numbers, have one text in all rows."""
+    numbers = {name: values for name, values in columns.items() if name not in others}
+    yield 1, [*numbers, *others]
+    length = len(next(iter(columns.values())))
+    for row in range(length):
+        yield row + 2, [*(f"{values[row]:.17g}" for values in numbers.values()), *others.values()]

@@ -69,9 +69,10 @@ def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
 
 
 def test_a_folder_of_folders(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
-    for name, file in (("a1", "bar-3@1mm.csv"), ("a1", "step-1@0.5mm.csv"), ("a2", "bar-3.csv"), ("a2", ".notes")):
+    files = (("a1", "bar-3@1mm.csv"), ("a1", "step-1@0.5mm.csv"), ("a2", "bar-3.csv"), ("a2", ".notes"))
+    for rate, (name, file) in enumerate(files):
         (tmp_path / name).mkdir(exist_ok=True)
-        (tmp_path / name / file).write_text(CSV, encoding="utf-8")
+        (tmp_path / name / file).write_text(f"{CSV}9,{rate}\n", encoding="utf-8")
     found = read(tmp_path, stimuli)
     assert {name: list(some) for name, some in found.items()} == {
         "a1": ["bar:3@1 mm", "step:1@0.5 mm"],

@@ -4,6 +4,7 @@ import json
 import shutil
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,12 @@ from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
 from rig.data import Run, RunFolder, read_run
 from rig.data.folder import SCRIPT
+from rig.errors import BadInputError
 from rig.report.style import Plot
 from rig_shared.user_files import sha256_of
 from sim.config import FingertipConfig
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 from tests.program import Program
 from tests.rig.compare.conftest import BAR, dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
@@ -391,6 +394,9 @@ def test_page_json_and_terminal_count_presses_that_were_not_observed_and_state_t
     (recording,) = found["recordings"]
     assert (code, recording["presses"], recording["not_observed_mm"]) == (0, 6, [0.1])
     assert recording["clock"]["source"] == "assumed"
+    assert recording["columns_text"] == "Spike times read: units/spike_times in s."
+    assert recording["window_s"] == 0.4
+    assert [(one["rate"], one["repeats"]) for one in recording["rates"]] == 5 * [(17.5, [17.5])]  # 7 spikes in 0.4 s
     assert found["clock_shift"]["tried_s"] == [0.02, 0.1, 0.5, 2.0]
     _, printed, _ = command(*line)
     page = Path("a.html").read_text(encoding="utf-8")
@@ -398,7 +404,22 @@ def test_page_json_and_terminal_count_presses_that_were_not_observed_and_state_t
         assert "1 of 6 presses is not observed" in said
         assert "nothing in the file confirms it" in said
         assert "this clock" in said
+        assert "units/spike_times in s" in said
+    for said in ("Recorded rates", "17.5", ">7<"):
+        assert said in page
     assert "without 1 of 6 presses, not observed" in page
+
+
+def test_runs_on_different_fingers_are_not_compared_jointly(run: Run, tmp_path: Path) -> None:
+    """One fit has one gain for all stimuli, and strains of two fingers differ."""
+    runs = []
+    for name, stiffness in (("a", 1.0), ("b", 2.0), ("c", 1.0)):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "config.toml").write_text(f"[finger.tissue]\nstiffness = {stiffness}\n", encoding="utf-8")
+        runs.append(replace(run, folder=RunFolder(tmp_path / name)))
+    compare._refuse_other_fingers([runs[0], runs[2]])
+    with raises(BadInputError, "other_finger", differing="finger.tissue.stiffness (1.0 and 2.0)"):
+        compare._refuse_other_fingers(runs)
 
 
 @no_figures
@@ -416,9 +437,10 @@ def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, 
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()[1:]] == [
         "answer",
-        "spikes",
+        "recording",
+        "All",
         "Times",
-        "No",
+        "If",
         "shape",
         "report",
     ]
@@ -438,6 +460,8 @@ def afferents(stimulus: StimulusRow, tmp_path: Path) -> Path:
     truth = afferent_for([stimulus], "ep1", 5, 60.0, 0.2)
     for name in ("a0", "a1"):
         path = write_synthetic(tmp_path, record(truth, stimulus, np.linspace(-0.6, 0.8, 9), rng))
+        far = path.read_text(encoding="utf-8").splitlines()[-1].partition(",")[2]
+        path.write_text(f"{path.read_text(encoding='utf-8')}2.0,{far}\n", encoding="utf-8")  # no run covers it
         rows.append(f"{name},bar:3.0,0.4,{path.rename(tmp_path / f'synthetic_{name}.csv').name}")
     (tmp_path / "silent.csv").write_text("position_mm,rate\n" + "".join(f"{x},0\n" for x in (-0.2, 0.1, 0.4)))
     path = tmp_path / "afferents.csv"
@@ -453,6 +477,7 @@ def test_several_afferents_on_one_page(command: Command, run: Run, afferents: Pa
     answer = json.loads(out)
     assert [one["afferent"] for one in answer["afferents"]] == ["a0", "a1"]
     assert answer["afferents_left_out"] == ["a2"]
+    assert {one["afferent"] for one in answer["left_out"] if one["left_out"]} == {"a0", "a1", "a2"}
     group = answer["group"]
     assert (group["afferents"], sum(row["wins"] for row in group["rows"])) == (2, 2)
     assert sum(row["probability"] for row in group["rows"]) == pytest.approx(1.0, abs=1e-4)
@@ -462,6 +487,10 @@ def test_several_afferents_on_one_page(command: Command, run: Run, afferents: Pa
     code, out, _ = command(*line)
     assert code == 0
     assert "synthetic" in out.splitlines()[0]
+    for said in (out, page):
+        assert "recorded positions are used" in said
+        assert "position_mm as position in mm" in said
+    assert "1/s per" in page
     assert Path("g.html").read_text(encoding="utf-8") == page
     for option in ("--place", "--saturating", "--normalize"):
         code, out, _ = command(*line, option, "--json")

@@ -264,7 +264,7 @@ def test_a_name_that_no_file_is_read_by(kind: Kind, tmp_path: Path) -> None:
     role = "repeat" if kind.spikes else "kind"
     more = replace(kind, columns=(*kind.columns, f"{role}=other"))
     in_table = "count, position, repeat, window" if kind.window_s else "position, rate, repeat, sd"
-    used = "observed, sync, time" if kind.nwb else "kind, observed, time, unit" if kind.spikes else in_table
+    used = "observed, sync, time" if kind.nwb else "kind, observed, sync, time, unit" if kind.spikes else in_table
     refused(more, tmp_path, "unused_column", role=role, column="other", roles=used)
 
 

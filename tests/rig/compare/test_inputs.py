@@ -65,7 +65,9 @@ def test_a_file_may_have_one_too(tmp_path: Path, srp: Path) -> None:
 
 
 def test_one_shape_at_several_forces(srp: Path) -> None:
-    low, high = f"step:1@2.33gwt={srp}", f"step:1@8 gwt={srp}"
+    other = srp.with_name("other.csv")
+    other.write_text(srp.read_text(encoding="utf-8") + "9,1\n", encoding="utf-8")
+    low, high = f"step:1@2.33gwt={srp}", f"step:1@8 gwt={other}"
     found = read_recordings([low, high], ["step:1@8gwt"], [], Reading())
     assert list(found) == ["step:1@2.33 gwt", "step:1@8 gwt"]
     assert [one.changes for one in found.values()] == [(), ("mirrored",)]
@@ -84,6 +86,8 @@ def test_one_shape_at_several_forces(srp: Path) -> None:
         (["bar:3@={srp}"], [], "no_condition", {"given": "bar:3@", "condition": ""}),
         (["bar:3={srp}", "bar:3.0={srp}"], [], "recorded_twice", {"shape": "bar:3.0"}),
         (["bar:3@8gwt={srp}", "bar:3@8.0gwt={srp}"], [], "recorded_twice", {"shape": "bar:3@8.0gwt"}),
+        (["bar:3={srp}", "step:1={srp}"], [], "file_twice", {"shape": "step:1", "other": "bar:3"}),
+        (["bar:3@8gwt={srp}", "bar:3@4gwt={srp}"], [], "file_twice", {"shape": "bar:3@4 gwt"}),
         (["bar:3={srp}"], ["step:1"], "nothing_to_mirror", {"shape": "step:1"}),
         (["bar:3@8gwt={srp}"], ["bar:3@2gwt"], "nothing_to_mirror", {"shape": "bar:3@2gwt"}),
     ],

@@ -324,7 +324,8 @@ def of_segment(name: str) -> str:
         ((of_segment("no spike"),), "several_units"),
         ((of_segment("NaN among spikes"),), "not_finite"),
         ((of_segment("NaN among pulses"),), "not_finite"),
-        ((of_segment("no events"),), "outside_run"),  # on the amplifier's clock
+        ((of_segment("no events"),), "no_pulses_in_file"),
+        ((of_segment("no events"), "sync=none"), "outside_run"),  # on the amplifier's clock
         ((of_segment("pulses elsewhere"),), "pulses_apart"),
         ((of_segment("as it should be"), "sync=none"), "outside_run"),
         ((of_segment("as it should be"), "time=t"), "unused_column"),

@@ -28,7 +28,7 @@ from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
 from rig.compare.recordings.reading import Reading, read_recordings
-from rig.compare.spike_clock import clock_shift
+from rig.compare.spike_clock import clock_shift, recording_sentences
 from rig.data import Run, read_run
 from rig.data.index import listed
 from rig.design.presses import PossiblePress
@@ -54,9 +54,10 @@ def amplifier(run_s: Sequence[float] | Array) -> Array:
     return np.asarray(12.5 + np.asarray(run_s) * (1 + 20e-6))
 
 
-def run_with_pulses(folder: Path) -> Run:
+def run_with_pulses(folder: Path, width_s: float = 0.01) -> Run:
     run = journal(folder)
-    return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in RISES]})
+    pulses = [{"t_s": t + width_s, "rise_s": t, "width_s": width_s} for t in RISES]
+    return replace(run, events={**run.events, "sync": pulses})
 
 
 def nwb(**datasets: Any) -> Callable[[Path], str]:
@@ -94,17 +95,17 @@ PULSES = {"intervals__sync_pulses__start_time": amplifier(RISES)}
 SAMPLES_HZ = 2000.0
 
 
-def line(edges: Array, volts: float = 5.0) -> NDArray[np.float32]:
-    """A sampled line that is high for 10 ms from each rise."""
+def line(edges: Array, volts: float = 5.0, width_s: float = 0.01, *, inverted: bool = False) -> NDArray[np.float32]:
+    """A sampled line that is high for 10 ms from each rise, or low if it is inverted."""
     values = np.zeros(int(110 * SAMPLES_HZ), dtype=np.float32)
     for rise in edges:
-        values[int(np.ceil(rise * SAMPLES_HZ)) : int((rise + 0.01) * SAMPLES_HZ)] = volts
-    return values
+        values[int(np.ceil(rise * SAMPLES_HZ)) : int((rise + width_s) * SAMPLES_HZ)] = volts
+    return volts - values if inverted else values
 
 
-def sampled(place: str) -> dict[str, Any]:
+def sampled(place: str, width_s: float = 0.01, *, inverted: bool = False) -> dict[str, Any]:
     return {
-        f"{place}__data": line(amplifier(RISES)),
+        f"{place}__data": line(amplifier(RISES), width_s=width_s, inverted=inverted),
         f"{place}__starting_time": 0.0,
         f"{place}__starting_time.rate": SAMPLES_HZ,
     }
@@ -122,7 +123,9 @@ def pulses_at(times: Array) -> dict[str, Any]:
     return {"intervals__sync_pulses__start_time": times}
 
 
-def nix(start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False) -> Any:
+def nix(
+    start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, **of_line: Any
+) -> Any:
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
         segment = neo.Segment()
@@ -130,7 +133,9 @@ def nix(start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES
         segment.spiketrains.append(neo.SpikeTrain(times, units="s", t_start=start, t_stop=stop, name="u"))
         if line_v:
             segment.analogsignals.append(
-                neo.AnalogSignal(line(np.array(RISES)), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name="ttl")
+                neo.AnalogSignal(
+                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name="ttl"
+                )
             )
         block = neo.Block()
         block.segments.append(segment)
@@ -172,6 +177,9 @@ class Case:
     says: tuple[str, ...] = ()
     pulses: bool = True
     window_s: float = WINDOW_S
+    width_s: float = 0.01
+    read_as: str = ""
+    """Words of the sentences on the recording."""
 
 
 UNOBSERVED = {
@@ -387,7 +395,7 @@ UNITS = {
     "spikes too dense": Case(
         "no afferent fires 2000 spikes in 20 ms", text("time (s)\n" + "".join(
             f"{start + 1e-5 * k}\n" for start in STARTS for k in range(2000))), pulses=False,
-        code="beyond_a_finger", says=("2000 spikes", "unit of time"),
+        code="spikes_twice", says=("0.5 ms", "unit of time"),
     ),
     "window=500": Case("no hold lasts 8 min", table("position_mm|count", "-0.5|3", "0|12", "0.25|6"),
                        ("window=500",), code="beyond_a_finger", says=("500", ":ms")),
@@ -712,13 +720,226 @@ KINDS = {
                                        code="no_unit_here", says=("#3",)),
 }  # fmt: skip
 
-CASES = UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS
+LEVELS = {
+    f"{kind}, {'inverted' if inverted else 'high during pulses'}, {width_s:g} s": Case(
+        "a pulse begins where the line leaves the level at which it rests; 0.4 s later, nearly all spikes are missed",
+        nix(line_v=True, width_s=width_s, inverted=inverted) if kind == "NIX"
+        else of_amplifier(**sampled("acquisition__ttl", width_s, inverted=inverted)),
+        ("sync=ttl",), rates=ALL, width_s=width_s, read_as="rest: a pulse begins where it falls" * inverted,
+    )
+    for kind in ("NWB", "NIX") for inverted in (False, True) for width_s in (0.01, 0.4)
+}  # fmt: skip
+
+
+def states(rest: int, width_s: float) -> dict[str, Any]:
+    """Events at both edges, with the level after each."""
+    rises = amplifier(RISES)
+    return {
+        "acquisition__ttl__timestamps": np.sort(np.concatenate([rises, rises + width_s])),
+        "acquisition__ttl__data": np.tile([1 - rest, rest], len(rises)),
+    }
+
+
+def edges_csv(width_s: float, *, lost: int = 0) -> Any:
+    """All edges in one list, without the first ones."""
+    rises = amplifier(RISES)
+    every = np.sort(np.concatenate([rises, rises + width_s]))[lost:]
+    return spikes_csv(*syncs(every), spikes=amplifier(TIMES).tolist())
+
+
+LEVELS |= {
+    "NWB, states of a line at rest at 0": Case("the rises", of_amplifier(**states(0, 0.4)), ("sync=ttl",), rates=ALL,
+                                               width_s=0.4),
+    "NWB, states of a line at rest at 1": Case("the falls", of_amplifier(**states(1, 0.4)), ("sync=ttl",), rates=ALL,
+                                               width_s=0.4, read_as="a pulse begins where it falls"),
+    "NWB, intervals between the pulses": Case(
+        "as long as no pulse, and the gaps between them are", of_amplifier(
+            intervals__ttl__start_time=np.concatenate([[0.1], amplifier(RISES) + 0.4]),
+            intervals__ttl__stop_time=np.append(amplifier(RISES), 105.0)),
+        ("sync=ttl",), rates=ALL, width_s=0.4,
+    ),
+    "NWB, trials as pulses": Case(
+        "an interval that is longer than a pulse is no inverted line", of_amplifier(
+            intervals__ttl__start_time=amplifier(RISES), intervals__ttl__stop_time=amplifier(RISES) + 6.0),
+        ("sync=ttl",), rates=ALL,
+    ),
+    **{
+        f"CSV, both edges, {width_s:g} s wide for {planned:g} s, {lost} lost": Case(
+            "the first of two edges is the pulse, also if the recording began within the first",
+            edges_csv(width_s, lost=lost), ("observed=throughout",), rates=ALL, width_s=planned,
+            read_as="Both edges",
+        )
+        for width_s, planned in ((0.01, 0.01), (0.4, 0.4), (0.4, 0.01)) for lost in (0, 1)
+    },
+}  # fmt: skip
+
+WRITTEN_TWICE = {
+    "NWB": of_amplifier(np.sort([*TIMES, *TIMES]), **PULSES),
+    "CSV": spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier([*TIMES, *TIMES]).tolist()),
+    "NIX": nix(spikes=sorted([*TIMES, *TIMES]), line_v=True),
+    "CSV, 0.2 ms apart": spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier([*TIMES, *np.add(TIMES, 2e-4)])),
+    "CSV, rounded to 0.1 s": spikes_csv(*syncs(amplifier(RISES)), spikes=np.round(amplifier(TIMES), 1)),
+}
+DOUBLES = {
+    f"{name}, spikes twice": Case("no neuron fires twice within 0.5 ms", write, ("sync=ttl",) * (name == "NIX"),
+                                  code="spikes_twice", says=("0.5 ms", "delete the copies", "more decimals"))
+    for name, write in WRITTEN_TWICE.items()
+} | {
+    "one spike twice": Case(
+        "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
+        rates=[7.0, *ALL[1:]], read_as="1 spike comes less than 0.5 ms after another",
+    ),
+    "equal repeats": Case(
+        "copies say nothing of the noise", table("position_mm,rate,repeat", *(
+            f"{x},{y},{n}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True) for n in (1, 2))), rates=ALL,
+        read_as="each position counts once",
+    ),
+}  # fmt: skip
+
+OTHER_UNITS = {
+    "position": ("position_steps", "pos_thou", "x mils", "angle deg", "x_px", "position_deg", "index", "x"),
+    "window": ("window_frames", "window_samples", "bins", "window"),
+    "rate": ("rate_spm", "rate_per_trial", "rate_zscore", "spikes per trial"),
+    "time": ("t", "time_ticks", "frames"),
+}
+
+
+def named(role: str, column: str) -> Callable[[Path], str]:
+    if role == "time":
+        return text(f"{column}\n" + "".join(f"{t}\n" for t in TIMES))
+    if role == "window":
+        return table(f"position_mm,count,{column}", *(one.replace("|250", "|60") for one in COUNTS_250MS))
+    header = {"position": f"{column},rate", "rate": f"position_mm,{column}"}[role]
+    return table(header, *(f"{x},{y}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True)))
+
+
+UNKNOWN_UNITS = {
+    f"{role}={column}": Case(
+        "a unit that is not known is not mm, s or 1/s", named(role, column), (f"{role}={column}",), code="no_unit",
+        says=(repr(column), f"{role}={column}:"), pulses=False,
+    )
+    for role, columns in OTHER_UNITS.items() for column in columns
+} | {
+    "position=pos_thou:um": Case("stated", table("pos_thou,rate", "-500,6", "0,24", "250,12", "1000,1"),
+                                 ("position=pos_thou:um",), rates=ALL, read_as="pos_thou as position in um"),
+    "rate_mean": Case("a mean is no unit", named("rate", "rate_mean"), ("rate=rate_mean",), rates=ALL,
+                      read_as="rate_mean as rate in 1/s"),
+    "rate=response": Case("a name without a unit is taken as 1/s, and said", named("rate", "response"),
+                          ("rate=response",), rates=ALL, read_as="response as rate in 1/s"),
+    "unit in brackets": Case(
+        "the remedy has no unit that would be wrong", table("position (mil),rate", "1,6", "2,24", "3,12"),
+        code="unknown_unit", says=("convert the numbers", "position=position (mil):UNIT"),
+    ),
+    "a comma in a name": Case(
+        "it is a part of the name", table('"x, left",rate', "-500,6", "0,24", "250,12", "1000,1"),
+        ("position=x, left:um,rate=rate",), rates=ALL,
+    ),
+    "a colon in a name": Case(
+        "a unit follows after another colon", text("Time (h:mm:ss)\n" + "".join(f"{t}\n" for t in TIMES)),
+        ("time=Time (h:mm:ss)",), code="unknown_unit", says=("after another",), pulses=False,
+    ),
+    "a colon in a name, with a unit": Case(
+        "it is a part of the name", text("Time (h:mm:ss)\n" + "".join(f"{t}\n" for t in TIMES)),
+        ("time=Time (h:mm:ss):s",), rates=ALL, pulses=False,
+    ),
+    "conditions": Case(
+        "two forces are no repeats", table("position_mm,rate,repeat,force_gwt", "0,6,1,1", "0,24,2,2", "1,3,1,1"),
+        code="extra_column", says=("'force_gwt'", "file of their own", "count as repeats"),
+    ),
+    "conditions, ignored": Case(
+        "it is said what differs", table("position_mm,rate,repeat,force_gwt", *(
+            f"{x},{y + d},{d},{d + 2}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True) for d in (-1, 1))),
+        ("position=position_mm,repeat=repeat",), rates=ALL,
+        read_as="force_gwt differs between presses at one position",
+    ),
+}  # fmt: skip
+
+NO_PULSES_THERE = {
+    name: Case("the run made pulses, and the clock is unknown without", write, code="no_pulses_in_file",
+               says=("8", "sync=none"))
+    for name, write in {"NWB": nwb(), "NIX": nix(), "CSV": spikes_csv()}.items()
+} | {
+    f"{name}, stated": Case("the user says that times are the run's", write, ("sync=none", "observed=throughout"),
+                            rates=ALL, read_as="as sync=none states")
+    for name, write in {"NWB": nwb(), "CSV": spikes_csv()}.items()
+} | {
+    "NWB, epochs": Case("as trials: on the amplifier's clock", of_amplifier(
+        intervals__epochs__start_time=amplifier(STARTS)), code="unknown_pulses", says=("epochs (8 intervals)",)),
+    "CSV, a channel of pulses": Case("a table has rows of kind sync", spikes_csv(), ("sync=ttl",), code="no_pulses",
+                                     says=("kind=COLUMN",)),
+}  # fmt: skip
+
+
+def styled(style: str = "", row: str = "", after: str = "", value: str = "<v>{y}</v>", kind: str = "") -> Any:
+    """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
+    write = xlsx({"A": RATES_ROWS}, inline=True)
+
+    def change(folder: Path) -> str:
+        path = Path(write(folder))
+        with zipfile.ZipFile(path) as file:
+            parts = {name: file.read(name).decode() for name in file.namelist()}
+        sheet = parts["xl/worksheets/sheet1.xml"]
+        for n, (_, y) in enumerate(RATES_ROWS[1:], 2):
+            cell = f'<c r="B{n}" s="1"{kind}>{value.format(y=y)}</c>'
+            sheet = sheet.replace(f'<c r="B{n}" s="0"><v>{y}</v></c>', cell)
+        sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
+        parts["xl/worksheets/sheet1.xml"] = sheet
+        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="0"/></cellXfs>'
+        code = "0.0" if style in ("", "struck") else style
+        formats = f'<numFmts><numFmt numFmtId="200" formatCode="{code}"/></numFmts>'
+        fonts = "<fonts><font>" + "<strike/>" * (style == "struck") + "</font></fonts>"
+        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{xfs}</styleSheet>"
+        with zipfile.ZipFile(path, "w") as file:
+            for name, content in parts.items():
+                file.writestr(name, content)
+        return str(path)
+
+    return change
+
+
+SHOWN = {
+    "plain": Case("numbers", styled(), rates=ALL),
+    "thousands separators": Case("the same numbers", styled("#,##0.0"), rates=ALL),
+    "percent": Case("0.8 is shown as 80 %", styled("0%"), code="no_number", says=("a percentage",)),
+    "scaled": Case("2000 is shown as 2", styled("0.0,"), code="no_number", says=("in thousands",)),
+    "a unit in the format": Case("shown in another unit than the header's", styled("0.0&quot; 1/min&quot;"),
+                                 code="no_number", says=("1/min", "header")),
+    "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
+                         says=("hidden", "(3)", "visible rows")),
+    "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
+    "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
+                         code="merged_cells", says=("A2:A3", "unmerge")),
+    "a merged title": Case("in one row", styled(after='<mergeCells><mergeCell ref="A1:B1"/></mergeCells>'),
+                           rates=ALL),
+    "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
+    "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
+        [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
+    "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="no_number",
+                            says=("logical",)),
+    "MATLAB, a matrix": Case("its shape is said", mat(position_mm=POSITIONS, rate=np.ones((4, 2))), code="no_number",
+                             says=("4 × 2",)),
+    "MATLAB, complex": Case("said", mat(position_mm=POSITIONS, rate=THESE + 1j), code="no_number",
+                            says=("complex",)),
+    "MATLAB, version 4": Case("it says what it is", lambda folder: (
+        scipy.io.savemat(folder / "a.mat", {"position_mm": POSITIONS, "rate": THESE}, format="4"),
+        str(folder / "a.mat"))[1], code="no_csv", says=("version 4", "-v7")),
+    "#row=0": Case("rows count from 1", units([0, 1, 0, 1], "#row=0"), code="no_unit", says=("from 1 to 4",)),
+    "#cluster=7": Case("a column of whole numbers", lambda folder: nwb(
+        units__id=[0, 1], units__cluster=[7, 8], units__spike_times=[*amplifier(TIMES), 1.0],
+        units__spike_times_index=[len(TIMES), len(TIMES) + 1], **PULSES)(folder) + "#cluster=7",
+        ("observed=throughout",), rates=ALL),
+}  # fmt: skip
+
+CASES = (
+    UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
+    | NO_PULSES_THERE | SHOWN
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     case = CASES[name]
-    run = run_with_pulses(tmp_path) if case.pulses else journal(tmp_path)
+    run = run_with_pulses(tmp_path, case.width_s) if case.pulses else journal(tmp_path)
     recorded = [f"bar:3={case.write(tmp_path)}"]
     reading = Reading((0.0, case.window_s))
     if case.code:
@@ -732,6 +953,7 @@ def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
+    assert case.read_as in " ".join([found.read_as, *recording_sentences(found)])
 
 
 def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path) -> None:
@@ -749,7 +971,7 @@ def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path)
     assert spikes.clock.drift_ppm == pytest.approx(20, abs=0.1)
     shift = clock_shift(found, lambda shifted: bool(shifted["bar:3"].rate.any()))
     assert shift == (0.5, 0.5, (0.02, 0.1, 0.5, 2.0))
-    assert "0.5 s later" in shift.sentence
+    assert "later, the answer holds up to 0.1 s and changes at 0.5 s" in shift.sentence
     narrow = of_amplifier(**PULSES, **observed((0, 0.1), *((t - 0.01, t + 0.6) for t in STARTS)))(tmp_path)
     found = read_recordings([f"bar:3={narrow}"], [], [run], Reading((0.0, WINDOW_S)))
     assert clock_shift(found, lambda shifted: len(shifted["bar:3"].rate)) == (0.02, 0.5, (0.02, 0.1, 0.5, 2.0))
@@ -775,7 +997,8 @@ CLOCKS = {
 @pytest.mark.parametrize("name", CLOCKS)
 def test_every_recording_of_spikes_says_whose_clock_it_used(name: str, tmp_path: Path) -> None:
     write, source, words = CLOCKS[name]
-    run = replace(run_with_pulses(tmp_path), start={"uid": 32 * "a"})
+    made = journal(tmp_path) if source == "assumed" else run_with_pulses(tmp_path)
+    run = replace(made, start={"uid": 32 * "a"})
     found = read_recordings([f"bar:3={write(tmp_path)}"], [], [run], Reading((0.0, WINDOW_S)))["bar:3"]
     assert found.spikes is not None
     assert found.spikes.clock.source == source
