@@ -326,7 +326,10 @@ def test_recorded_bar_on_a_coarse_finger(in_this_process: None, monkeypatch: pyt
     monkeypatch.setattr("rig.compare.example._RAMP_STEPS", 2)
     left = _run("09_recorded_bar")
     phases, panels = left["phases"], left["figure"].axes
-    assert [[len(line.get_xdata()) for line in axes.lines] for axes in panels] == [[281, 281, 36, 2]] * 2
+    for axes in panels:  # the measures of the set and the control, then the recording and where it is 0
+        *predicted, recorded, zero = (len(line.get_xdata()) for line in axes.lines)
+        assert (set(predicted), recorded, zero) == ({281}, 36, 2)
+        assert len(predicted) >= 2
     assert [one["phase"] for one in phases] == ["static", "dynamic"]
     assert [one["positions_recorded"] for one in phases] == [36, 36]
     assert all(one["sed_r"] > 0.85 for one in phases)

@@ -155,7 +155,7 @@ def depths(stimulus: StimulusRow) -> Plot:
 
 def _depths(figure: Figure, stimulus: StimulusRow) -> None:
     axes = figure.subplots()
-    axes.plot(stimulus.x_mm, stimulus.doi_mm, "-o", ms=2, lw=1, color=BLUE)
+    axes.plot(stimulus.x_mm, stimulus.doi_mm, "-o", ms=2, lw=1, color="C0")
     axes.set(xlabel="indentor x (mm)", ylabel="depth (mm)")
 
 
