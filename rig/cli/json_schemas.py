@@ -918,6 +918,8 @@ class RecordedRateJson(Output):
     position_mm: float
     rate: float
     repeats: list[float]
+    unit: Name
+    """1/s, or the unit that the file states, such as a.u."""
 
 
 class RecordingJson(Output):

@@ -101,9 +101,9 @@ def rate_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, ...]]
     for afferent, some in recordings.items():
         for key, one in some.items():
             for position, rates in zip(one.position_mm, one.repeats, strict=True):
-                each = ", ".join(f"{rate:.4g}" for rate in rates)
-                yield (*([afferent] if afferent else []), key, one.name, f"{position:g}", f"{rates.mean():.4g}",
-                       str(len(rates)), each, ", ".join(_counts(one, rates)) or "–")  # fmt: skip
+                mean, each = f"{rates.mean():.4g} {one.rate_unit}", ", ".join(f"{rate:.4g}" for rate in rates)
+                yield (*([afferent] if afferent else []), key, one.name, f"{position:g}", mean, str(len(rates)), each,
+                       ", ".join(_counts(one, rates)) or "–")  # fmt: skip
 
 
 def _counts(one: Recording, rates: NDArray[np.float64]) -> list[str]:
@@ -136,6 +136,7 @@ def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift |
                     "position_mm": six_digits(float(position)),
                     "rate": six_digits(float(rates.mean())),
                     "repeats": [six_digits(float(rate)) for rate in rates],
+                    "unit": one.rate_unit,
                 }
                 for position, rates in zip(one.position_mm, one.repeats, strict=True)
             ],

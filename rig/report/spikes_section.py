@@ -39,6 +39,6 @@ def _rates(recordings: Mapping[str, Recordings]) -> list[Section]:
     if not rows:
         return []
     said = columns_sentences(one for some in recordings.values() for one in some.values())
-    text = "All rates of the recordings as they were read: in 1/s, or in the file's own unit, such as a.u. or %."
+    text = "All rates of the recordings as they were read."
     header = _RATES if len(rows[0]) == len(_RATES) else ("afferent", *_RATES)
     return [Section("Recorded rates", text, header, rows, points=tuple(said))]

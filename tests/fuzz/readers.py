@@ -304,6 +304,11 @@ def _recording(unit: str = "", *columns: str) -> Callable[[Path], object]:
     return read
 
 
+def _spikes_in_a_table(path: Path) -> object:
+    columns = () if b"sync" in path.read_bytes() else ("sync=none",)
+    return _recording("", *columns)(path)
+
+
 def _open_ephys_recording(levels: int) -> Callable[[Path], object]:
     read = _recording("#TTL/1", "sync=TTL/2")
     return lambda path: read(path.parents[levels])
@@ -455,7 +460,7 @@ READERS: dict[str, Reader] = {
     "table with named columns": Reader(
         "a.csv", of.of_table, _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
     ),
-    "spike times": Reader("a.csv", of.of_table, _spike_rows, _recording(),
+    "spike times": Reader("a.csv", of.of_table, _spike_rows, _spikes_in_a_table,
         in_suite=700,
     ),
     "spike times, NWB": Reader("a.nwb", of.of_hdf5, _nwb, _recording("#7"),

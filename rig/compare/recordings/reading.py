@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE
+from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit
 from rig.compare.recordings.columns import (
     COLUMNS_HINT,
     ColumnMap,
@@ -135,7 +135,9 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
 
 
 def _rates(path: Path, rows: list[tuple[Row, float]]) -> Recording:
-    return recording(path.name, [(place, row.number("rate", 0.0), _sd(row)) for row, place in rows])
+    found = recording(path.name, [(place, row.number("rate", 0.0), _sd(row)) for row, place in rows])
+    unit = rows[0][0].columns["rate"].unit if rows else ""
+    return replace(found, rate_unit=unit) if is_own_unit(unit) else found
 
 
 def _sd(row: Row) -> float:

@@ -87,6 +87,8 @@ class Recording:
     window_s: float | None = None
     spikes: FromSpikes | None = None
     """Origin of the rates, if they were counted from spike times."""
+    rate_unit: str = "1/s"
+    """Unit of the rates; of a table in a unit of its own, such as "a.u.", that one."""
     read_as: str = ""
     """Sentences on the columns that were read, and their units."""
 
