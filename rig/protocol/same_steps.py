@@ -107,8 +107,8 @@ def _refuse_other(recorded: Asked, asked: Asked, press: PressId) -> None:
     if not keys:
         return
     raise BadInputError(
-        "{purpose} press index {index}: the script now asks for {asked}, where the run has {recorded}, so it would be "
-        "another run; seed what is random (random.Random(7).shuffle), sort what is a set, and start a new run",
+        "{purpose} press index {index}: the script now asks for {asked}, where the run has {recorded}, so it would "
+        "be another run; seed what is random (random.Random(7).shuffle), sort what is a set, and start a new run",
         code="another_press",
         purpose=press.purpose,
         index=press.index,
