@@ -17,6 +17,8 @@ def main() -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):  # The encoding of a pipe may lack signs, as on Windows.
         sys.stdout.reconfigure(errors="backslashreplace")
     try:
+        if sys.getfilesystemencoding() != "utf-8" and not all(map(str.isprintable, (*sys.argv, os.getcwd()))):
+            _leave("this locale cannot read the name of a file or folder; set PYTHONUTF8=1", _NOT_WRITTEN)
         from rig.cli.program import run
 
         try:

@@ -24,9 +24,8 @@ def sentence_of_group(verdict: GroupVerdict | None) -> str:
         return f"A group requires {FEWEST} afferents with enough positions; there is no verdict on the group."
     best, number = verdict.best, len(verdict.afferents)
     if verdict.outcome == "nothing":
-        rejects = "rejects" if verdict.unexplained == 1 else "reject"
         return (
-            f"No measure explains these afferents: {verdict.unexplained} of {number} {rejects} every measure. "
+            f"No measure explains these afferents: {verdict.unexplained} of {number} {_reject(verdict.unexplained)}. "
             f"The most probable one in common is {best.name}."
         )
     if verdict.outcome == "one measure":
@@ -51,7 +50,7 @@ def sentences_of_group(verdict: GroupVerdict) -> list[str]:
     return [
         f"Probability: {listed_probabilities(verdict.set)}. {besides}",
         f"Maximum-likelihood measure of each afferent alone: {wins}, of {number} afferents. {best.name} is in the "
-        f"set of {best.kept}, and {verdict.unexplained} reject{'s' * (verdict.unexplained == 1)} every measure.",
+        f"set of {best.kept}, and {verdict.unexplained} {_reject(verdict.unexplained)}.",
     ]
 
 
@@ -126,3 +125,7 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
 def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[dict[str, Any]]:
     """Return the verdict on each afferent alone for `--json`."""
     return [{"afferent": name, "answer": answers_as_json([one])[0]} for name, one in verdicts.items()]
+
+
+def _reject(number: int) -> str:
+    return f"reject{'s' if number == 1 else ''} every measure"

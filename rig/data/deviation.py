@@ -73,9 +73,8 @@ def warning_of(found: Sequence[PressDeviation]) -> str | None:
     first = large[0]
     share = statistics.median(one.measured / one.predicted for one in large)
     beyond = "outside their predicted band" if first.band else f"more than {LARGEST:.0%} off the prediction"
-    are = "is" if len(large) == 1 else "are"
+    which = f"{len(large)} of {number_of(len(found), 'presses')} {'is' if len(large) == 1 else 'are'} {beyond}"
     return (
-        f"{len(large)} of {number_of(len(found), 'presses')} {are} {beyond}: {_NAMES[first.key]} {share:.2f} times "
-        f"the predicted one (median; press index {first.index}: {first.words}); check that {first.indentor} is "
-        "mounted, and the configured finger"
+        f"{which}: {_NAMES[first.key]} {share:.2f} times the predicted one (median; press index {first.index}: "
+        f"{first.words}); check that {first.indentor} is mounted, and the configured finger"
     )

@@ -195,7 +195,7 @@ class FingerFile(Settings):
 
 def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:
     """Raise BadInputError for a collapsed identification."""
-    if identified.collapsed:
+    if identified.collapsed or all(draw == identified.draw[0] for draw in identified.draw):
         raise BadInputError(
             "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
             "repeat `rig identify` until it ends with exit code 0",

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
 from rig.compare.recordings.columns import no_rows, read_table
+from rig.compare.recordings.deflection import downward_mm
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
@@ -267,11 +268,13 @@ def simulated(run: Run, finger: Fingertip) -> list[Deflection]:
 def read_deflections(path: Path) -> list[Deflection]:
     """Return the deflections of a file by ascending depth; raise RecordingError with row and column."""
     rows = []
-    for row in read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",)):
+    found = read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",))
+    for row in found:
         doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
         rows.append((doi, row.number("z_mm"), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
+    downward_mm(path, found)
     table = np.array(sorted(rows))
     depths, which = np.unique(table[:, 0], return_inverse=True)  # NaNs count as one depth
     return [Deflection(float(depth), *table[which == k, 1:].T) for k, depth in enumerate(depths)]

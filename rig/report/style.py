@@ -20,6 +20,9 @@ BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe 
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
 DOTTED = (0, (1, 3))
 """Dashes of lines that captions call dotted; matplotlib's own look solid where lines are thin."""
+PAGE_IN = (10.9, 6.3)
+"""Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
+down."""
 PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""

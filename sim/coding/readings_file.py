@@ -116,7 +116,8 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     if len(found) != 1:
         raise TableError(
             "{where}: must have exactly one of the columns {columns}; found {found}, read {read}",
-            code="not_one_column", where=where, found=len(found), columns=", ".join(columns), read=", ".join(names),
+            code="not_one_column", where=where, found=len(found), columns=", ".join(columns),
+            read=", ".join(names) or "nothing",
         )  # fmt: skip
     return found[0]
 

@@ -53,8 +53,8 @@ def downward_mm(path: Path, rows: Sequence[Row]) -> Array:
     down = np.array([row.number("deflection_mm") for row in rows])
     if down.max() <= 0 and down.min() < 0:
         raise RecordingError(
-            "{path}, column deflection_mm: no value is above 0, and downward counts as positive; change the signs if "
-            "downward is negative",
+            "{path}, column deflection_mm: no value is above 0, and downward is positive; change the signs if "
+            "downward is negative, or add a point that moves downward",
             code="none_downward",
             path=str(path),
         )

@@ -179,7 +179,7 @@ def test_a_section_on_a_page() -> None:
         "small_strain": "as far as small strain goes",
         "provenance": {"command": "c", "draws": 1, "nodes": 1, "e_epidermis_mpa": 1.0, "versions": {}},
     }
-    page = render("sections.html.j2", lambda _: "x", sections=[table, alone(figure)], **words)
+    page = render("sections.html.j2", sections=[table, alone(figure)], **words)
     assert "<p>one</p>\n<p>two</p>" in page
     assert "(as far as small strain goes)" in page
     assert "<li>p &lt;</li>" in page

@@ -19,6 +19,7 @@ from rig.compare.recordings.deflection import (
     in_words,
     read_skin_deflection,
 )
+from rig.report.recording_sections import read_deflections
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -38,6 +39,13 @@ def test_columns_in_any_order(tmp_path: Path) -> None:
     assert found.x_mm.tolist() == [-1.0, 2.0]
     assert found.z_mm.tolist() == [6.5, 7.0]
     assert found.deflection_mm.tolist() == [0.3, 0.2]
+
+
+@pytest.mark.parametrize("read", [read_skin_deflection, read_deflections])
+def test_deflections_that_all_point_upward_are_questioned(read: Callable[[Path], object], tmp_path: Path) -> None:
+    with raises(RecordingError, "none_downward"):
+        read(written(tmp_path, "z_mm,deflection_mm\n6.5,-0.3\n7,-0.2\n"))
+    read(written(tmp_path, "z_mm,deflection_mm\n6.5,0.3\n9,-0.02\n"))  # a bulge beside the press
 
 
 def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Path) -> None:

@@ -86,7 +86,7 @@ def test_bands_that_the_planner_refuses(here: Path, program: Program) -> None:
         (("--shapes", "bar:3.0,gear:9"), "no_such"),
         (("--shapes", "bar:3.0,bar:3.0"), "shape_twice"),
         (("--minutes", "0.5"), "outside_range"),
-        (("--minutes", "nan"), "outside_range"),
+        (("--minutes", "nan"), "usage"),
         (("--dispersion", "2,1"), "bad_range"),
         (("--threshold", "x"), "not_numbers"),
         (("--depths-mm", "0.5", "--forces-gwt", "2"), "cannot_combine"),

@@ -33,7 +33,7 @@ def _flagged() -> FingerFile:
 
 
 def _of_one_draw() -> FingerFile:
-    """As version 0.1 wrote it."""
+    """Whose flag was lost."""
     file = identified_file()
     return file.model_copy(
         update={"identified": file.identified.model_copy(update={"draw": 8 * file.identified.draw[:1]})}

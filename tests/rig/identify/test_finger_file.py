@@ -38,14 +38,6 @@ def test_what_is_written_is_read(path: Path) -> None:
     assert read_finger_file(path) == identified_file(relaxation=SERIES)
 
 
-def test_the_table_is_read_under_its_old_name(path: Path) -> None:
-    old = path.with_name("old.toml")
-    old.write_text(path.read_text(encoding="utf-8").replace("[identified", "[met"), encoding="utf-8")
-    assert "[[met.draw]]" in old.read_text(encoding="utf-8")
-    assert read_finger_file(old) == read_finger_file(path)
-    assert load_config(old) == load_config(path)
-
-
 def test_it_is_a_piece_of_a_configuration(path: Path) -> None:
     """So a run's own copy of its configuration keeps it, and a run that is taken up has it."""
     file = identified_file(relaxation=SERIES)

@@ -34,7 +34,6 @@ HAS_AN_END = {
     "rig/panel/stream.py _latest": "one of each kind of event",
     "rig/panel/stream.py _rows": "MOST_ROWS, and a minute",
     "rig/panel/watcher.py _status": "the last one",
-    "rig/panel/spikes.py _spikes": "MOST_SPIKES",
     "rig/panel/owners.py _open": "the tabs that look on now",
     "rig/control/owner_socket.py _unproven": "MOST_UNPROVEN",
     "rig/control/owner_socket.py _waiting": "_SPARE",
