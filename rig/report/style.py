@@ -26,8 +26,6 @@ down."""
 PNG_DOTS_PER_INCH = 200  # also used to measure text, whose widths are rounded at coarser resolutions
 _IMAGES_DOTS_PER_INCH = 100
 """Resolution of the raster parts of an SVG (dpi)."""
-"""Width and height (in) of a figure beside its heading and caption on landscape A4; larger figures are scaled
-down."""
 
 INK, PAPER = "#e6e6e6", "#16181b"
 """Text and background of dark pages, as in `templates/style.css`."""

@@ -107,16 +107,16 @@ def test_arguments_are_called_by_their_options_and_nothing_else_is() -> None:
 
 
 def test_pressures_of_a_command_line_or_a_file(tmp_path: Path) -> None:
-    assert pressures_of("20,14").tolist() == [20.0, 14.0]
+    assert pressures_of("20,14", 0.17).tolist() == [20.0, 14.0]
     file = tmp_path / "p.csv"
     file.write_text("pressure\n3\n0\n", encoding="utf-8")
-    assert pressures_of(str(file)).tolist() == [3.0, 0.0]
+    assert pressures_of(str(file), 0.17).tolist() == [3.0, 0.0]
     with raises(BadInputError, "unreadable"):
-        pressures_of("20,x")
+        pressures_of("20,x", 0.17)
     with raises(BadInputError, "negative", pressure="--pressure", value=-1.0):
-        pressures_of("20,-1")
+        pressures_of("20,-1", 0.17)
     with raises(BadInputError, "wrong_count", pressure="--pressure", numbers=401, most=400):
-        pressures_of(",".join(["1"] * 401))
+        pressures_of(",".join(["1"] * 401), 0.17)
 
 
 def test_a_press_needs_a_depth() -> None:

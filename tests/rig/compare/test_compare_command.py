@@ -238,6 +238,7 @@ def test_columns_units_and_what_is_left_out(command: Command, run: Run) -> None:
             "positions": 5,
             "left_out": [{"receptor_mm": 0.0, "positions_mm": [1.2, 1.8]}],
             "range_needed_mm": [-0.6, 1.8],
+            "covered_receptor_x_mm": [],
             "command": "",
             "covered_by_command": 5,
         }
