@@ -78,7 +78,6 @@ NOT_RUN = {
     "--fingers examples/plausible_fingers/fingers.toml": "tests/rig/compare/test_on_fingers.py",
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
-    "make study": SLOW,
     "rig study mine.toml --scheduler tcp://scheduler:8786": "tests/rig/compare/test_study_on_a_cluster.py",
     ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
