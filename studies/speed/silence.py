@@ -70,7 +70,6 @@ WORDS = {
     "find": "touches/RUN",
     "export-deck": f"{_PRESS} --out deck.inp --config finger.toml",
     "serve": "--tcp 0 --config finger.toml",
-    "stranger": "3",
     "home": "--config rig.toml",
     "zero": "--config rig.toml",
     "status": "--config rig.toml",

@@ -78,8 +78,6 @@ NOT_RUN = {
     "--fingers examples/plausible_fingers/fingers.toml": "tests/rig/compare/test_on_fingers.py",
     "rig finger --config examples/own_finger/points.toml": "tests/rig/test_finger_command.py",
     "rig indent --config examples/own_finger/points.toml --shape bar:3.0 --x-mm 0 --doi-mm 0.5": SLOW,
-    ".venv/bin/rig dry-run protocols/steps.py --set step=1 force_gwt=2.33 --out runs": "tests/rig/test_dry_run.py",
-    ".venv/bin/rig compare runs/RUN": "tests/rig/compare/test_compare_command.py",
     "rig study mine.toml --scheduler tcp://scheduler:8786": "tests/rig/compare/test_study_on_a_cluster.py",
     ".venv/bin/rig bench --out bench.html --json > bench.json": SLOW,
     "dask scheduler": "tests/rig/compare/test_study_on_a_cluster.py",
