@@ -286,9 +286,9 @@ class PossiblePressesJson(Output):
 class FiringSpeedJson(Output):
     """Slowest press at which the most sensitive afferent of a class fires; null if at none."""
 
-    model: str
+    model: Name
     afferents: int
-    sensitivity: float
+    sensitivity: Ratio
     firing_speed_mm_s: float | None
     doi_mm: float
     press_speed_mm_s: float

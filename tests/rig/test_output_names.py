@@ -10,7 +10,6 @@ WRITES: dict[str, tuple[str, ...]] = {
     "a design's page": ("design", "--out", "mine.py"),
     "a design's script": ("design", "--to", "mine.html"),
     "a comparison's page": ("compare", "none", "--out", "mine.csv"),
-    "a comparison's PDF": ("compare", "none", "--pdf", "mine.html"),
     "the example's page": ("compare", "--example", "bar3", "--out", "mine.py"),
     "a benchmark's page": ("bench", "--out", "mine.toml"),
     "a configuration": ("init", "--to", "mine.py"),

@@ -98,11 +98,11 @@ def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Prog
         ),
         (
             "--receptor-x-mm nan",
-            "x = nan mm, 0.76 mm below the skin; choose x from -4.46 to 4.39 mm",
+            "--receptor-x-mm 'nan': must be numbers separated by commas, or FROM:TO:STEP with at most 1000 values",
         ),
         ("--receptor-x-mm 2 --receptor-depth-mm 0.5,2.9", "2.9 mm below the skin; choose depths from 0 to 2.38 mm"),
         ("--receptor-depth-mm 0.5,0.05", "--receptor-depth-mm 0.05: must be 0.1 to 3.0 mm"),
-        ("--receptor-depth-mm nan", "--receptor-depth-mm nan: must be 0.1 to 3.0 mm"),
+        ("--receptor-depth-mm nan", "--receptor-depth-mm 'nan': must be numbers separated by commas"),
         (
             "--receptor-depth-mm deep",
             "--receptor-depth-mm 'deep': must be numbers separated by commas, or FROM:TO:STEP",

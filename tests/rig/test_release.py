@@ -60,11 +60,10 @@ def test_what_is_said_of_the_package() -> None:
 
 
 def test_the_panel_needs_no_extra() -> None:
-    """Its packages are ordinary dependencies; the extra's old name installs nothing more."""
+    """Its packages are ordinary dependencies."""
     told = _project()
     packages = {re.split("[<>=]", one)[0] for one in told["dependencies"]}
     assert packages >= {"starlette", "uvicorn"}
-    assert told["optional-dependencies"]["panel"] == []
 
 
 def test_the_program_says_which_it_is(program: Program) -> None:
