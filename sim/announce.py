@@ -56,6 +56,7 @@ def taking_long(what: str) -> Iterator[None]:
     finally:
         done.set()
         _now.clear()
+        printer.join()  # a program may fork afterwards, which no thread survives
 
 
 def _keep_printing(done: threading.Event, began_s: float) -> None:
