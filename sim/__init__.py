@@ -21,7 +21,7 @@ From the bottom up, each package using only those above it in this list:
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sim.announce import announce
+from sim import announce as _announcing
 
 if TYPE_CHECKING:
     from sim.cheapest_model import Aim, Choice, NoModelError, choose
@@ -111,4 +111,4 @@ def __dir__() -> list[str]:
     return sorted([*globals(), *__all__])
 
 
-announce()
+_announcing.announce()

@@ -41,6 +41,7 @@ _log = logging.getLogger(__name__)
 _SEAL_BYTES = hashlib.sha256().digest_size
 _CODE = (
     *(
+        "announce.py",
         "compiling.py",
         "errors.py",
         "units.py",

@@ -308,7 +308,7 @@ def test_the_key_covers_all_code_that_makes_a_model() -> None:
 
 def test_the_key_changes_with_every_parameter() -> None:
     # How it is touched, and what its answers are multiplied by, changes no model (test_stiffness_scale.py).
-    no_matter = {"contact": True, "tissue": {"stiffness", "stiffening"}}
+    no_matter = {"contact": True, "tissue": {"stiffness", "strain", "stiffening"}}
     default = FingertipConfig().model_dump(mode="json", exclude=no_matter)
     keys = {content_key(default)}
     names = list(leaves(default))

@@ -24,7 +24,7 @@ from sim.nerve.population import (
     parse_afferents,
     population,
 )
-from sim.nerve.staircase import Staircase, Swing
+from sim.nerve.staircase import Staircase
 from sim.nerve.stimulus import Stimulus
 from tests.error_codes import raises
 
@@ -214,11 +214,3 @@ def test_a_short_move_never_reaches_its_speed() -> None:
 def test_a_move_that_would_end_too_late_is_faster() -> None:
     stairs = Staircase([0.0, 0.2, 1.0], [0.0, 1.0, 0.0], [1.0, 1.0, 2.0], 50.0)
     assert stairs.depth_mm([0.1, 0.2, 0.2 + 0.27, 0.2 + 0.54]) == pytest.approx([0.5, 1.0, 0.5, 0.0])
-
-
-def test_a_swing_goes_from_its_upper_position_down_by_twice_the_amplitude_and_back() -> None:
-    stairs = Staircase([0.0, 1.0], [0.0, 0.2], [1.0, 1.0], 50.0, [Swing(2.0, 0.1, 3, 0.05)])
-    at_s = [1.9, 2.0, 2.025, 2.05, 2.075, 2.1, 2.25, 2.3, 2.35]
-    assert stairs.depth_mm(at_s) == pytest.approx([0.2, 0.2, 0.25, 0.3, 0.25, 0.2, 0.3, 0.2, 0.2])
-    assert stairs.later(1.0).depth_mm(3.05) == pytest.approx(0.3)
-    assert stairs.deepest_mm == pytest.approx(0.3)

@@ -30,32 +30,25 @@ def doubled(x: float) -> float:
 
 @pytest.fixture
 def modules(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A place for modules of its own, and a cache that is not there yet."""
+    """A place for modules of its own, and a cache folder of the user that is not there yet."""
     here = tmp_path / "modules"
     for name in LOOPS:
         (here / name).parent.mkdir(parents=True, exist_ok=True)
         (here / name).write_text("1")
     monkeypatch.setattr(compiling, "_HERE", here)
-    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
+    monkeypatch.setattr(compiling, "user_cache_path", lambda name: tmp_path / "cache" / name)
+    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "models"))
     known = compiling._folder
     known.cache_clear()
     yield here
     known.cache_clear()
 
 
-def test_it_is_kept_beside_the_modules(modules: Path) -> None:
+def test_it_is_kept_in_the_users_own_cache_folder_wherever_models_are(modules: Path, tmp_path: Path) -> None:
     made = compiling.compiled(doubled)
     assert made(3.0) == 6.0
-    assert list((modules / "__pycache__").glob("loops-*/*/*.nbc"))
-
-
-def test_where_nothing_may_be_written_it_is_kept_in_the_cache(
-    modules: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "access", lambda path, how: False)
-    found = compiling._folder()
-    assert found is not None
-    assert found.parent == tmp_path / "cache"
+    assert list((tmp_path / "cache").glob("indentation-rig/loops-*/*/*.nbc"))
+    assert not (tmp_path / "models").exists()
 
 
 def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch: pytest.MonkeyPatch) -> None:

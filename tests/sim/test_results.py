@@ -235,7 +235,7 @@ def _outline(axes: tuple[int, ...] = ALONG) -> ModelOutline:
     z, x = (v.ravel() for v in np.meshgrid(ALONG_MM, SIDE[::-1], indexing="ij"))
     patch = PatchNodes(np.stack([x, 4.0 - 0.1 * x * x, z], axis=1), np.linspace(0.1, 0.27, 18), (3, 6), (*axes, Y))
     receptors = ReceptorSet(np.array([[-0.5, 3.2, 6.0], [0.5, 3.2, 6.0]]), np.full(2, 0.8))
-    return ModelOutline(patch, np.arange(18) + 40, ROW, receptors, np.array([0.1, 1.0]), 1234, "finger", 0.48)
+    return ModelOutline(patch, np.arange(18) + 40, ROW, receptors, np.array([0.1, 1.0]), 1234, "finger", 0.48, True)
 
 
 def _node(x_mm: float, row: int = ROW) -> int:
