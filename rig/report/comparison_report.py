@@ -68,7 +68,7 @@ def _heat_maps(comparison: Comparison) -> list[PageFigure]:
         title = f"Correlation and {title[0].lower()}{title[1:]}"
         caption += (
             "Color: Pearson's correlation between the recorded rates and the SSRP at the recorded positions; "
-            f"dash: negative; white: nothing recorded, or fewer than {FEWEST_POSITIONS} positions covered. In "
+            f"dash: negative; gray: nothing recorded, or fewer than {FEWEST_POSITIONS} positions covered. In "
             "brackets: how many recorded positions the run covers at the receptor. "
         )
     caption += "Compressive measures are plotted with their sign changed (−)."

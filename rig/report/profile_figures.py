@@ -190,6 +190,8 @@ def _heat_map(
         else np.where(used < FEWEST_POSITIONS, np.nan, overlay.r)
     )
     image = axes.imshow(shown, cmap="PuOr_r", vmin=-1, vmax=1, aspect="auto", interpolation="nearest")
+    if overlay is not None:
+        axes.set_facecolor("#b0b0b0")  # white is r = 0
     _mark_negative(axes, shown)
     if passed is not None:
         measure, receptor = np.nonzero(passed)

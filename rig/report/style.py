@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Any, Literal
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
@@ -34,12 +35,11 @@ _TOWARDS_WHITE = 0.35
 _ON_MAP = "map"
 """Prefix of the ids of what is plotted over a map of colors, which keeps its colors on dark pages."""
 _COLOR = re.compile(r"(fill|stroke): (#[0-9a-f]{6})")
+_MARKER_ON_MAP = re.compile(rf'<g id="{_ON_MAP}_\d+">\s*<defs>\s*<path id="(\w+)"[^>]*style="([^"]*)"')
 
 _ORDERED = mpl.colormaps["viridis"]
 _LIGHTEST = 0.86  # lighter lines fade on paper
 _MOST_TICKS = 9
-_ALIGNED = 0.01
-"""Distance of panels in one row or column, relative to the figure."""
 _ALIGNED = 0.01
 """Distance of panels in one row or column, relative to the figure."""
 _UPRIGHT = 90.0
@@ -138,6 +138,8 @@ def _dark_rules(svg: str) -> str:
     rules += [
         f'[style*="{key}: {c}"]{kept}{{{key}:{on_dark(c)}!important}}' for key, c in sorted(set(_COLOR.findall(svg)))
     ]
+    for name, style in _MARKER_ON_MAP.findall(svg):  # browsers match the shape in <use> without its ancestors
+        rules += [f"#{name}{{{key}:{c}!important}}" for key, c in _COLOR.findall(style)]
     return f"<style>@media screen and (prefers-color-scheme: dark){{{''.join(rules)}}}</style>"
 
 
@@ -146,14 +148,20 @@ def _mapped(axes: Axes) -> list[Artist]:
     bar = getattr(axes, "_colorbar", None)
     if bar is not None and getattr(bar.mappable, "axes", None) is None:
         return []
-    return [one for one in (*axes.images, *axes.collections) if one.get_array() is not None]
+    return [one for one in (*axes.images, *axes.collections) if _has_values(one.get_array())]
+
+
+def _has_values(array: Any) -> bool:
+    """Whether a map has a color anywhere; an empty one only has marks on the page."""
+    return array is not None and bool(np.isfinite(np.ma.filled(np.ma.asarray(array, dtype=float), np.nan)).any())
 
 
 def _mark_maps(figure: Figure) -> None:
     number = 0
     for axes in figure.axes:
         if _mapped(axes):
-            for artist in (*axes.images, *axes.collections, *axes.lines, *axes.patches, *axes.texts):
+            over = [text for text in axes.texts if axes.bbox.overlaps(text.get_window_extent())]
+            for artist in (*axes.images, *axes.collections, *axes.lines, *axes.patches, *over):
                 artist.set_gid(f"{_ON_MAP}_{number}")
                 number += 1
 
@@ -287,7 +295,7 @@ _TITLE_POINTS = 9
 def wrapped(text: str, most: int) -> str:
     """Break a title into lines of at most `most` characters, after spaces and commas."""
     lines = [""]
-    for part in re.findall(r"[^\s,]+[\s,]*", text):
+    for part in re.findall(r"[^ \n,]+[ \n,]*", text):
         if lines[-1] and len(lines[-1] + part.rstrip()) > most:
             lines.append("")
         lines[-1] += part

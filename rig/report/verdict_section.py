@@ -184,7 +184,7 @@ def _fits(answer: AfferentVerdict, of: str) -> Section:
         verdict_figures.every_pair(answer),
         "Color: lack-of-fit F of each measure and control at each receptor; noise alone gives about 1, and "
         "values below share its color. Filled: in the set; ring: not rejected, but worse; none: rejected by its "
-        "own fit. White: no fit.",
+        "own fit. Blank: no fit.",
     )
     rest = [row for row in ranking(answer) if not row.in_set]
     return Section(

@@ -5,15 +5,17 @@ in linear RGB; distances are CIE 1976 ΔE*ab, of which 2.3 is just noticeable (M
 told at a glance.
 """
 
+import re
 from itertools import combinations
 
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rig.report.run_figures import PHASES
-from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, shade
+from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, Plot, shade
 
 SEEN = {
     "all colours": np.eye(3),
@@ -62,3 +64,39 @@ def test_shades_in_order_are_told_by_lightness(sight: str) -> None:
 def test_the_measure_tells_red_from_green_only_where_they_differ() -> None:
     red, green = "#b45f00", "#6b7a00"
     assert nearest([red, green], SEEN["all colours"]) > 2 * nearest([red, green], SEEN["deuteranopia"])
+
+
+CELLS = np.arange(6.0).reshape(2, 3)
+ON_THE_MAP = {
+    "a text over a map": (CELLS, (1.0, 0.5), True),
+    "a text above a map, as the probabilities of a group": (CELLS, (1.0, -0.7), False),
+    "a text over a map without values, as without recordings": (np.full((2, 3), np.nan), (1.0, 0.5), False),
+}
+
+
+@pytest.mark.parametrize(("cells", "place", "kept"), ON_THE_MAP.values(), ids=ON_THE_MAP)
+def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
+    cells: NDArray[np.float64], place: tuple[float, float], kept: bool
+) -> None:
+    """Black on the dark page itself could not be read."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.imshow(cells)
+        axes.text(*place, "84 %", ha="center", va="bottom")
+
+    (group,) = re.findall(r'<g id="(\w+)">\s*<text [^>]*>84 %<', Plot((3, 3), draw).page_svg)
+    assert group.startswith("map") is kept
+
+
+def test_edges_of_markers_on_a_map_stay_on_a_dark_page() -> None:
+    """Browsers do not find the map around a marker that they repeat, so that it has a rule of its own."""
+
+    def draw(figure: Figure) -> None:
+        axes = figure.subplots()
+        axes.imshow(CELLS)
+        axes.plot([0, 1], [0, 1], "o", mfc="black", mec="white")
+
+    svg = Plot((3, 3), draw).page_svg
+    (name,) = re.findall(r'<g id="map_\d+">\s*<defs>\s*<path id="(\w+)"', svg)
+    assert f"#{name}{{stroke:#ffffff!important}}" in svg
