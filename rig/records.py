@@ -20,6 +20,14 @@ class Target:
         return Target(self.kind, self.value * hold / increments)
 
 
+_TOLERANCE_GWT, _TOLERANCE = 0.05, 0.01
+
+
+def force_tolerance_gwt(target_gwt: float, resolution_gwt: float) -> float:
+    """Return how far a delivered force may be from its target (gwt)."""
+    return max(_TOLERANCE_GWT, _TOLERANCE * target_gwt, resolution_gwt)
+
+
 K = TypeVar("K", bound=Hashable)
 T = TypeVar("T")
 

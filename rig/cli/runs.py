@@ -384,10 +384,10 @@ def renewed_report(
     `also` are renewed; data, and their checksums, stay unchanged.
     """
     with busy("writing the report …", as_json=as_json):
-        from rig.compare.stimuli import deepest_map
         from rig.report.run_report import AFTER, write_report
+        from rig.report.strain_figure import strain_figures
 
-        write_report(run, finger, None, ending_lines(run), deepest_map(run, finger) if strain else None)
+        write_report(run, finger, None, ending_lines(run), strain_figures(run, finger) if strain else ())
     page = run.folder.report.name
     made = sorted(name for name in run.folder.files if name.startswith("model_") or name == AFTER)
     run.folder.add_checksums({page, *made, *also})

@@ -19,7 +19,7 @@ from rig.engine.limits import (
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.verbs import safe_point
 from rig.errors import LimitError, TripError, recast
-from rig.records import ContactFit, Hold, Phase, PressId, Target
+from rig.records import ContactFit, Hold, Phase, PressId, Target, force_tolerance_gwt
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
 
@@ -87,18 +87,12 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
 
 
 _MAX_SEEK_MOVES = 400
-_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE = 0.05, 0.01
 # Share of the touch threshold: less force one increment below the touch means that the finger is gone.
 _LOST_SHARE = 0.5
 # A step across a gap wider than this share of the target closes only part of it, so that no step overshoots.
 _WIDE_GAP, _CLOSED_AT_ONCE = 0.05, 0.75
 _MOST_AVERAGED = 25
 _HIGHEST_AIM = 1.02  # Share of the target in a hold; with noise the force must stay below 1.05.
-
-
-def force_tolerance_gwt(target_gwt: float, resolution_gwt: float) -> float:
-    """Return how far a delivered force may be from its target (gwt)."""
-    return max(_FORCE_TOLERANCE_GWT, _FORCE_TOLERANCE * target_gwt, resolution_gwt)
 
 
 class Press:

@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rig.compare.stimuli import StimulusMap
 from rig.data import Run
 from rig.data.choices import WHY_ENDED, verdict_of
 from rig.data.deviation import deviations, warning_of
@@ -25,7 +24,6 @@ from rig.report import run_figures, run_tables
 from rig.report.choice_figure import choice_figures, choice_rows
 from rig.report.nerve_figures import nerve_figures, nothing_fired
 from rig.report.page_parts import PageFigure, figures_of, render
-from rig.report.profile_figures import strain_maps
 from rig.report.run_figures import PICTURES_A_PAGE, contacts_from_below, is_relief
 from rig.report.run_tables import Condition, by_target, conditions, numbers_missing, write_numbers
 from rig.report.style import signed
@@ -79,17 +77,17 @@ def write_report(
     finger: Fingertip,
     wall_s: float | None = None,
     ending: Mapping[str, str] | None = None,
-    strain: StimulusMap | None = None,
+    further: Sequence[PageFigure] = (),
 ) -> Path:
     """Write report.html and the model's numbers into the run's folder.
 
     A run without a finished indentation gets its tables only. `ending` describes, by topic, how a run ended early.
-    `strain` is the map under the deepest press, which takes longer than all else.
+    `further` figures come last, such as the strain under the deepest press, which takes longer than all else.
     """
     found = responses(run, finger)
     if found:
         write_numbers(run, found)
-    return _write_page(run, finger, found, wall_s, ending, strain)
+    return _write_page(run, finger, found, wall_s, ending, further)
 
 
 def write_missing(run: Run, finger: Fingertip) -> None:
@@ -112,7 +110,7 @@ def _write_page(
     found: list[PredictedHold],
     wall_s: float | None,
     ending: Mapping[str, str] | None,
-    strain: StimulusMap | None = None,
+    further: Sequence[PageFigure] = (),
 ) -> Path:
     provenance = read_provenance(run.folder, "devices")
     text = render(
@@ -122,7 +120,7 @@ def _write_page(
         found=run_tables.one_by_one(run, found),
         scheduled=run_tables.scheduled(run),
         conditions=grouped(run_tables.condition_rows(run, found), key=lambda row: row.group),
-        figures=[*run_page_figures(run, found), *_strain_figure(strain)],
+        figures=[*run_page_figures(run, found), *further],
         nothing_fired=nothing_fired(run, read_spikes(run.folder)),
         choices=choice_rows(run),
         verdict=verdict_of(run),
@@ -262,21 +260,6 @@ def _population_figures(found: list[PredictedHold]) -> list[PageFigure]:
         "−ep1 (compression is positive) and strain energy density at the receptors, "
         f"{found[0].result.model.receptors.depth_mm:g} mm below the skin. {lines} Data: model_measures.csv.",
     )
-
-
-def _strain_figure(strain: StimulusMap | None) -> list[PageFigure]:
-    if strain is None:
-        return []
-    deepest = float(np.max(strain.stimulus.doi_mm))
-    return [
-        PageFigure(
-            "Strain under the skin",
-            strain_maps([strain]),
-            f"The deformed receptor plane at the deepest press ({strain.stimulus.title}, DOI {deepest:.3f} mm): one "
-            "value per element, not smoothed. White circles: receptors. The highest 3 % of the elements share the "
-            "top color.",
-        )
-    ]
 
 
 def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> list[list[PredictedHold]]:

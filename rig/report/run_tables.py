@@ -15,9 +15,8 @@ from rig.data import Run
 from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.folder import replace_text
 from rig.data.tables import booked_s, motions_in_contact, tables
-from rig.engine.press import force_tolerance_gwt
 from rig.plan.finger_model import PredictedHold
-from rig.records import SAME_DECIMALS, grouped
+from rig.records import SAME_DECIMALS, force_tolerance_gwt, grouped
 from rig.report.style import as_number, signed
 from rig.settings import StageSettings, limits_in_kpa
 from rig_shared.natural_order import natural_order
