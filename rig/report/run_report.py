@@ -270,7 +270,7 @@ def _repeats(members: Sequence[Condition], last: Sequence[PredictedHold]) -> lis
 
 def _title(response: PredictedHold) -> str:
     result = response.result
-    return f"x = {signed(result.x_mm)}, {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
+    return f"x = {signed(result.x_mm)} mm, {result.force_gwt:.2f} gwt, DOI {result.doi_mm:.3f} mm"
 
 
 def _ssrp_figures(found: list[PredictedHold]) -> list[PageFigure]:
