@@ -59,6 +59,10 @@ _UNIT_WORDS = {
 }
 _MINUS = "has a minus apart from its number; have the board print it directly before the number"
 _COMMA = "has a comma within a number; have the board print a decimal point and no separators of thousands"
+_BLANK = (
+    "has digits before and after a blank, which may separate thousands; have the board print no separators, or put "
+    "the blank that ends the number into force.text_cell.line"
+)
 _UNIT_OF = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
 
 
@@ -118,11 +122,11 @@ class TextCellSettings(Settings):
     def _has_one_value(cls, line: str) -> str:
         names = _FIELD.findall(line)
         if names.count("value") != 1 or not set(names) <= set(_FIELDS) or not line.isprintable():
-            raise RuleError("needs {{value}} once, and no other field than {{skip}}", code="bad_line_format")
+            raise RuleError("needs {value} once, and no other field than {skip}", code="bad_line_format")
         if _PART_OF_NUMBER.search(line):
-            raise RuleError("digits and the point belong to {{value}}; leave them out", code="part_of_number")
+            raise RuleError("digits and the point belong to {value}; leave them out", code="part_of_number")
         if _LONE_MINUS.search(line):
-            raise RuleError("the minus belongs to {{value}}; leave it out", code="sign_beside_value")
+            raise RuleError("the minus belongs to {value}; leave it out", code="sign_beside_value")
         return line
 
     @field_validator("unit")
@@ -308,6 +312,9 @@ class TextCellForce:
         in_front = re.search(r"\d,\Z", before) and ",{value}" not in template
         if in_front or (re.match(r",\d", after) and "{value}," not in template):
             return _COMMA
+        split = re.match(r"[\s'’]\d", after) and not re.search(r"\{value\}\s", template)
+        if split or (re.search(r"\d[\s'’]\Z", before) and not re.search(r"\s\{value\}", template)):
+            return _BLANK
         if word := _other_unit(before, after, unit):
             return f"has a number in {word}, but force.text_cell.unit is {unit}; set the unit that the board sends"
         return None

@@ -247,13 +247,14 @@ class FiringSpeed:
     @property
     def sentence(self) -> str:
         """Summary in one line."""
-        who = f"{self.model}: the most sensitive of {self.afferents}, under a press of {self.doi_mm:.2g} mm,"
+        who = f"{self.model}: the most sensitive of {self.afferents}, under the deepest press ({self.doi_mm:.2g} mm),"
         if self.slowest_mm_s is None:
             return f"{who} stays silent even at {MOST_MM_S:g} mm/s"
         slow = " or less" if self.slowest_mm_s <= LEAST_MM_S else ""
         silent = ", so that no press makes it fire, at most a lift" if self.silent else ""
         return (
-            f"{who} fires from {self.slowest_mm_s:.2g} mm/s{slow}; presses reach {self.fastest_mm_s:.2g} mm/s{silent}"
+            f"{who} fires from {self.slowest_mm_s:.2g} mm/s{slow}; the fastest press has {self.fastest_mm_s:.2g} mm/s"
+            f"{silent}"
         )
 
     def as_json(self) -> dict[str, Any]:

@@ -55,7 +55,10 @@ class SmallStrain:
         """Summary in one line."""
         if self.stiffening is not None:
             force, sed = (f"{100 * error:g} %" for error in (FORCE_ERROR, SED_ERROR))
-            return f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed}"
+            return (
+                f"finite strain, stiffening {self.stiffening:g}: force within {force}, highest SED within {sed} on "
+                "the eight fingers that were compared"
+            )
         if not self.compared:
             return "small strain: not measured for this finger, only for the default one"
         if self.force is None or self.sed is None:

@@ -123,6 +123,9 @@ SIGN, SCALE, UNIT = "minus apart", "comma within", "set the unit"
         ("{value}{skip}", "0,85 g", SCALE),  # read as 0 once
         ("{value} g", "12,5 g", SCALE),
         ("{skip}{value} g", "1,234.5 g", SCALE),  # read as 234.5 once
+        ("{value}{skip}", "1 250", "a blank"),  # read as 1 once
+        ("{skip}{value} g", "W 1 250 g", "a blank"),
+        ("{value} {skip}", "12.5 1023", 12.5),  # the blank of the format ends the number
         ("{skip},{value},{skip}", "1234,12.5,0", 12.5),  # the comma of the format is a separator
     ],
 )

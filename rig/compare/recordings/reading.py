@@ -141,9 +141,12 @@ def _rates(path: Path, rows: list[tuple[Row, float]]) -> Recording:
 
 
 def _sd(row: Row) -> float:
-    """Return the sd of a row, NaN without one; an sd without a unit has that of the rates."""
+    """Return the sd of a row, NaN without one; an sd without a unit has that of the rates. Raises RecordingError."""
     if not row.cells.get("sd"):
         return math.nan
+    unit, of_rates = row.columns["sd"].unit, row.columns["rate"].unit
+    if unit and (is_own_unit(unit) or is_own_unit(of_rates)) and unit.casefold() != of_rates.casefold():
+        raise row.wrong("sd", "other_unit", "in the unit of the rates, not in {unit}; convert it", unit=unit)
     sd = row.number("sd", 0.0)
     return sd if row.columns["sd"].unit else sd * row.columns["rate"].factor
 

@@ -97,6 +97,7 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
             same=same,
             least_ms=1e3 * _REFRACTORY_S,
         )
+    _refuse_echo(path, unit, gaps_s)
     if not close:
         return found
     comes = "spike comes" if close == 1 else "spikes come"
@@ -104,6 +105,24 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
     return replace(found, notes=(*found.notes, note))
 
 
+def _refuse_echo(path: Path, unit: str, gaps_s: Array) -> None:
+    """Refuse spikes of which many follow another at one delay, as a detector gives that triggers on both phases."""
+    short_s = gaps_s[gaps_s < _ECHO_S]
+    delay_s = float(np.median(short_s)) if len(short_s) else 0.0
+    echoes = int(np.count_nonzero(np.abs(short_s - delay_s) < _JITTER_S))
+    if echoes > max(_FEW, _MOST_ECHOES * (len(gaps_s) + 1)):
+        raise RecordingError(
+            "{path}: {echoes} of {spikes} spikes come {delay_ms:.2f} ms after another, always the same time, which "
+            "no neuron does; the detector may have triggered on both phases of each spike: delete one of the two",
+            code="spikes_twice",
+            path=f"{path}#{unit}" if unit else str(path),
+            echoes=echoes,
+            spikes=len(gaps_s) + 1,
+            delay_ms=1e3 * delay_s,
+        )
+
+
+_ECHO_S, _JITTER_S, _MOST_ECHOES = 2e-3, 2e-5, 0.3
 _REFRACTORY_S = 5e-4
 _TICK_S = 1e-6
 _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05

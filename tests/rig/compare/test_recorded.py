@@ -1,5 +1,6 @@
 """A user's CSV: read as it is, refused by row and column."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,21 @@ def written(folder: Path, text: str, encoding: str = "utf-8") -> Path:
     path = folder / "mine.csv"
     path.write_text(text, encoding=encoding)
     return path
+
+
+@pytest.mark.parametrize(
+    ("header", "refused"),
+    [
+        ("position_mm,rate,sd (%)", True),  # 10 % of 80/s are 8/s, not 10/s
+        ("position_mm,rate (a.u.),sd (1/s)", True),
+        ("position_mm,rate (%),sd (%)", False),
+        ("position_mm,rate,sd (Hz)", False),
+    ],
+)
+def test_an_sd_in_another_unit_than_the_rates_is_refused(tmp_path: Path, header: str, refused: bool) -> None:
+    path = written(tmp_path, f"{header}\n0,80,10\n1,40,10\n2,20,10\n")
+    with raises(RecordingError, "other_unit") if refused else nullcontext():
+        assert read_srp(path).sd.tolist() == [10.0, 10.0, 10.0]
 
 
 def test_positions_rates_and_sds(tmp_path: Path) -> None:

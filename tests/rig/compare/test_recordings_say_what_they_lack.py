@@ -785,6 +785,14 @@ DOUBLES = {
                                   code="spikes_twice", says=("0.5 ms", "delete the copies", "more decimals"))
     for name, write in WRITTEN_TWICE.items()
 } | {
+    f"each spike again {ms:g} ms later": Case(
+        "a detector triggered on both of its phases",
+        of_amplifier(np.sort([*TIMES, *np.add(TIMES, 1e-3 * ms)]), **PULSES),
+        code="spikes_twice",
+        says=(f"{ms:.2f} ms", "both phases"),
+    )
+    for ms in (0.7, 1.2)
+} | {
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
         rates=[7.0, *ALL[1:]], read_as="1 spike comes less than 0.5 ms after another",
