@@ -148,7 +148,10 @@ def fitted_clock(path: Path, pulse_s: Array, rise_s: Array, width_s: float = mat
         raise _not_the_runs(path, pulse_s, rise_s)
     if abs(found.slope - 1) > MOST_DRIFT:
         raise _no_clock(path, found.slope)
-    return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), _described(found, pulse_s, rise_s))
+    about = _described(found, pulse_s, rise_s)
+    lasts = "" if math.isnan(width_s) else f", which last {width_s:g} s"
+    about = about._replace(text=f"{about.text} The pulses are taken as the beginnings of those of the run{lasts}.")
+    return ClockFit(found.slope, found.offset_s, len(found.rises) == len(rise_s), about)
 
 
 def _matched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:
