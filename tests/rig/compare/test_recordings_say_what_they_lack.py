@@ -793,6 +793,10 @@ DOUBLES = {
     )
     for ms in (0.7, 1.2)
 } | {
+    "pulses in a list": Case(
+        "a list does not tell rises from falls, so it is said", of_amplifier(TIMES, **PULSES), rates=ALL,
+        read_as="taken as the beginnings of those of the run",
+    ),
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
         rates=[7.0, *ALL[1:]], read_as="1 spike comes less than 0.5 ms after another",
