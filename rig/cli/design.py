@@ -196,7 +196,8 @@ def command(
 def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
     if as_json:
         rows = [row._asdict() for row in verdict.candidates]
-        print_json({"candidates": rows, "presses": verdict.presses, "effective_draws": verdict.effective})
+        about = {"presses": verdict.presses, "different_presses": verdict.different}
+        print_json({"candidates": rows, **about, "effective_draws": verdict.effective})
         return
     for line in verdict_lines(verdict):
         out.print(line)

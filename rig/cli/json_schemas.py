@@ -1273,6 +1273,7 @@ class SessionJson(Output):
 
     candidates: list[JudgedCandidateJson]
     presses: int
+    different_presses: int
     effective_draws: Ratio
 
 

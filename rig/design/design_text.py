@@ -169,7 +169,8 @@ def verdict_lines(verdict: SessionVerdict) -> list[str]:
     named = ", ".join(row.name for row in inside)
     left = f"{named} explain{'s' if len(inside) == 1 else ''} these counts"
     together = "it has at least" if len(inside) == 1 else "together they have"
-    over = f"{number_of(verdict.presses, 'presses')}, each counted over its hold of {verdict.hold_s:g} s"
+    again = "" if verdict.different == verdict.presses else f", {verdict.different} of them different"
+    over = f"{number_of(verdict.presses, 'presses')}{again}, each counted over its hold of {verdict.hold_s:g} s"
     lines = [f"{'set':<10}{left} ({over}); {together} 95 % of the probability"]
     if best.p_fit < FITS:
         lines = [

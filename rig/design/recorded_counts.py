@@ -47,6 +47,8 @@ class SessionVerdict(NamedTuple):
 
     candidates: tuple[CandidateVerdict, ...]
     presses: int
+    different: int
+    """Number of different presses among them."""
     effective: float
     hold_s: float
     """Window of the counts."""
@@ -140,6 +142,7 @@ def session_verdict(
     return SessionVerdict(
         tuple(sorted(rows, key=lambda row: -row.probability)),
         len(counted),
+        len(used),
         float(effective[probability[0].argmax()]),
         model.window_s,
     )
