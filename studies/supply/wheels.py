@@ -12,7 +12,6 @@ import tempfile
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from packaging.markers import Marker
 from packaging.tags import Tag, compatible_tags, cpython_tags, mac_platforms
@@ -20,7 +19,7 @@ from packaging.utils import parse_wheel_filename
 
 from studies.registry import show
 from studies.release_check import NotFitError
-from studies.supply.lock import scratch
+from studies.supply.lock import filename, scratch
 from studies.supply.locked import LOCKS, REQUIREMENTS, Pin, all_locked, read_lock, required
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
@@ -87,16 +86,12 @@ def published() -> dict[str, list[str]]:
             tools.run(
                 *("uv", "pip", "compile", "--quiet", "--universal", "--python-version", "3.11.5", "--no-deps"),
                 *("--no-header", "--format", "pylock.toml", "--output-file", "pylock.toml"),
-                *(f"{lock}.txt" for lock in LOCKS),
+                f"{LOCKS[-1]}.txt",
             )
         except NotFitError as error:
             raise NoIndexError(f"the package index does not list the locked versions: {error}") from None
         packages = tomllib.loads((place / "pylock.toml").read_text(encoding="utf-8"))["packages"]
-    return {one["name"]: [_filename(wheel) for wheel in one.get("wheels", ())] for one in packages}
-
-
-def _filename(wheel: Mapping[str, Any]) -> str:
-    return str(wheel.get("name") or (wheel.get("url") or wheel["path"]).rpartition("/")[2])
+    return {one["name"]: [filename(wheel) for wheel in one.get("wheels", ())] for one in packages}
 
 
 def missing(pins: Iterable[Pin], files: Mapping[str, Iterable[str]]) -> dict[tuple[str, str], list[str]]:
