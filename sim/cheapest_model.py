@@ -135,7 +135,7 @@ def _reach(
 
 # --- expected errors ---
 #
-# `python -m studies.choice.table` measures errors and costs by family of shapes, depth and position.
+# The study `choice-table` measured errors and costs by family of shapes, depth and position.
 
 FILE = "expected_errors.json"
 
