@@ -10,7 +10,7 @@ from pathlib import Path
 from rig.cli.identify_finger import USUAL_GOALS, scope_of
 from rig.identify.adaptive_presses import SHAPES, IdentificationOptions
 from sim.config import FingertipConfig
-from sim.identification.force_table import FILE, ShapeTable, as_json
+from sim.identification.force_table import FILE, ShapeTable, as_file
 from sim.identification.predicted_forces import PredictedForces, finger_of, made_of
 from sim.identification.prior import Prior
 
@@ -24,7 +24,7 @@ def main() -> None:
         tables.append(ShapeTable.read_or_make(name, scope, partial(finger_of, config), made_of(config)))
         print(f"{name}: off direct presses by {100 * tables[-1].error:.1f} % (rms)", flush=True)
     path = Path(str(files("sim"))) / "data" / FILE
-    path.write_text(as_json(tables), encoding="utf-8")
+    path.write_bytes(as_file(tables))
 
 
 if __name__ == "__main__":

@@ -11,8 +11,7 @@ import pytest
 from rig.cli import main
 from rig.data import export_nwb, export_run, read_run
 from rig.session.resume import read_stopped
-
-OLD = Path(__file__).parents[1] / "data" / "runs"
+from tests.kept_runs import RUNS as OLD
 
 
 def _is_in(old: Any, new: Any, where: str = "") -> None:
