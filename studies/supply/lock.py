@@ -85,13 +85,22 @@ def resolved(folder: Path, *, newest: bool) -> dict[str, str]:
 
 def promised_hashes(tools: CleanEnvironment) -> frozenset[str]:
     """Return the hashes of all promised distribution files of the largest set."""
+    return frozenset(
+        str(file["hashes"]["sha256"])
+        for one in published(tools)
+        for file in (*one.get("wheels", ()), one.get("sdist"))
+        if file and PROMISED.search(filename(file))
+    )
+
+
+def published(tools: CleanEnvironment) -> list[dict[str, Any]]:
+    """Return what the index lists of the largest set, whose lock file is in the folder of the tools."""
     tools.run(
         *("uv", "pip", "compile", "--quiet", "--universal", "--python-version", OLDEST_PYTHON[LOCKS[-1]]),
         *("--no-deps", "--no-header", "--format", "pylock.toml", "--output-file", "pylock.toml", f"{LOCKS[-1]}.txt"),
     )
-    packages = tomllib.loads((tools.folder / "pylock.toml").read_text(encoding="utf-8"))["packages"]
-    files = [file for one in packages for file in (*one.get("wheels", ()), one.get("sdist")) if file]
-    return frozenset(str(file["hashes"]["sha256"]) for file in files if PROMISED.search(filename(file)))
+    found: list[dict[str, Any]] = tomllib.loads((tools.folder / "pylock.toml").read_text("utf-8"))["packages"]
+    return found
 
 
 def filename(file: Mapping[str, Any]) -> str:
