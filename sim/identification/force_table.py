@@ -262,11 +262,11 @@ def shipped(indentor: str, scope: Scope) -> ShapeTable | None:
     return ShapeTable(indentor, scope, arrays)
 
 
-def as_file(tables: Iterable[ShapeTable]) -> bytes:
+def as_json(tables: Iterable[ShapeTable]) -> str:
     """Return the content of the file, for tables of one scope."""
     tables = list(tables)
     arrays = {table.indentor: {name: _rounded(values) for name, values in table.arrays.items()} for table in tables}
-    return gzip.compress(json.dumps({"scope": tables[0].scope.about, "tables": arrays}).encode(), mtime=0)
+    return json.dumps({"scope": tables[0].scope.about, "tables": arrays})
 
 
 def _rounded(values: NDArray[np.generic]) -> Any:

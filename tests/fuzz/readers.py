@@ -48,13 +48,12 @@ from sim.contact.shapes import parse_shape
 from sim.models import cache as model_cache
 from sim.tables import TableError
 from tests.fuzz import mutations as of
-from tests.kept_runs import RUNS as OLD
 from tests.rig.compare import test_every_kind_of_recording as recorded
 from tests.rig.compare import test_neo_file as neo_files
 from tests.rig.identify.finger_file import SERIES, identified_file
 
 ROOT = Path(__file__).parents[2]
-EXAMPLES = ROOT / "examples"
+EXAMPLES, OLD = ROOT / "examples", ROOT / "tests" / "data" / "runs"
 
 
 @dataclass(frozen=True)

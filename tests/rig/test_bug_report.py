@@ -16,9 +16,9 @@ from rig.data import RunError
 from rig.data.bug_report import GONE, LEFT_OUT, Scrubber, bug_report
 from rig.protocol.script import shipped_protocols
 from tests.error_codes import raises
-from tests.kept_runs import RUNS as OLD
 from tests.program import Program
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 HOLDER = "Ada Byron"
 SCRIPT = '''\
 """Presses for Ada B."""

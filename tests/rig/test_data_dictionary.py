@@ -17,9 +17,9 @@ from rig.data.dictionary import ATTRIBUTES, FAMILIES, FLAGS, MEANINGS, TABLES, T
 from rig.data.schema import PRESS_STREAMS, STREAMS
 from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, tables
 from rig.engine import PressId, Target, indent, verbs
-from tests.kept_runs import RUNS as OLD
 from tests.program import Program
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
 COLUMNS = PAGE.with_name("columns_page.py")
 START = {

@@ -1,6 +1,5 @@
 """The tables that come with the program are those of the fingers of today, and nobody waits for what is there."""
 
-import gzip
 import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ import sim.identification.predicted_forces as foreseen_module
 from rig.cli.identify_finger import USUAL_GOALS, scope_of
 from rig.identify.adaptive_presses import IdentificationOptions
 from sim.config import FingertipConfig
-from sim.identification.force_table import Scope, ShapeTable, _content, as_file, shipped
+from sim.identification.force_table import Scope, ShapeTable, _content, as_json, shipped
 from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import Prior
 from sim.models.fingertip import Fingertip
@@ -72,7 +71,7 @@ def test_another_finger_another_shape_or_a_wider_scope_has_none() -> None:
 def test_what_is_written_is_what_is_there() -> None:
     table = shipped("bar:3.0", _predicted().scope)
     assert table is not None
-    again = json.loads(gzip.decompress(as_file([table])))
+    again = json.loads(as_json([table]))
     assert again == {"scope": _content()["scope"], "tables": {"bar:3.0": _content()["tables"]["bar:3.0"]}}
 
 

@@ -20,11 +20,11 @@ from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.population import AfferentPopulation
-from tests.kept_runs import RUNS as OLD_RUNS
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 ROOT = Path(__file__).parents[2]
+OLD_RUNS = ROOT / "tests" / "data" / "runs"
 WRITES = os.environ.get("FROZEN") == "write"
 SCRIPT = "def run(rig):\n    rig.mount('bar:3.0')\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n"
 COARSE = ("--config", "coarse.toml")

@@ -11,7 +11,8 @@ import pytest
 from rig.cli import main
 from rig.data import export_nwb, export_run, read_run
 from rig.session.resume import read_stopped
-from tests.kept_runs import RUNS as OLD
+
+OLD = Path(__file__).parents[1] / "data" / "runs"
 
 
 def _is_in(old: Any, new: Any, where: str = "") -> None:

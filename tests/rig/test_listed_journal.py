@@ -11,8 +11,8 @@ from rig.data.journal import listed_documents, read_journal
 from rig.data.run import RunError, read_run
 from rig.data.tables import LISTED, _holds, summarised, summary_of
 from tests.error_codes import raises
-from tests.kept_runs import RUNS as OLD
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 START = {"doc": "start", "t_s": 0.0}
 RESUME, STOP = {"doc": "resume", "t_s": 5.0}, {"doc": "stop", "t_s": 9.0, "status": "done"}
 

@@ -27,8 +27,8 @@ from rig.control.stop import OwnedStage
 from rig.plan.config import load_config
 from rig.session.resume import StoppedRun, read_stopped
 from sim.models.fingertip import Fingertip
-from tests.kept_runs import RUNS as OLD_RUNS
 
+OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 LOAD = "sim.models.fingertip.Fingertip.load"
 SCRIPT = 'def run(rig):\n    rig.mount("bar:3.0")\n    rig.home()\n    rig.zero()\n    rig.move_to(x_mm=0.0)\n'
 SCRIPT += "    rig.indent(doi_mm=0.2, hold_s=0.1)\n"

@@ -17,9 +17,9 @@ from rig.data.run import Following, read_run
 from rig.data.run_state import Course, DeviceStatus, Placed, RunState, TimeLeft
 from rig.panel.run_view import RunView
 from rig.session.resume import ending_on_record
-from tests.kept_runs import RUNS as OLD
 from tests.program import Program
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 SCRIPT = """\
 def run(rig):
     rig.mount("bar:3.0")

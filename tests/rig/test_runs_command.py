@@ -24,10 +24,10 @@ from rig.data.run import read_run
 from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from rig.engine.contact import MAY_TOUCH
 from tests.journals import append, rewrite
-from tests.kept_runs import RUNS as OLD
 from tests.program import Program
 from tests.waiting import DEADLINE_S
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 NAMES = ("complete", "complete_with_a_schedule", "stopped")
 
 
@@ -487,7 +487,7 @@ def test_one_run_in_lines(program: Program, runs: Path) -> None:
     assert lines["devices"].startswith("stage virtual grbl, force virtual mtsics, controller [VER:")
     assert lines["versions"].startswith("python 3.11.7, indentation-rig 0.3.0, ")
     assert lines["model"] == "nodes 34164, e_epidermis_mpa 0.186266, from_cache True"
-    assert lines["files"].startswith(f"16, {size / 1e6:.1f} MB: config.toml, events.jsonl, ")
+    assert lines["files"].startswith(f"17, {size / 1e6:.1f} MB: config.toml, data.h5, ")
     assert lines["what"] == "Bar at five positions (bars_of_five), on the virtual bench"
     assert lines["subject"] == "none"
     assert lines["state"] == "done, 5 of 5 indentations"

@@ -31,9 +31,9 @@ from rig.data.run import Following, RunError, followed, read_run
 from rig.data.run_state import Agenda, Course, Timeline, step_in_words, written_ns
 from rig.session.rehearse import Rehearsed
 from tests.journals import append
-from tests.kept_runs import RUNS as OLD
 from tests.program import Program
 
+OLD = Path(__file__).parents[1] / "data" / "runs"
 PRESS = {"indentor": "bar:3.0", "x_mm": 0.5, "target": "force_gwt", "value": 2.33, "increments": 1}
 EVENTS: list[tuple[str, dict[str, Any]]] = [
     ("mount", {"indentor": "bar:3.0"}),

@@ -11,9 +11,9 @@ import pytest
 
 from rig.panel.access import FILE_POLICY
 from rig.panel.run_files import _pieces
-from tests.kept_runs import RUNS as OLD
 from tests.rig.panel.stub_panel import OWN, StubPanel
 
+OLD = Path(__file__).parents[2] / "data" / "runs"
 SECRET = "nobody's business"
 
 
@@ -24,7 +24,6 @@ def runs(panel: StubPanel) -> Path:
     for name in ("complete", "stopped"):
         shutil.copytree(OLD / name, out / f"20260101-{name}")
     (out / "20260101-complete" / "report.html").write_text("<p>report</p>", encoding="utf-8")
-    (out / "20260101-complete" / "data.h5").write_bytes(b"\x89HDF")
     (out / "20260102-none").mkdir()
     (out / "beside.txt").write_text(SECRET, encoding="utf-8")
     (out.parent / "outside").mkdir()
