@@ -68,7 +68,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         Section(
             "Presses",
             f"Highest force of each press: predicted before it, and measured. {_IN_BRACKETS} The last column "
-            "says how well all requested forces are known after the press.",
+            "shows how well all requested forces are known after the press.",
             ("press", *_PRESS, "predicted (gwt)", "measured (gwt)", "all known to"),
             tuple(page.presses),
         ),
@@ -76,7 +76,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         Section(
             "Numbers of the finger",
             _AFTER_AND_BEFORE,
-            ("", "estimate", "after", "before"),
+            ("parameter", "estimate", "after", "before"),
             tuple(page.numbers),
         ),
         alone(before_and_after),
