@@ -135,28 +135,34 @@ _LEAST_POWER = 1e6
 _HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 _UNBROKEN = re.compile(
     r"(?<=[\d.)]) (?=(?:mm|µm|gwt|kPa|MPa|MB|N|s|ms|min|bits?|strain|%|\d{3})(?![\w/]))"
-    r"|(?<=[±×=<…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²]) (?=[=<] [\d−])"
+    r"|(?<=[±×=<≥…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²|]) (?=[=<≥] [\d−])"
 )
+_INTERVAL = re.compile(r"\[−?\d[^\[\]a-z]*\]")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def prose(text: str) -> Markup:
     """Return a text of a page: commands between backticks and options as code, numbers as they are printed."""
     parts = _QUOTED.split(printable(text))
-    return Markup("").join(_code(part) if number % 2 else _plain(part) for number, part in enumerate(parts))
+    return Markup("").join(code(part) if number % 2 else _plain(part) for number, part in enumerate(parts))
 
 
-def _code(text: str) -> Markup:
-    return Markup("<code>{}</code>").format(text)
+def code(text: str) -> Markup:
+    """Return a command as code; no line ends within the name of an option."""
+    return Markup(f"<code>{_OPTION.sub(_whole, str(escape(printable(text))))}</code>")
+
+
+def _whole(option: re.Match[str]) -> str:
+    return f'<span class="one">{option[1]}</span>{option[2] or ""}'
 
 
 def _plain(text: str) -> Markup:
     """Return words with a minus before negative numbers, powers of ten, and no line between a number and its unit."""
     found = _OPTION.search(text)
     if found is not None:
-        option = Markup('<code><span class="one">{}</span>{}</code>').format(found[1], found[2] or "")
-        return _plain(text[: found.start()]) + option + _plain(text[found.end() :])
-    return escape(_UNBROKEN.sub(_NO_BREAK, _POWER.sub(_power, _MINUS.sub("−", text))))
+        return _plain(text[: found.start()]) + code(found[0]) + _plain(text[found.end() :])
+    numbers = _UNBROKEN.sub(_NO_BREAK, _POWER.sub(_power, _MINUS.sub("−", text)))
+    return escape(_INTERVAL.sub(lambda found: found[0].replace(" ", _NO_BREAK), numbers))
 
 
 def _power(number: re.Match[str]) -> str:
@@ -203,5 +209,5 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"prose": prose, "caption": _caption}
+    made.filters |= {"prose": prose, "code": code, "caption": _caption}
     return made

@@ -18,7 +18,8 @@ _PAIR = (
     "ε₀ [95 %]", "R²", "remarks",
 )  # fmt: skip
 _NOTHING = (
-    "No recording was given (--recorded SHAPE=FILE), so no measure is tested. The rest of this page is a simulation."
+    "No recording was given (`--recorded SHAPE=FILE`), so no measure is tested. The rest of this page is a "
+    "simulation."
 )
 _WOULD_CHANGE = {
     "explained": (

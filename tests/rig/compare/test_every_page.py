@@ -50,8 +50,8 @@ def test_a_command_between_backticks_is_code_wherever_it_stands(where: object) -
 PRINTED = {
     "a single backtick": ("a ` b <c>", "a ` b &lt;c&gt;"),
     "an option": ("(--fingers=a,b states it)", '(<code><span class="one">--fingers</span>=a,b</code> states it)'),
-    "a command": ("`rig find --x-mm -3` at -3", "<code>rig find --x-mm -3</code> at −3"),
-    "negative numbers": ("-2 to [-1.16, -0.2]", "−2 to [−1.16, −0.2]"),
+    "a command": ("`rig find --x-mm -3` at -3", '<code>rig find <span class="one">--x-mm</span> -3</code> at −3'),
+    "negative numbers": ("-2 to [-1.16, -0.2]", "−2 to [−1.16,_−0.2]"),
     "hyphens": ("2026-11-30, bar-3, Fig. 5-8, x=-4, -c", "2026-11-30, bar-3, Fig. 5-8, x=-4, -c"),
     "powers of ten": ("6.9e-06, -1.31e+06, 9.73e+03, 3e4a-5", "6.9_×_10⁻⁶, −1.31_×_10⁶, 9730, 3e4a-5"),
     "a number and its unit": ("18 % at 1.5 mm, 10 000 nodes", "18_% at 1.5_mm, 10_000 nodes"),
