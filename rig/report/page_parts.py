@@ -135,7 +135,7 @@ _LEAST_POWER = 1e6
 _HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 _UNBROKEN = re.compile(
     r"(?<=[\d.)]) (?=(?:mm|µm|gwt|kPa|MPa|MB|N|s|ms|min|bits?|strain|%|\d{3})(?![\w/]))"
-    r"|(?<=[±×=<≥…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²|]) (?=[=<≥] [\d−])"
+    r"|(?<=[±×=<…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²|]) (?=[=<] [\d−])"
 )
 _INTERVAL = re.compile(r"\[−?\d[^\[\]a-z]*\]")
 _NO_BREAK = "\N{NO-BREAK SPACE}"
@@ -144,10 +144,10 @@ _NO_BREAK = "\N{NO-BREAK SPACE}"
 def prose(text: str) -> Markup:
     """Return a text of a page: commands between backticks and options as code, numbers as they are printed."""
     parts = _QUOTED.split(printable(text))
-    return Markup("").join(code(part) if number % 2 else _plain(part) for number, part in enumerate(parts))
+    return Markup("").join(_code(part) if number % 2 else _plain(part) for number, part in enumerate(parts))
 
 
-def code(text: str) -> Markup:
+def _code(text: str) -> Markup:
     """Return a command as code; no line ends within the name of an option."""
     return Markup(f"<code>{_OPTION.sub(_whole, str(escape(printable(text))))}</code>")
 
@@ -160,7 +160,7 @@ def _plain(text: str) -> Markup:
     """Return words with a minus before negative numbers, powers of ten, and no line between a number and its unit."""
     found = _OPTION.search(text)
     if found is not None:
-        return _plain(text[: found.start()]) + code(found[0]) + _plain(text[found.end() :])
+        return _plain(text[: found.start()]) + _code(found[0]) + _plain(text[found.end() :])
     numbers = _UNBROKEN.sub(_NO_BREAK, _POWER.sub(_power, _MINUS.sub("−", text)))
     return escape(_INTERVAL.sub(lambda found: found[0].replace(" ", _NO_BREAK), numbers))
 
@@ -209,5 +209,5 @@ def _templates() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    made.filters |= {"prose": prose, "code": code, "caption": _caption}
+    made.filters |= {"prose": prose, "caption": _caption}
     return made
