@@ -321,9 +321,10 @@ def write_comparison(
 
 
 def figure_before_table(section: Section) -> list[Section]:
-    """Return a section that opens a page, and its table as another one."""
-    table = replace(section, title=f"{section.title}, in numbers", text="", figures=())
-    return [replace(section, header=(), rows=()), table]
+    """Return a section that opens a page with its first paragraph, and the rest with its table as another one."""
+    message, _, rest = section.text.partition("\n\n")
+    table = replace(section, title=f"{section.title}, in numbers", text=rest, figures=())
+    return [replace(section, text=message, header=(), rows=()), table]
 
 
 def _overview(comparison: Comparison, shown: Sequence[str]) -> PageFigure:

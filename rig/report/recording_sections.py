@@ -300,8 +300,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
             "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
             "on the left). "
         )
-        + ("Circles: measured, in the color of their depth; black without a depth." if measured else "")
-        + (f" Data: {source}." if source else ""),
+        + ("Circles: measured, in the color of their depth; black without a depth." if measured else ""),
     )
     text = (
         "The indentor lies across the finger, so that the deflection of the skin beside it can be "
@@ -315,6 +314,7 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         )
     elif measured:
         text = "No run pressed to the depth of a measured deflection."
+    text += f"\n\nMeasured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (figure,))
 
