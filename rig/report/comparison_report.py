@@ -306,7 +306,7 @@ def write_comparison(
         source=source_line(runs, "no run: a rehearsal on the virtual finger"),
         sections=[
             *lead,
-            *(part for one in first for part in figure_before_table(one)),
+            *(part for one in first for part in _figure_before_table(one)),
             *answer_sections(
                 answers, frame(comparison.overlays), recorded=bool(comparison.overlays), instead=instead
             ),
@@ -320,7 +320,7 @@ def write_comparison(
     replace_text(path, page)
 
 
-def figure_before_table(section: Section) -> list[Section]:
+def _figure_before_table(section: Section) -> list[Section]:
     """Return a section that opens a page with its first paragraph, and the rest with its table as another one."""
     message, _, rest = section.text.partition("\n\n")
     table = replace(section, title=f"{section.title}, in numbers", text=rest, figures=())

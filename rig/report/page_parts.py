@@ -135,7 +135,7 @@ _LEAST_POWER = 1e6
 _HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
 _UNBROKEN = re.compile(
     r"(?<=[\d.)]) (?=(?:mm|µm|gwt|kPa|MPa|MB|N|s|ms|min|bits?|strain|%|\d{3})(?![\w/]))"
-    r"|(?<=[±×=<…]) (?=[\d−])|(?<=\d) (?=[±×…])|(?<=[\w²|]) (?=[=<] [\d−])"
+    r"|(?<=[±×=<]) (?=[\d−])|(?<=\d) (?=[±×])|(?<=[\w²|]) (?=[=<] [\d−])"
 )
 _INTERVAL = re.compile(r"\[−?\d[^\[\]a-z]*\]")
 _NO_BREAK = "\N{NO-BREAK SPACE}"

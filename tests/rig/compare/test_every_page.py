@@ -55,7 +55,7 @@ PRINTED = {
     "hyphens": ("2026-11-30, bar-3, Fig. 5-8, x=-4, -c", "2026-11-30, bar-3, Fig. 5-8, x=-4, -c"),
     "powers of ten": ("6.9e-06, -1.31e+06, 9.73e+03, 3e4a-5", "6.9_×_10⁻⁶, −1.31_×_10⁶, 9730, 3e4a-5"),
     "a number and its unit": ("18 % at 1.5 mm, 10 000 nodes", "18_% at 1.5_mm, 10_000 nodes"),
-    "an interval": ("0.67 (0.52 … 0.70), 3 ± 1", "0.67 (0.52_…_0.70), 3_±_1"),
+    "an interval": ("529 [469, 615], 3 ± 1", "529 [469,_615], 3_±_1"),
     "an equation": ("(p < 0.001), r = -0.15, e22 = ep1", "(p_&lt;_0.001), r_=_−0.15, e22 = ep1"),
 }
 """Texts, and how a page prints them; _ is a space at which no line ends."""
