@@ -58,7 +58,7 @@ from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
-from rig.report.run_tables import conditions, loading
+from rig.report.run_tables import conditions, delivered, loading
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PAPER, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
@@ -397,6 +397,14 @@ def _delivered(world: World, figure: Figure) -> Shown:
     (tolerance,) = [one for one in below.collections if one.get_label() == "tolerance"]
     (band,) = [path.vertices for path in tolerance.get_paths()]
     yield (band[:, 1].min(), band[:, 1].max()), (-0.0025, 0.0025)  # a step of the stage
+
+
+def _one_delivered(world: World, figure: Figure) -> Shown:
+    """An index is a whole number, even where there is a single one."""
+    (one,) = delivered(world.run)[:1]
+    for axes in _panels(figure):
+        low, high = axes.get_xlim()
+        yield [tick for tick in axes.get_xticks() if low <= tick <= high], [one.index]
 
 
 def _presses(world: World, figure: Figure) -> Shown:
@@ -916,6 +924,9 @@ FIGURES: dict[str, Row] = {
         _titled("Force against time", lambda world: run_page_figures(_resumed(world.run), [])), _force_time_cut
     ),
     "run_figures.delivered_presses": Row(_run("Delivered"), _delivered),
+    "run_figures.delivered_presses, one": Row(
+        _bare(lambda w: run_figures.delivered_presses(delivered(w.run)[:1])), _one_delivered
+    ),
     "run_figures.presses": Row(_run("Press, hold"), _presses),
     "run_figures.force_depth": Row(_run("Force against depth"), _force_depth),
     "run_figures.contact_panels": Row(_run("Contact, "), _contact),

@@ -170,6 +170,17 @@ def test_the_first_section_is_a_sentence_and_a_figure(name: str, made: Make) -> 
     assert len(words.split()) <= MOST_WORDS
 
 
+@pytest.mark.parametrize(
+    ("name", "begins"),
+    [
+        ("comparison without a recording", "No recording was given"),
+        ("deflection", "The measured deflection of the skin differs from the simulated one by "),
+    ],
+)
+def test_a_page_without_a_verdict_begins_with_what_it_has(name: str, begins: str, made: Make) -> None:
+    assert in_words(first_section(made(name).html)).startswith(begins)
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_the_first_section_comes_before_any_list_of_sections(name: str, made: Make) -> None:
     html = made(name).html
