@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, ClassVar
 
 import pytest
@@ -458,6 +458,42 @@ class StageContract:
         bench.wire.instead.clear()
         bench.wire.mangled = as_it_is
         assert bench.stage.status() == device.home, "the next one is believed"
+
+    def test_a_reply_with_a_wrong_bit_is_an_error_or_is_not_believed(self, device: StageBytes) -> None:
+        """Where a checksum shows it: what is read is what was said."""
+        if "checksum" in device.lacks:
+            return
+        bench = StageBench(device, homed=True)
+        for place, bit in product(range(64), (0, 3, 7)):
+            bench.wire.mangled = (
+                lambda frame, place=place, bit=bit: (  # type: ignore[misc]
+                    frame[:place] + bytes([frame[place] ^ 1 << bit]) + frame[place + 1 :]
+                    if place < len(frame)
+                    else frame
+                )
+            )
+            try:
+                found = bench.stage.status()
+            except StageError:
+                bench = StageBench(device, homed=True)
+            else:
+                assert found == device.home, (place, bit)
+
+    @pytest.mark.parametrize("chatter", [b"\xaa", b"xyz", b"!02 1 IDLE --:95\r\n"], ids=repr)
+    def test_a_port_that_never_stops_talking_is_an_error_in_bounded_time(
+        self, device: StageBytes, chatter: bytes
+    ) -> None:
+        bench = StageBench(device, homed=True)
+
+        def chatting(timeout_s: float, port: bytes = b"") -> bytes:
+            bench.clock.wait_s(min(timeout_s, 0.01))
+            return chatter if timeout_s >= 0.01 else b""
+
+        bench.wire.read = chatting  # type: ignore[method-assign]
+        begun_s = bench.clock.monotonic_s()
+        with pytest.raises((StageError, TransportError)):
+            bench.stage.status()
+        assert bench.clock.monotonic_s() - begun_s < GIVES_UP_S
 
     def test_a_refusal_has_the_makers_number(self, device: StageBytes) -> None:
         *_, code, number = device.unlock
