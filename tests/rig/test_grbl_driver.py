@@ -11,7 +11,6 @@ from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.scripted_board import Board, at, connected
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
@@ -116,46 +115,7 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
         stage.connect()
 
 
-@pytest.mark.parametrize(
-    ("setting", "keys", "wanted"),
-    [
-        (b"$130=50", " (stage.travel_mm)", {130: 60.0}),
-        (b"$131=50", " (stage.travel_mm)", {131: 30.0}),
-        (b"$13=1", "", {13: 0}),
-    ],
-)
-def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, keys: str, wanted: dict[int, float]
-) -> None:
-    board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n" + setting + b"\r\nok\r\n"
-    stage = GrblStage(scripted([HELLO, *asked(board)]), clock, expected=expected_settings(RigSettings()))
-    with raises(StageError, "not_as_configured", keys=keys, wanted=wanted):
-        stage.connect()
-
-
-def test_where_no_travel_is_expected_none_is_named(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
-    with raises(StageError, "not_as_configured", keys="", wanted={13: 0}):
-        stage.connect()
-
-
-def test_what_was_calibrated_is_expected_of_the_board() -> None:
-    day = {"date": "2026-01-01", "expires": "2027-01-01"}
-    steps = {
-        f"{axis}_steps_per_mm": {"value": value, **day}
-        for axis, value in zip("xyz", (400, -401.5, -800), strict=True)
-    }
-    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
-    assert {100: 400.0, 101: 401.5, 102: 800.0, 3: 0b110}.items() <= expected.items()
-    assert 3 not in expected_settings(RigSettings()), "a direction that nobody measured is not compared"
-
-
 # --- lines and answers ---
-
-
-def test_settings_by_number(stage: Make) -> None:
-    board = stage([(b"$$\n", b"$0=10\r\n$N0=G21\r\n$100=400.000\r\n$120=50.5 (x accel)\r\nok\r\n")])
-    assert board.settings() == {0: 10.0, 100: 400.0, 120: 50.5}
 
 
 def test_push_messages_never_answer_a_line(stage: Make) -> None:
@@ -239,17 +199,6 @@ def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
     assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
 
 
-def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
-    stuck = Board(clock)
-    board = connected(stuck)
-    stuck.status = at("Run")
-    with raises(StageTimeout, "not_over", state="Run"):
-        board.move_to(x_mm=1.0, speed_mm_s=1.0)
-    stuck.status = at("Hold:0")
-    with raises(StageTimeout, "still_held", timeout_s=1.0):
-        board.resume(1.0)
-
-
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
     board = stage([*HOMING, (b"?", b"<Idle|MPos:-1.0" + BANNER)])
     board.home()
@@ -268,29 +217,6 @@ def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, 
     board.status()
     with raises(StageAlarm, "alarm", number=1):
         board.move_to(x_mm=-2.0, speed_mm_s=1.0)
-
-
-def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -> None:
-    """10 µm of it in Z, none in X: up by way of 20 µm more, down straight."""
-    board = stage(
-        [
-            (b"?", IDLE),
-            *confirmed("X0.5Y0Z-0.12", 60, AT, (-1.5, -2, -2.88)),
-            (b"G1X0Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.880|FS:0,0>\r\n"),
-            *confirmed("X0Y0Z0.02", 60, (-1.5, -2, -2.88), (-1.5, -2, -2.9), modes=False),
-            (b"G1X0Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.900|FS:0,0>\r\n"),
-            *confirmed("X0Y0Z0.1", 60, (-1.5, -2, -2.9), (-1.5, -2, -3), modes=False),
-            (b"G1Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-3.000|FS:0,0>\r\n"),
-        ],
-        backlash_mm=(0.0, 0.0, 0.01),
-        homed=True,
-    )
-    board.status()
-    board.move_to(x_mm=-1.5, z_mm=-2.9, speed_mm_s=1.0)
-    board.move_to(z_mm=-3.0, speed_mm_s=1.0)
 
 
 # --- jogging and outputs ---

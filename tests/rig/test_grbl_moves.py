@@ -57,13 +57,6 @@ def test_a_move_is_looked_at_ten_times_a_second_and_its_end_is_polled(board: Boa
     assert asked_s == pytest.approx([*tenths, 10.02, 10.04, 10.06, 10.08, 10.10, 10.12, 10.14])
 
 
-def test_without_looks_the_board_is_left_alone_until_the_move_should_be_over(board: Board) -> None:
-    stage = connected(board)
-    _arrives(board, 10.07)
-    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
-    assert _asked_s(board) == pytest.approx([10.02, 10.04, 10.06, 10.08], abs=1e-6)
-
-
 @pytest.mark.parametrize("state", ["Alarm", "Sleep", "Check", "Alarm:1"])
 def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state: str) -> None:
     stage = connected(board)
@@ -73,39 +66,12 @@ def test_a_state_that_cannot_end_in_an_arrival_ends_the_move(board: Board, state
     assert len(_asked_s(board)) == 1
 
 
-@pytest.mark.parametrize("state", ["Run", "Jog", "Home"])
-def test_while_the_board_is_busy_its_arrival_is_waited_for(board: Board, state: str) -> None:
-    stage = connected(board)
-    board.next[b"?"] = [at(state), at("Idle", -11.0)]
-    stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
-    assert _asked_s(board) == pytest.approx([10.02, 10.04], abs=1e-6)
-
-
 def test_an_override_that_only_the_arrival_tells_of_is_named(board: Board) -> None:
     """The move was too short to be looked at on the way: it went at another speed all the same."""
     stage = connected(board)
     board.status = b"<Idle|MPos:-11.000,-2.000,-3.000|FS:0,0|Ov:50,100,100>\r\n"
     with raises(StageOverridden, "overridden", feed_percent=50):
         stage.move_to(x_mm=-11.0, speed_mm_s=1.0)
-
-
-ENDS_OF_A_JOG: dict[str, Callable[[GrblStage], object]] = {
-    "move": lambda stage: stage.move_to(x_mm=-11.0, speed_mm_s=1.0),
-    "home": lambda stage: stage.home(),
-    "end_jog": lambda stage: stage.end_jog(),
-    "unlock": lambda stage: stage.unlock(),
-}
-
-
-@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
-def test_a_jog_is_over_with_what_ends_it(board: Board, end: str) -> None:
-    """A board that is held after that holds nothing up: where it is can be asked."""
-    stage = connected(board)
-    stage.jog("x", -10.0, 1.0)
-    board.status = at("Idle", -11.0)
-    ENDS_OF_A_JOG[end](stage)
-    board.status = at("Hold:0", -11.0)
-    assert stage.status().state == "Hold:0"
 
 
 @pytest.mark.parametrize("news", [b"ALARM:1\r\n", BANNER])
@@ -129,19 +95,12 @@ LIMITS = (
     ("by_mm", "speed_mm_s", "expected_s"),
     [
         ((10.0, 0.0, 0.0), 1.0, 10.0 + 1.0 / 50.0),
-        ((-10.0, 0.0, 0.0), 1.0, 10.0 + 1.0 / 50.0),
         ((20.0, 0.0, 0.0), 99.0, 20.0 / 10.0 + 10.0 / 50.0),
-        ((0.0, 10.0, 0.0), 99.0, 10.0 / 5.0 + 5.0 / 10.0),
-        ((0.0, 0.0, 10.0), 99.0, 10.0 / 2.0 + 2.0 / 4.0),
-        ((0.5, 0.0, 0.0), 99.0, 2 * math.sqrt(0.5 / 50.0)),
         ((0.0, 0.0, 0.25), 99.0, 2 * math.sqrt(0.25 / 4.0)),
         # 5 mm of which 4 are in Z: 2 mm/s there are 2.5 mm/s on the way, 4 mm/s² are 5.
         ((3.0, 0.0, 4.0), 99.0, 5.0 / 2.5 + 2.5 / 5.0),
-        ((3.0, 0.0, 4.0), 1.0, 5.0 / 1.0 + 1.0 / 5.0),
         # 13 mm of which 12 in X: 10.83 mm/s by X, 13 mm/s by Y; 26 mm/s² by Y.
         ((12.0, 5.0, 0.0), 99.0, 13.0 / (10.0 * 13.0 / 12.0) + (10.0 * 13.0 / 12.0) / 26.0),
-        # 25 mm of which 24 in Y: 5.21 mm/s and 10.42 mm/s² by Y, which comes before Z.
-        ((0.0, 24.0, 7.0), 99.0, 25.0 / (5.0 * 25.0 / 24.0) + 0.5),
         ((0.0, 0.0, 0.0), 1.0, 0.0),
     ],
 )
@@ -174,17 +133,6 @@ def test_each_axis_must_arrive_within_a_step_of_its_own(board: Board, axis: str,
     else:
         with raises(StageError, "not_there", axis=axis.upper(), target_mm=-5.0):
             stage.move_to(**{f"{axis}_mm": -5.0}, speed_mm_s=1.0)  # type: ignore[arg-type]
-
-
-def test_a_board_that_tells_no_steps_is_not_held_to_them(board: Board) -> None:
-    """Its arrival is only exact."""
-    board.answers[b"$$\n"] = b"$13=0\r\nok\r\n"
-    stage = connected(board)
-    board.status = at("Idle", -5.0)
-    stage.move_to(x_mm=-5.0004, speed_mm_s=1.0)  # it prints three decimals
-    board.status = at("Idle", -5.001)
-    with raises(StageError, "not_there", axis="X", at_mm=-5.001):
-        stage.move_to(x_mm=-5.0, speed_mm_s=1.0)
 
 
 @pytest.mark.parametrize(
@@ -262,11 +210,6 @@ def test_a_board_has_homed_where_its_settings_say(
         assert not stage.homed
 
 
-def test_a_board_that_tells_no_pull_off_may_home_anywhere(board: Board) -> None:
-    board.answers[b"$$\n"] = b"$13=0\r\n$23=0\r\n$130=60.0\r\nok\r\n"
-    assert connected(board).homed
-
-
 @pytest.mark.parametrize(("after_s", "fine"), [(1.85, True), (2.25, False)])
 def test_a_board_has_two_seconds_to_begin_to_home(
     board: Board, clock: VirtualClock, after_s: float, fine: bool
@@ -283,16 +226,6 @@ def test_a_board_has_two_seconds_to_begin_to_home(
         with raises(StageError, "needs_reset"):
             stage.jog("x", 0.1, 1.0)
     assert stage.homed is fine
-
-
-def test_a_board_that_says_that_it_homes_is_waited_for(board: Board, clock: VirtualClock) -> None:
-    stage = connected(board, homed=False)
-    board.status, board.answers[b"$H\n"] = at("Home"), [(5.0, b"ok\r\n")]
-    clock.call_at(clock.monotonic_s() + 4.95, lambda: setattr(board, "status", at("Idle")))
-    begun_s = clock.monotonic_s()
-    stage.home()
-    assert stage.homed
-    assert clock.monotonic_s() - begun_s == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize("verb", ["home", "halt"])
@@ -339,7 +272,7 @@ def test_a_feed_hold_that_may_have_been_lost_is_repeated(board: Board) -> None:
 
 
 @pytest.mark.parametrize("by_mm", [0.1, -0.1])
-@pytest.mark.parametrize(("first", "then"), [("x", "y"), ("x", "z"), ("z", "x"), ("y", "x")])
+@pytest.mark.parametrize(("first", "then"), [("x", "z"), ("z", "x")])
 def test_a_jog_of_another_axis_waits_for_the_end_of_the_one_before(
     board: Board, clock: VirtualClock, first: str, then: str, by_mm: float
 ) -> None:
@@ -372,16 +305,6 @@ def test_a_jog_that_goes_on_is_cancelled_each_half_second_for_five(board: Board,
         stage.end_jog()
     assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.021)
     assert [t_s - begun_s for t_s in board.times(b"\x85")] == pytest.approx([0.5 * k for k in range(10)], abs=0.2)
-
-
-def test_a_jog_that_does_not_end_holds_up_the_next_one_for_5_s(board: Board, clock: VirtualClock) -> None:
-    stage = connected(board)
-    stage.jog("x", 0.1, 1.0)
-    begun_s = clock.monotonic_s()
-    board.status = at("Jog")
-    with raises(StageTimeout, "still_jogging", timeout_s=5.0):
-        stage.jog("y", 0.1, 1.0)
-    assert clock.monotonic_s() - begun_s == pytest.approx(5.0, abs=0.03)
 
 
 # --- jogs up ---
@@ -421,17 +344,7 @@ def test_a_jog_down_is_never_an_extension(board: Board, clock: VirtualClock) -> 
 
 @pytest.mark.parametrize(
     ("to_mm", "told_mm"),
-    [
-        (0.0, -0.0002),
-        (math.nextafter(0.0, 1.0), -0.0002),
-        (-0.0001, -0.0002),
-        (-0.5, -0.5),
-        (-39.5, -39.5),
-        (-39.9999, -39.9998),
-        (-40.0, -39.9998),
-        (math.nextafter(-40.0, -41.0), -39.9998),
-        (-40.01, -40.01),
-    ],
+    [(0.0, -0.0002), (math.nextafter(0.0, 1.0), -0.0002), (-39.5, -39.5), (-40.0, -39.9998), (-40.01, -40.01)],
 )
 def test_a_target_at_an_end_of_the_travel_is_told_just_within_it(board: Board, to_mm: float, told_mm: float) -> None:
     """The board compares in 24 bits; what lies beyond is for it to refuse."""

@@ -1,10 +1,12 @@
 """How long the GRBL driver waits for an answer, and which answers it believes: by the wire alone."""
 
 from collections.abc import Callable
+from contextlib import nullcontext
 
 import pytest
 
 from rig.devices.base import StageError, StageRejected, StageStatus, StageTimeout
+from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.scripted_board import BANNER, SETTINGS, At, Board, at, connected
@@ -20,23 +22,6 @@ def _lasts_s(clock: VirtualClock, act: Callable[[], object], code: str) -> float
     with raises(StageTimeout, code):
         act()
     return clock.monotonic_s() - begun_s
-
-
-def test_a_silent_board_is_asked_three_times_for_its_status(board: Board, clock: VirtualClock) -> None:
-    stage = connected(board)
-    board.status = b""
-    assert _lasts_s(clock, stage.status, "no_status") == pytest.approx(3 * 0.3)
-    assert board.said == [b"?"] * 3
-
-
-def test_a_garbled_status_is_asked_again_at_once(board: Board, clock: VirtualClock) -> None:
-    """And what is no status at all is passed over, not asked after."""
-    stage = connected(board)
-    board.next[b"?"] = [b"<Idle|MPos:-1.0\xf3,-2\r\n", b"[MSG:hm]\r\n$1=2\r\n" + at("Run")]
-    begun_s = clock.monotonic_s()
-    assert stage.status().state == "Run"
-    assert clock.monotonic_s() == begun_s
-    assert board.said == [b"?", b"?"]
 
 
 @pytest.mark.parametrize(
@@ -61,13 +46,6 @@ def test_a_damaged_status_is_not_believed(board: Board, garbled: bytes) -> None:
     board.next[b"?"] = [garbled]
     assert stage.status().z_mm == -3.0
     assert board.said == [b"?", b"?"]
-
-
-def test_a_status_may_take_almost_its_time(board: Board, clock: VirtualClock) -> None:
-    stage = connected(board)
-    board.next[b"?"] = [[(0.29, at("Run"))]]
-    assert stage.status().state == "Run"
-    assert board.said == [b"?"]
 
 
 def test_a_line_is_answered_within_two_seconds(board: Board, clock: VirtualClock) -> None:
@@ -284,19 +262,51 @@ def test_after_a_reset_the_work_offset_is_waited_for_again(board: Board, asked_f
     assert stage.look() == StageStatus("Idle", -19.0, -18.0, -17.0)
 
 
-@pytest.mark.parametrize("state", ["Hold:0", "Door:0", "Alarm", "Jog", "Run"])
-def test_a_board_that_nobody_has_told_to_move_may_be_in_any_state(board: Board, state: str) -> None:
-    """Asked where it is, it is not refused for being held: that is for what moves."""
+# --- what never comes ---
+
+
+def _deaf_to_resets(clock: VirtualClock, status: bytes) -> tuple[Board, GrblStage]:
+    clock.wait_s(1000.0)
+    board = Board(clock, status)
+    board.answers[b"\x18"] = b""
     stage = connected(board, homed=False)
-    board.status = at(state)
-    assert stage.look() == stage.status() == StageStatus(state, -1.0, -2.0, -3.0)
+    stage._link.trusted = True
+    return board, stage
 
 
-def test_a_status_of_a_board_that_is_not_held_is_no_answer_and_no_harm(board: Board) -> None:
-    """It comes before the ok of a line that the board had to wait with; the next line goes as ever."""
-    stage = connected(board, output="spindle")
-    board.next[b"M5\n"] = [[(0.0, at("Run")), (0.1, b"ok\r\n")]]
-    stage.set_output(False)
-    stage.set_output(False)
-    assert board.said.count(b"M5\n") == 2
-    assert stage.homed
+def test_homing_that_never_ends_has_three_minutes(clock: VirtualClock) -> None:
+    board, stage = _deaf_to_resets(clock, at("Home"))
+    board.answers[b"$H\n"] = b""
+    assert _lasts_s(clock, stage.home, "no_reply") == pytest.approx(180.0)
+    assert not stage.homed
+
+
+def test_a_halt_that_never_rests_has_two_seconds_and_is_followed_by_no_reset(clock: VirtualClock) -> None:
+    """A reset in motion would lose the position."""
+    board, stage = _deaf_to_resets(clock, at("Run"))
+    assert _lasts_s(clock, stage.halt, "not_at_rest") == pytest.approx(2.0, abs=0.021)
+    assert board.said[0] == b"!"
+    assert b"\x18" not in board.said
+
+
+def test_a_held_board_that_does_not_go_on_has_five_seconds(clock: VirtualClock) -> None:
+    _, stage = _deaf_to_resets(clock, at("Hold:0"))
+    assert _lasts_s(clock, stage.resume, "still_held") == pytest.approx(5.0, abs=0.021)
+
+
+@pytest.mark.parametrize("after", ["Idle", "Alarm"])
+def test_a_halt_that_ends_in_an_alarm_has_lost_the_position(clock: VirtualClock, after: str) -> None:
+    board, stage = _deaf_to_resets(clock, at("Hold:0"))
+    board.answers[b"\x18"] = BANNER
+    write = board.write
+
+    def reset(data: bytes) -> None:
+        if data == b"\x18":
+            board.status = at(after)
+        write(data)
+
+    board.write = reset  # type: ignore[method-assign]
+    with nullcontext() if after == "Idle" else raises(StageError, "lost_in_halt", state="Alarm"):
+        stage.halt()
+    assert stage.homed is (after == "Idle")
+    assert board.said == [b"!", b"?", b"\x18", b"?"]

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive, is_held
+from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive
 from rig.devices.grbl import GrblStage
 from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
@@ -156,15 +156,6 @@ def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(
     bench.stage.jog("x", -0.1, 1.0)
 
 
-@pytest.mark.parametrize("mask", [1, 511 - 64, 511 - 32])
-def test_a_grblhal_that_hides_its_overrides_or_its_work_zero_is_refused(scripted: Any, mask: int) -> None:
-    hello = (b"$I\n", b"[VER:1.1f.20260817:]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
-    answer = b"$10=%d\r\n$13=0\r\nok\r\n" % mask
-    stage = GrblStage(scripted([hello, (b"\x90\x95\x99$$\n", answer), (b"$$\n", answer)]), VirtualClock())
-    with raises(StageError, "not_as_configured", wanted={10: mask | 96}, found={10: mask}):
-        stage.connect()
-
-
 @pytest.mark.parametrize("at_s", [0.3, 0.8, 1.9])
 def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Bench, at_s: float) -> None:
     """A feed hold in a jog cancels what was told so far: the way is shorter by that, a caliper misled."""
@@ -251,14 +242,6 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     bench.line.host_write(b"~")
     bench.clock.wait_s(2.0)
     assert bench.x_mm() == at_mm
-
-
-@pytest.mark.parametrize(
-    ("state", "held"),
-    [("Hold:0", True), ("Hold:1", True), ("Door:3", True), ("Idle", False), ("Jog", False), ("Alarm", False)],
-)
-def test_what_a_held_board_says_of_itself(state: str, held: bool) -> None:
-    assert is_held(state) is held
 
 
 def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(bench: Bench) -> None:

@@ -1,6 +1,5 @@
 """How a Leadshine drive is moved, jogged and stopped: what it is asked and told, and when."""
 
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from itertools import pairwise
@@ -10,7 +9,7 @@ import pytest
 
 from rig.devices.base import StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import LeadshineDrive, Status, words
+from rig.devices.leadshine_drive import LeadshineDrive, words
 from rig.settings import DriveSettings
 from rig.transport.modbus import ModbusRefused
 from sim.devices.clock import VirtualClock
@@ -42,46 +41,6 @@ def bench(clock: VirtualClock) -> Make:
 
 
 # --- moves ---
-
-# With 400 pulses a turn and a mm: way, speed, the drive's ramp in ms for 1000 rpm, and how long the trapezium lasts.
-WAYS = [
-    (1.0, 5.0, 333, 400 / 2000 + 0.0999),
-    (40.0, 10.0, 2000, 16000 / 4000 + 1.2),
-    (10.0, 10.0, 10000, 2 * math.sqrt(4000 * 6.0 / 4000)),  # never at full speed
-]
-
-
-@pytest.mark.parametrize(("by_mm", "speed_mm_s", "ramp_ms", "lasts_s"), WAYS)
-def test_a_drive_is_asked_when_it_should_have_arrived_and_each_20_ms_from_then_on(
-    bench: Make, clock: VirtualClock, by_mm: float, speed_mm_s: float, ramp_ms: int, lasts_s: float
-) -> None:
-    """For alarms each 0.25 s on the way; it runs 50 ms longer than it should."""
-    bus, stage = bench(drive={"ramp_ms": ramp_ms})
-    bus.stands(X, -400)
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + lasts_s + 0.05 else HOMED
-    stage.move_to(x_mm=-1.0 - by_mm, speed_mm_s=speed_mm_s)
-    asked_s = [t_s - begun_s for t_s, device, register in bus.asked if (device, register) == (X, STATUS)]
-    on_the_way = [0.25 * k for k in range(math.ceil(lasts_s / 0.25))]
-    assert asked_s == pytest.approx(on_the_way + [lasts_s + 0.02 * k for k in range(4)])
-
-
-@pytest.mark.parametrize(
-    ("by_mm", "arrives_s", "looks_s"), [(1.0, 0.31, [0.1, 0.2]), (0.25, 0.16, [])], ids=["0.3 s", "0.14 s"]
-)
-def test_a_move_is_looked_at_each_tenth_of_a_second_and_not_just_before_its_end(
-    bench: Make, clock: VirtualClock, by_mm: float, arrives_s: float, looks_s: list[float]
-) -> None:
-    bus, stage = bench()
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + arrives_s else HOMED
-    looked_s = []
-    for look in stage.moving(z_mm=-by_mm, speed_mm_s=5.0):
-        assert look is not None
-        assert look.state == "Run"
-        looked_s.append(clock.monotonic_s() - begun_s)
-    assert looked_s == pytest.approx(looks_s)
-    assert clock.monotonic_s() - begun_s < arrives_s + 0.021
 
 
 @pytest.mark.parametrize(
@@ -169,25 +128,6 @@ def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(benc
         assert asked_s - triggered_s == pytest.approx(0.05)
 
 
-def test_homing_is_given_three_minutes(bench: Make) -> None:
-    bus, stage = bench()
-    bus.takes_s = 1.0
-    bus.status = lambda device, t_s: RUNNING
-    with raises(StageTimeout, "not_over", axis="z", drive=2, what="homing", timeout_s=180.0):
-        stage.home()
-
-
-@pytest.mark.parametrize(("bit", "name"), [(2, "RUNNING"), (4, "COMMAND_DONE")])
-def test_a_timeout_tells_what_the_drive_says_of_itself(bench: Make, clock: VirtualClock, bit: int, name: str) -> None:
-    """Bits by the manual; bit 1 is enabled, bit 6 homed. It comes after half as much time again and 5 s."""
-    bus, stage = bench()
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: 0x42 | 1 << bit if t_s > begun_s else HOMED
-    most_s = pytest.approx(1.5 * (400 / 2000 + 0.0999) + 5.0)
-    with raises(StageTimeout, "not_over", status=Status.ENABLED | Status[name] | Status.HOMED, timeout_s=most_s):
-        stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
-
-
 def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
     bus, stage = bench()
     bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
@@ -224,16 +164,6 @@ def test_a_held_jog_is_told_again_each_20_ms_however_long_an_answer_takes(bench:
     assert [b - a for a, b in pairwise(told_s)] == pytest.approx([0.02] * 5)
 
 
-def test_a_held_jog_is_over_as_soon_as_the_drive_stands(bench: Make, clock: VirtualClock) -> None:
-    """And it is asked until then."""
-    bus, stage = bench()
-    held = iter([True, False])
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 0.07 else HOMED
-    stage.jog_while("z", 1, lambda: next(held), 1.0)
-    assert 0.07 <= clock.monotonic_s() - begun_s < 0.1
-
-
 def test_a_drive_that_jogs_on_after_the_key_is_told_of_after_a_second(bench: Make, clock: VirtualClock) -> None:
     bus, stage = bench()
     held = iter([True, False])
@@ -255,14 +185,6 @@ def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
     bus.stands(X, -4000)
     stage.jog("x", 0.5, 1.0)
     assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
-
-
-def test_a_jog_of_a_drive_that_somebody_else_runs_begins_where_it_is(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: RUNNING
-    bus.stands(Z, -2000)
-    stage.jog("z", 0.25, 1.0)
-    assert bus.paths() == [(Z, -1900)]
 
 
 ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
@@ -364,11 +286,3 @@ def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(c
     assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}
     stage.close()
     assert (one.closed, two.closed) == (1, 1)
-
-
-def test_a_bus_for_both_is_told_once_for_each_and_closed_once(bench: Make) -> None:
-    bus, stage = bench()
-    stage.stop()
-    assert [what[1] for what in bus.told] == [Z, X, Z, X]
-    stage.close()
-    assert bus.closed == 1

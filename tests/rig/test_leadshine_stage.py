@@ -8,15 +8,12 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageNotHomed, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import number, words
 from rig.devices.registry import KnownBench, StageKind, find
-from rig.settings import SyncSettings
-from rig.transport import TransportError
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
+from tests.drives_as_registers import ALARM, DISABLED, HOMED, Bus, X, Z, homed_stage
 from tests.error_codes import raises
 
 Make = Callable[..., tuple[Bus, LeadshineStage]]
@@ -110,32 +107,6 @@ def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
     assert not stage.homed
 
 
-NO_NUMBER = [float("nan"), float("inf"), float("-inf")]
-
-
-@pytest.mark.parametrize(
-    ("code", "move"),
-    [
-        *(("not_finite", {"x_mm": -1.0, name: no}) for name in ("x_mm", "y_mm", "speed_mm_s") for no in NO_NUMBER),
-        *(("not_finite", {"z_mm": value}) for value in NO_NUMBER),
-        *(("set_by_hand", {"x_mm": -1.0, "y_mm": mm}) for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
-        *(("set_by_hand", {"y_mm": mm}) for mm in (-14.0, -16.0)),
-        *(("too_slow", {"x_mm": -1.0, "speed_mm_s": speed}) for speed in (0.0, -1.0, 0.0166)),
-        ("not_one_axis", {"x_mm": -1.0, "z_mm": -1.0}),
-        ("not_one_axis", {"x_mm": -1.0, "y_mm": -15.0, "z_mm": -1.0}),
-        ("not_one_axis", {}),
-    ],
-    ids=str,
-)
-def test_what_is_no_move_is_refused_before_any_word(bench: Make, code: str, move: dict[str, float]) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    fields = {"set_by_hand": {"set_mm": -15.0}, "too_slow": {"least_mm_s": 1 / 60}}.get(code, {})
-    with raises(MoveError, code, **fields):
-        stage.move_to(**{"speed_mm_s": 1.0, **move})
-    assert (bus.asked, bus.told) == ([], [])
-    assert stage.homed
-
-
 @pytest.mark.parametrize("homed", [True, False])
 @pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
 def test_a_speed_below_a_turn_a_minute_is_refused_before_any_word(bench: Make, verb: str, homed: bool) -> None:
@@ -157,41 +128,6 @@ def test_a_speed_below_a_turn_a_minute_is_refused_before_any_word(bench: Make, v
     assert (bus.asked, bus.told) == ([], [])
 
 
-def test_to_stay_where_it_was_set_by_hand_is_no_move(bench: Make) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    stage.move_to(y_mm=-15.0, speed_mm_s=1.0)
-    assert (bus.asked, bus.told) == ([], [])
-
-
-def test_set_by_hand_means_at_0_where_nothing_is_said(bench: Make) -> None:
-    _, stage = bench()
-    assert stage.status().y_mm == 0.0
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda stage: stage.steps_per_mm("y"),
-        lambda stage: stage.jog("y", 1.0, 1.0),
-        lambda stage: stage.jog_while("y", 1, lambda: True, 1.0),
-    ],
-    ids=["steps_per_mm", "jog", "jog_while"],
-)
-def test_there_is_no_drive_along_the_finger(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
-    bus, stage = bench()
-    with raises(StageError, "no_drive", axis="y"):
-        act(stage)
-    assert (bus.asked, bus.told) == ([], [])
-
-
-@pytest.mark.parametrize("by_mm", NO_NUMBER)
-def test_a_jog_by_no_number_is_refused_before_any_word(bench: Make, by_mm: float) -> None:
-    bus, stage = bench()
-    with raises(MoveError, "not_finite", name="by_mm"):
-        stage.jog("x", by_mm, 1.0)
-    assert (bus.asked, bus.told) == ([], [])
-
-
 @pytest.mark.parametrize("per_mm", [200.0, -200.0])
 def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float) -> None:
     """A turn is 2 mm: 2 mm/min, 0.0333 mm/s, is one rpm; and no faster than asked for, 0.0999 mm/s is two."""
@@ -204,22 +140,6 @@ def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float)
 
 
 # --- trust ---
-
-
-@pytest.mark.parametrize(
-    "act",
-    [lambda stage: stage.connect(), lambda stage: stage.unlock(), lambda stage: stage.stop()],
-    ids=["connect", "unlock", "stop"],
-)
-def test_what_makes_the_position_doubtful_makes_it_untrusted(
-    bench: Make, act: Callable[[LeadshineStage], object]
-) -> None:
-    _, stage = bench()
-    assert stage.homed
-    act(stage)
-    assert not stage.homed
-    with raises(StageNotHomed, "not_homed"):
-        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
 
 
 @pytest.mark.parametrize("loses", ["move_to", "limit_depth"])
@@ -278,14 +198,6 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     assert stage.homed
 
 
-def test_homing_makes_paths_null_even_if_nothing_failed(bench: Make) -> None:
-    bus, stage = bench()
-    bus.registers[X, 0x6278] = bus.registers[Z, 0x6278] = 0x41
-    stage.home()
-    assert [what[1:] for what in bus.told][:2] == [(Z, 0x6278, [0]), (Z, 0x600F, [1, 1, 333, 333])]
-    assert (X, 0x6278, [0]) in [what[1:] for what in bus.told]
-
-
 @pytest.mark.parametrize("device", [X, Z])
 def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
     bus, stage = bench()
@@ -314,92 +226,7 @@ def test_a_drive_is_asked_at_its_own_port_or_at_that_of_the_stage(x_port: str | 
         assert set(heard) == {port or "/dev/stage"}
 
 
-def test_a_port_that_does_not_open_leaves_the_other_one_closed() -> None:
-    config = KnownBench.model_validate(
-        {"stage": {"kind": "leadshine", "drives": {"z": {"device_id": 2, "port": "tcp://b:1"}}}}
-    )
-    closed = list[str]()
-
-    def opener(port: str) -> Any:
-        if port == "tcp://b:1":
-            raise TransportError("no such port")
-        return SimpleNamespace(name=port, close=lambda: closed.append(port))
-
-    with pytest.raises(TransportError):
-        find(StageKind, "leadshine").driver(opener, VirtualClock(), config)
-    assert closed == [config.stage.port]
-
-
-def test_while_it_homes_the_position_is_not_trusted(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 1.0 else HOMED
-    trusted = [stage.homed for _ in stage.homing()]
-    assert len(trusted) > 5
-    assert not any(trusted)
-    assert stage.homed
-
-
-def test_a_homing_that_fails_leaves_the_position_untrusted(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: ALARM
-    with raises(StageAlarm, "alarm"):
-        stage.home()
-    assert not stage.homed
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda stage: stage.halt(),
-        lambda stage: stage.jog("x", -1.0, 1.0),
-        lambda stage: stage.end_jog(),
-        lambda stage: stage.look(),
-    ],
-    ids=["halt", "jog", "end_jog", "look"],
-)
-def test_what_keeps_the_position_keeps_it_trusted(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
-    _, stage = bench()
-    act(stage)
-    assert stage.homed
-
-
-def test_a_look_is_the_state_and_the_place(bench: Make) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    bus.stands(X, -12000)
-    bus.stands(Z, -400)
-    seen = stage.look()
-    assert (seen.state, seen.x_mm, seen.y_mm, seen.z_mm) == ("Idle", -30.0, -15.0, -1.0)
-    assert bus.told == []
-
-
 # --- backlash ---
-
-
-@pytest.mark.parametrize("axis", ["x", "z"])
-@pytest.mark.parametrize(
-    ("backlash_mm", "to_mm", "targets"),
-    [
-        (0.025, -1.0, [-380, -400]),
-        (0.025, -0.02, [0, -8]),  # not beyond the top
-        (0.025, -2.0, [-800]),
-        (0.025, -3.0, [-1200]),
-        (None, -1.0, [-400]),
-    ],
-    ids=["up", "up to the top", "nowhere", "down", "none"],
-)
-def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up(
-    bench: Make, axis: str, backlash_mm: float | None, to_mm: float, targets: list[int]
-) -> None:
-    bus, stage = bench(**({} if backlash_mm is None else {f"{axis}_backlash_mm": backlash_mm}))
-    device, other = (X, Z) if axis == "x" else (Z, X)
-    bus.stands(device, -800)
-    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=1.0)
-    assert bus.paths() == [(device, pulses) for pulses in targets]
-    bus.stands(other, -800)
-    stage.move_to(**{f"{'z' if axis == 'x' else 'x'}_mm": to_mm}, speed_mm_s=1.0)
-    assert bus.paths()[-1][0] == other
-    assert len(bus.paths()) == len(targets) + 1
 
 
 # --- the rest ---
@@ -412,30 +239,3 @@ def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, regis
         bus.registers[Z, register] = word
         assert stage.active_inputs() == inputs
     assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
-
-
-@pytest.mark.parametrize("output", [None, SyncSettings(), SyncSettings(output="drive", register_address=1)])
-def test_an_output_that_lacks_its_words_is_refused(bench: Make, output: SyncSettings | None) -> None:
-    bus, stage = bench(output=output)
-    for on in (True, False):
-        with raises(StageError, "no_output"):
-            stage.set_output(on)
-    assert bus.told == []
-
-
-@pytest.mark.parametrize("per_mm", [400.0, -250.0])
-def test_what_a_drive_takes_for_a_millimetre_has_the_sign_of_its_motor(bench: Make, per_mm: float) -> None:
-    _, stage = bench(per_mm=per_mm)
-    assert [stage.steps_per_mm("x"), stage.steps_per_mm("z")] == [per_mm, per_mm]
-
-
-@pytest.mark.parametrize(
-    ("value", "pair"),
-    [
-        (0, [0, 0]), (1, [0, 1]), (0x12345678, [0x1234, 0x5678]), (65535, [0, 0xFFFF]), (65536, [1, 0]),
-        (-1, [0xFFFF, 0xFFFF]), (-65536, [0xFFFF, 0]), (2**31 - 1, [0x7FFF, 0xFFFF]), (-(2**31), [0x8000, 0]),
-    ],
-)  # fmt: skip
-def test_a_number_is_two_registers_high_word_first(value: int, pair: list[int]) -> None:
-    assert words(value) == pair
-    assert number(pair) == value

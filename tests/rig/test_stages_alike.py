@@ -449,13 +449,13 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     assert not bench.stage.homed
 
 
-@every_kind
+@every_table
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=180.0):
         bench.stage.home()
-    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 185.0
+    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 190.0
     assert not bench.stage.homed
 
 
