@@ -126,27 +126,6 @@ def test_a_count_is_so_many_grams_and_the_scale_is_measured(transmitter: Make, c
     assert force.resolution_gwt == pytest.approx(0.02 * scale)
 
 
-def test_a_transmitter_that_nothing_is_said_of_shows_grams_in_hundredths_each_twentieth_of_a_second(
-    transmitter: Make,
-) -> None:
-    """A value of four samples is new after four."""
-    bus, force = transmitter()
-    bus.gross = 100
-    assert (force.sample_period_s, force.resolution_gwt) == (0.05, 0.01)
-    assert force.read().force_n == pytest.approx(GWT_N)
-    assert transmitter(filter_samples=4)[1].sample_period_s == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("ask", ["connect", "identify"])
-def test_an_identity_is_given_where_the_unit_is_right_and_nothing_is_written(transmitter: Make, ask: str) -> None:
-    bus, force = transmitter()
-    assert getattr(force, ask)() == "Laumas transmitter type 30, serial 1234 of 2024, firmware 261"
-    bus.units = 0x000C
-    with raises(ForceError, "wrong_unit", register=13, word=0x000C, expected_word=0x010C):
-        getattr(force, ask)()
-    assert bus.told == []
-
-
 @pytest.mark.parametrize(("weight", "command"), [("gross", 8), ("net", 7)])
 def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_is_new(
     transmitter: Make, clock: VirtualClock, weight: str, command: int

@@ -135,6 +135,7 @@ def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float)
     for speed_mm_s, rpm in ((1 / 30, 1), (0.0999, 2), (0.1, 3), (5.0, 150)):
         stage.move_to(x_mm=-1.0, speed_mm_s=speed_mm_s)
         assert bus.told[-2][3][3] == rpm
+        assert bus.paths()[-1] == (X, -per_mm)
     with raises(MoveError, "too_slow", least_mm_s=1 / 30, speed_mm_s=0.033):
         stage.move_to(x_mm=-1.0, speed_mm_s=0.033)
 

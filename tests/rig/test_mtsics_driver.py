@@ -93,19 +93,6 @@ def test_what_came_unasked_is_no_answer(balance: Balance, late: bytes) -> None:
 # --- answers ---
 
 
-@pytest.mark.parametrize(("options", "steps"), [({}, (0.05, 0.01)), ({"scale": 1.25}, (0.05, 0.0125))], ids=str)
-def test_a_balance_has_steps_of_time_and_of_force(
-    balance: Balance, options: dict[str, float], steps: tuple[float, float]
-) -> None:
-    force = balance(HELLO, WEIGHT, **options)
-    assert (force.sample_period_s, force.resolution_gwt) == pytest.approx(steps)
-    assert force.read().force_n == pytest.approx(GWT_N * options.get("scale", 1.0))
-
-
-def test_an_answer_may_come_in_pieces(balance: Balance) -> None:
-    assert balance(HELLO, (b"SI\r\n", [b"S S   ", b"  1.00 ", b"g\r", b"\n"])).read().stable
-
-
 def test_stable_value_zero_and_tare(balance: Balance) -> None:
     force = balance(HELLO, _pair("S", "S S 3.00 g"), _pair("Z", "Z A"), _pair("T", "T S 100.00 g"))
     found = force.read_stable(5.0)
