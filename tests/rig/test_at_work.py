@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from rig.control import client as at_work_module
 from rig.control.client import Announcement, activity_of
 from rig.control.owner_socket import ControlSocket
 from rig.transport.ownership import PortOwnership
@@ -51,16 +50,6 @@ def test_what_the_owner_of_a_port_does(
     assert told["since_utc"].startswith("2023-11-1")
     assert len(told["since_utc"]) == len("2023-11-14T22:13:20+00:00")
     assert activity_of(os.getpid() + 1) == {}
-
-
-def test_of_one_that_has_not_said_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert activity_of(os.getpid()) == {}
-
-    def not_ours() -> Any:
-        raise PermissionError(1, "somebody else's")
-
-    monkeypatch.setattr(at_work_module, "announced", not_ours)
-    assert activity_of(os.getpid()) == {}
 
 
 @pytest.mark.parametrize("command", ["status", "doctor"])

@@ -35,13 +35,6 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchMemory:
     return BenchMemory(RigSettings())
 
 
-def test_of_a_bench_that_nobody_used_nothing_is_known(memory: BenchMemory) -> None:
-    known = memory.read()
-    assert known == LastKnown()
-    assert known.zero is None
-    assert not known.is_where_left(AT)
-
-
 @pytest.mark.parametrize(
     ("at", "there"),
     [
@@ -86,14 +79,6 @@ def test_a_file_that_cannot_be_read_is_nothing_known(memory: BenchMemory, tmp_pa
     memory.left(AT)
     assert json.loads(path.read_text(encoding="utf-8"))["left_at_mm"] == [-3.0, -2.0, -1.5]
     assert [one.name for one in path.parent.iterdir()] == [path.name], "nothing else is left there"
-
-
-def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "file"))
-    memory = BenchMemory(RigSettings())
-    memory.left(AT)
-    assert memory.read() == LastKnown()
 
 
 def _bench(kind: str) -> Any:

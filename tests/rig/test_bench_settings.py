@@ -1,4 +1,4 @@
-"""What a bench is where nothing is said, what each number may be, and what cannot be true together."""
+"""Calibrations: their days and their numbers; and what of a bench cannot be true together."""
 
 import datetime
 import re
@@ -7,101 +7,18 @@ from functools import partial
 from typing import Any
 
 import pytest
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from rig import settings
 from rig.bench import checks
 from rig.devices.registry import KnownBench, checked, moves_along, stage_ports
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.settings import BenchSettings, Calibration, DriveSettings, StageSettings, SyncSettings
-from tests.config_keys import TABLE, Key
+from rig.settings import Calibration, StageSettings, SyncSettings
+from tests.config_keys import TABLE
 from tests.error_codes import raises
 
-JUST_ABOVE_0 = 1e-6
-# Each model of a bench, and where its keys stand in tests/data/config_keys.txt, the one list of them.
-PLACES = {
-    "DriveSettings": "stage.drives.x", "StageSettings": "stage", "StatusBits": "force.laumas.bits",
-    "LaumasSettings": "force.laumas", "ForceSettings": "force", "SyncSettings": "sync", "FrameSettings": "frame",
-}  # fmt: skip
 MEASURED = tuple(name.split(".")[1] for name in TABLE if re.fullmatch(r"calibration\.\w+\.value", name))
-
-
-def _of(place: str) -> dict[str, Key]:
-    return {name.rpartition(".")[2]: key for name, key in TABLE.items() if name.rpartition(".")[0] == place}
-
-
-def _within(key: Key) -> tuple[float, float | None]:
-    """The lowest and the highest that it may be; None where there is no end."""
-    number = int if key.kind == "integer" else float
-    ends = {sign[0]: number(bound) + (0 if "=" in sign else JUST_ABOVE_0) for sign, bound in key.bounds}
-    return ends[">"], ends.get("<")
-
-
-BOUNDS = {
-    model: {name: _within(key) for name, key in _of(place).items() if key.bounds and not key.length}
-    for model, place in PLACES.items()
-}
-
-
-def _as_tables(place: str) -> dict[str, Any]:
-    tables: dict[str, Any] = {}
-    for name, key in TABLE.items():
-        if name.startswith(f"{place}."):
-            *inner, last = name.removeprefix(f"{place}.").split(".")
-            table = tables
-            for step in inner:
-                table = table.setdefault(step, {})
-            table[last] = key.default
-    return tables
-
-
-def test_every_bound_of_a_bench_is_looked_at() -> None:
-    """The list was read: so many numbers of each model have bounds."""
-    assert {model: len(keys) for model, keys in BOUNDS.items()} == {
-        "DriveSettings": 10, "StageSettings": 3, "StatusBits": 9, "LaumasSettings": 7, "ForceSettings": 4,
-        "SyncSettings": 4, "FrameSettings": 2,
-    }  # fmt: skip
-    assert BOUNDS["StageSettings"]["resolution_mm"] == (JUST_ABOVE_0, 0.05)
-    assert BOUNDS["DriveSettings"]["device_id"] == (1, 31)
-
-
-def test_a_bench_of_which_nothing_is_said_has_these_numbers() -> None:
-    tables = {place: _as_tables(place) for place in ("stage", "force", "sync", "frame")}
-    off = dict.fromkeys(("input", "device", "key_code", "trip_input", "trip_gwt"))
-    stop = {"kind": "off", **off, "trip_register": 16, "inputs_register": 0x0179}
-    assert BenchSettings().model_dump(mode="json") == {**tables, "stop": stop, "calibration": dict.fromkeys(MEASURED)}
-    assert len(MEASURED) == 8
-
-
-@pytest.mark.parametrize("name", BOUNDS)
-def test_a_number_may_be_as_low_and_as_high_as_this_and_no_more(name: str) -> None:
-    assert BenchSettings()
-    for key, (lowest, highest) in BOUNDS[name].items():
-        step = 1 if isinstance(lowest, int) else 1e-6
-        _accepts(name, key, lowest)
-        _refuses(name, key, lowest - step)
-        _accepts(name, key, 1e9 if highest is None else highest)
-        if highest is not None:
-            _refuses(name, key, highest + step)
-
-
-def _model(name: str) -> type[BaseModel]:
-    found: type[BaseModel] = getattr(settings, name)
-    return found
-
-
-def _made(name: str, key: str, value: float) -> BaseModel:
-    needed = {"device_id": 1} if name == "DriveSettings" else {}
-    return _model(name).model_validate({**needed, key: value})
-
-
-def _accepts(name: str, key: str, value: float) -> None:
-    assert getattr(_made(name, key, value), key) == value
-
-
-def _refuses(name: str, key: str, value: float) -> None:
-    _first(key, lambda: _made(name, key, value))
 
 
 def _first(key: str, make: Callable[[], object], begins: str = "") -> None:
@@ -111,35 +28,6 @@ def _first(key: str, make: Callable[[], object], begins: str = "") -> None:
     (problem,) = caught.value.errors()
     assert ".".join(map(str, problem["loc"])) == key
     assert problem["msg"].removeprefix("Value error, ").startswith(begins)
-
-
-# Tables inside, explained by their own keys; every key is.
-INSIDE: dict[str, set[str]] = {
-    "Calibration": set(),
-    "DriveSettings": set(),
-    "StageSettings": {"drives"},
-    "LaumasSettings": {"bits"},
-    "ForceSettings": {"laumas"},
-    "SyncSettings": set(),
-    "FrameSettings": set(),
-}
-
-
-def test_every_key_is_explained() -> None:
-    assert BenchSettings()
-    for name, tables in INSIDE.items():
-        assert {key for key, field in _model(name).model_fields.items() if field.description is None} == tables
-
-
-def test_a_drive_has_to_be_given_its_device_id() -> None:
-    _first("device_id", lambda: DriveSettings.model_validate({}))
-
-
-def test_a_travel_is_three_positive_lengths() -> None:
-    for travel_mm in [(0.0, 1.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 0.0), (1.0, 1.0)]:
-        with pytest.raises(ValidationError) as caught:
-            StageSettings.model_validate({"travel_mm": travel_mm})
-        assert [problem["loc"][0] for problem in caught.value.errors()] == ["travel_mm"]
 
 
 # --- calibrations ---
@@ -177,14 +65,6 @@ def test_a_measured_number_is_one_that_can_be(name: str) -> None:
         else:
             tables = {name: _measured(value)}
             _first(name, partial(settings.CalibrationSettings.model_validate, tables), f"value = {value:g}: ")
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_what_was_not_measured_is_what_was_said_instead(name: str) -> None:
-    nothing = settings.CalibrationSettings()
-    assert nothing.value(name, 7.0) == 7.0
-    assert list(nothing.measured()) == []
-    assert nothing.expired(datetime.date(2999, 1, 1)) == []
 
 
 def test_a_calibration_may_be_used_on_its_last_day() -> None:
@@ -239,12 +119,6 @@ def test_drives_are_told_apart_by_id_or_by_port(
         stage = _stage("leadshine", x, z)
         assert stage_ports(stage) == ports
         assert moves_along(stage) is False
-
-
-def test_a_board_is_on_one_port_and_moves_along_the_finger() -> None:
-    stage = _stage("grbl", {"device_id": 1, "port": "/dev/b"}, {"device_id": 2})
-    assert stage_ports(stage) == ("/dev/a",)
-    assert moves_along(stage) is True
 
 
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}

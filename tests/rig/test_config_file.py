@@ -2,7 +2,6 @@
 
 import errno
 import os
-import tomllib
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -10,12 +9,11 @@ from typing import Any
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import ValidationError
 
 from rig.errors import BadInputError, first_problem
-from rig.plan.config import Config, load_config, reraised_as
-from rig.study.exceptions import StudyError
-from tests.error_codes import has_code, raises
+from rig.plan.config import Config, load_config
+from tests.error_codes import has_code
 
 
 @pytest.fixture
@@ -31,37 +29,6 @@ def _refused(path: Path) -> BadInputError:
     assert str(caught.value).startswith(f"config {path}: ")
     assert caught.value.fields["where"] == f"config {path}"
     return caught.value
-
-
-def test_no_file_means_the_defaults() -> None:
-    assert load_config(None) == Config()
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("[calibration]\nz_steps_per_mm = 401.2\n", "must be a table with value, date, expires"),
-        ("[calibration]\nz_steps_per_mm = [400, 1]\n", "must be a table with value, date, expires"),
-        ('stage = "grbl"\n', "must be a table"),
-        ("[force]\nlaumas = 3\n", "must be a table"),
-        ("[limits]\nalong_mm = 3\n", "must be a list"),
-        ("[limits]\nalong_mm = [1, 2, 3]\n", "must have at most 2 items, not 3"),
-        ("[stage]\ntravel_mm = [1, 2]\n", "has too few values"),
-        ("[virtual]\nrelaxation = [[0.2]]\n", "has too few values"),
-        ("[stage]\nport = 5\n", "must be text"),
-        ('[stage]\ndtr = "yes"\n', "must be true or false"),
-        ("[habits]\nsettle_readings = 1.5\n", "must be a whole number"),
-        ('[limits]\nmax_force_gwt = "50"\n', "must be a number"),
-        (
-            '[calibration]\nz_steps_per_mm = {value = 1, date = "1.3.2026", expires = 2027-03-01}\n',
-            "must be a date, as 2026-03-01",
-        ),
-    ],
-)
-def test_what_is_expected_in_words_of_the_file(toml: Path, text: str, expected: str) -> None:
-    """The validation library speaks of tuples, instances and classes."""
-    toml.write_text(text)
-    assert str(_refused(toml)).endswith(f": {expected}")
 
 
 VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
@@ -200,16 +167,6 @@ def _takes(tables: dict[str, dict[str, object]]) -> None:
         assert keys == tables[table]
 
 
-def test_a_configuration_without_calibrations_is_written_without_them() -> None:
-    """TOML has no word for nothing: a key that is not there is left out; days are texts."""
-    assert "none" not in Config().as_toml().lower()
-    assert "framing" not in Config().as_toml()
-    measured = {"value": 400.0, "date": "2026-03-01", "expires": "2027-03-01"}
-    text = Config.model_validate({"calibration": {"x_steps_per_mm": measured}}).as_toml()
-    assert 'date = "2026-03-01"' in text
-    assert "y_steps_per_mm" not in text
-
-
 # --- calibrations ---
 
 CALIBRATED = """
@@ -273,22 +230,6 @@ def test_a_file_changes_only_what_it_names(toml: Path) -> None:
     assert config.finger == Config().finger
 
 
-def test_modbus_devices_read_back_the_same(toml: Path) -> None:
-    toml.write_text(
-        '[stage]\nkind = "leadshine"\nport = "tcp://10.0.0.7:502"\n'
-        '[stage.drives.x]\ndevice_id = 5\nport = "/dev/ttyUSB3"\npulses_per_rev_register = 0x0001\n'
-        '[force]\nkind = "laumas"\nframing = "rtu"\n'
-        "[force.laumas]\nunits_word = 0x010C\n[force.laumas.bits]\nstable = 12\n",
-        encoding="utf-8",
-    )
-    config = load_config(toml)
-    assert (config.stage.framing, config.force.framing) == (None, "rtu")
-    assert (config.stage.drives.x.device_id, config.stage.drives.z.device_id) == (5, 2)
-    assert config.force.laumas.bits.stable == 12
-    toml.write_text(config.as_toml(), encoding="utf-8")
-    assert load_config(toml) == config
-
-
 NUMBERS = {
     ("limits", "max_doi_mm"): (0.001, 2.0),
     ("limits", "max_force_gwt"): (0.001, 500.0),
@@ -317,26 +258,3 @@ def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str
 
 
 # --- the TOML files of comparisons and studies ---
-
-
-class _Two(BaseModel):
-    a: int = Field(gt=0)
-    b: int = Field(gt=0)
-
-
-@pytest.mark.parametrize(
-    ("content", "code", "fields"),
-    [
-        (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
-        (b"a = = 1", "no_toml", {"problem": "Invalid value (at line 1, column 5)"}),
-        (b"\xff", "no_toml", {"problem": "'utf-8' codec can't decode byte 0xff in position 0: invalid start byte"}),
-        (b"a = 0\nb = -1", "invalid_value", {"key": "a", "rule": "greater_than"}),
-    ],
-)
-def test_the_first_thing_that_is_wrong_with_a_toml_file(
-    toml: Path, content: bytes | None, code: str, fields: dict[str, Any]
-) -> None:
-    if content is not None:
-        toml.write_bytes(content)
-    with raises(StudyError, code, where="study s", **fields), reraised_as("study s", StudyError):
-        _Two.model_validate(tomllib.loads(toml.read_bytes().decode()))

@@ -18,16 +18,14 @@ from rig.cli.init import FINGERS, QUESTIONS
 from rig.clock import WallClock
 from rig.devices.base import ForceError
 from rig.devices.registry import ForceKind, StageKind, find
-from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.settings import StandaSettings
 from rig.transport import PortOwner, TransportError
 from rig.transport.ownership import PortOwnership
-from tests.error_codes import raises
 from tests.program import Ended, Program
 
 STAGE, SENSOR, SILENT = "/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"
-GRBL, LEADSHINE = find(StageKind, "grbl"), find(StageKind, "leadshine")
+GRBL = find(StageKind, "grbl")
 STANDA = find(StageKind, "standa")
 MTSICS = find(ForceKind, "mtsics")
 ANSWERS = {
@@ -96,8 +94,9 @@ def test_what_is_found_and_answered_is_written_with_comments_and_the_next_comman
 
 
 @pytest.mark.parametrize("finger", FINGERS)
-@pytest.mark.parametrize("steps", ["none", "400,400,-400", "250,250,800"])
-@pytest.mark.parametrize("travel", ["60,30,40", "200,100,80", "20,20,12"])
+@pytest.mark.parametrize(
+    ("travel", "steps"), [("60,30,40", "none"), ("200,100,80", "400,400,-400"), ("20,20,12", "250,250,800")]
+)
 def test_every_answer_gives_a_file_without_problems(rig_init: Init, travel: str, steps: str, finger: str) -> None:
     """Also of a small stage: the frame lies within its travel."""
     ended = rig_init("--yes", *_options(travel_mm=travel, steps_per_mm=steps, finger=finger))
@@ -122,11 +121,6 @@ def test_serial_numbers_of_controllers_are_written_for_their_axes(rig_init: Init
     assert (own.z.serial, own.x.serial) == (12, None)
 
 
-def test_the_frame_of_the_default_travel_is_the_default_one(rig_init: Init) -> None:
-    assert rig_init("--yes", *_options()).code == 0
-    assert load_config(Path("rig.toml")).frame == Config().frame
-
-
 def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
     Path("rig.toml").write_text("mine", encoding="utf-8")
     ended = rig_init("--yes", "--json", *_options())
@@ -134,22 +128,6 @@ def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
     assert Path("rig.toml").read_text(encoding="utf-8") == "mine"
     assert rig_init("--yes", "--replace", *_options()).code == 0
     assert load_config(Path("rig.toml")).stage.port == STAGE
-
-
-def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
-    there = tmp_path / "rig.toml"
-    there.write_text("mine", encoding="utf-8")
-    with raises(BadInputError, "exists_already"):
-        init.write_new(there, "[stage]\n", replace=False)
-    assert (there.read_text(encoding="utf-8"), os.listdir(tmp_path)) == ("mine", ["rig.toml"])
-
-
-def test_the_answer_in_json(rig_init: Init) -> None:
-    ended = rig_init("--yes", "--json", *_options())
-    assert (ended.code, ended.err) == (0, "")
-    assert ended.json["next"] == "rig doctor --config rig.toml"
-    assert {one["port"]: one["kind"] for one in ended.json["ports"]} == {STAGE: "grbl", SENSOR: "mtsics"}
-    assert ended.json["force"] == {"kind": "mtsics", "port": SENSOR, "identity": "a balance"}
 
 
 # --- what is missing and what is wrong ---
@@ -162,13 +140,6 @@ def test_without_a_terminal_the_missing_answer_is_named(rig_init: Init, question
         assert (ended.code, ended.error_code) == (2, "answers_missing")
         assert question.option in ended.complaint
     assert os.listdir() == []
-
-
-def test_devices_that_are_not_found_are_named_too(rig_init: Init) -> None:
-    ended = rig_init("--yes", "--json", *_options(), found=(PortFound(SILENT),))
-    assert (ended.code, ended.error_code) == (2, "answers_missing")
-    for option in ("--stage", "--stage-port", "--sensor", "--sensor-port"):
-        assert option in ended.complaint
 
 
 @pytest.mark.parametrize(
@@ -243,31 +214,6 @@ def test_an_empty_line_is_the_default_and_a_wrong_one_is_asked_again(rig_init: I
         config.stage.model_copy(update={"travel_mm": (60.0, 30.0, 40.0)}), Config().limits, Config().frame,
     )  # fmt: skip
     assert ended.err.count("rig: ") == 1
-
-
-def test_each_question_has_its_default_unit_and_range(rig_init: Init) -> None:
-    ended = rig_init(typed="\n" * len(QUESTIONS))
-    asked = [line for line in ended.err.split(": ") if "[" in line and "(" in line]
-    assert len([line for line in asked if line.rstrip().endswith("]")]) >= len(QUESTIONS)
-    for words in ("mm, 3 numbers > 0", "N, number > 0, ≤ 5", "gwt, number > 0", "steps/mm"):
-        assert words in ended.err
-
-
-def test_of_several_devices_one_is_chosen(rig_init: Init) -> None:
-    several = (*BOTH, PortFound(SILENT, LEADSHINE, "drives"))
-    assert rig_init(typed=f"{SILENT}\n" + "\n" * len(QUESTIONS), found=several).code == 0
-    assert load_config(Path("rig.toml")).stage.kind == "leadshine"
-    assert rig_init("--replace", "--stage", "grbl", typed="\n" * len(QUESTIONS), found=several).code == 0
-    assert load_config(Path("rig.toml")).stage.port == STAGE
-
-
-def test_a_device_that_is_not_found_is_asked_for_by_kind_and_port(rig_init: Init) -> None:
-    found = (PortFound(STAGE, GRBL, "a board"), PortFound(SILENT))
-    typed = "scale\nlaumas\n\n" + "\n" * len(QUESTIONS)
-    ended = rig_init(typed=typed, found=found)
-    assert ended.code == 0, ended.err
-    config = load_config(Path("rig.toml"))
-    assert (config.force.kind, config.force.port) == ("laumas", SILENT)
 
 
 def test_the_end_of_input_writes_nothing(rig_init: Init) -> None:

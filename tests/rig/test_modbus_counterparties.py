@@ -210,6 +210,7 @@ def test_mbpoll_on_a_serial_line(drives_on_pty: str, cell_on_pty: str) -> None:
 # --- and our own driver, in real time ---
 
 
+@pytest.mark.quick(rows=lambda tcp: tcp is None)
 @pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on a pty", "tcp"])
 def test_our_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
     with _served("leadshine", tcp) as port:
@@ -242,6 +243,7 @@ NEAR = {
 }
 
 
+@pytest.mark.study
 @pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on ptys", "tcp"])
 def test_pressing_the_virtual_finger_in_real_time(finger: Fingertip, tcp: int | None) -> None:
     """Drives and transmitter on wires of their own, the finger between them: the force is the model's, to a count."""

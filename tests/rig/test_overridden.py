@@ -8,7 +8,6 @@ import pytest
 from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
-from rig.engine.motion import InterruptedMotionError, insist
 from rig.engine.sensing import ForceZero
 from rig.manual.jog import Moved
 from tests.error_codes import has_code
@@ -61,6 +60,7 @@ def watched() -> Watched:
     return Watched(GRBL)
 
 
+@pytest.mark.quick(rows=lambda motion, what: what == "twice the feed" or motion == "press")
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
 def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, what: str) -> None:
@@ -137,20 +137,6 @@ def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched
     with pytest.raises(TripError, match=r"^for the test; and the lift failed: somebody changed it$"):
         engine.trip(TripError("for the test"))
     assert len(went) == 5
-
-
-def test_what_is_insisted_on_is_done_once_where_it_succeeds() -> None:
-    done: list[int] = []
-    insist(lambda: done.append(1))
-    assert done == [1]
-
-    def third() -> None:
-        done.append(2)
-        if len(done) < 4:
-            raise InterruptedMotionError("not yet")
-
-    insist(third)
-    assert done == [1, 2, 2, 2]
 
 
 # --- by hand ---
