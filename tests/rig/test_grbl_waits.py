@@ -224,16 +224,6 @@ def test_a_banner_is_waited_for_three_seconds_and_twice(board: Board, clock: Vir
     assert board.said == [b"\x18"] * 3 + [b"$X\n"]
 
 
-def test_after_a_banner_the_board_may_still_speak(board: Board, clock: VirtualClock) -> None:
-    """A message, and the banner of a reset that was on its way: each within 50 ms of what came before it."""
-    stage = connected(board)
-    stage.stop()
-    board.answers[b"\x18"] = [(0.5, BANNER), (0.54, b"[MSG:'$H'|'$X' to unlock]\r\n"), (0.58, BANNER)]
-    begun_s = clock.monotonic_s()
-    stage.unlock()
-    assert clock.monotonic_s() - begun_s == pytest.approx(0.58 + 0.05)
-
-
 def test_a_reset_forgets_what_came_before_it(board: Board) -> None:
     """Late answers, an alarm's text, the banner of a reset before it, and half a line."""
     stage = connected(board)

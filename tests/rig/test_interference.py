@@ -117,17 +117,6 @@ def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: 
     assert depth[0] - bench.x_mm() == gone_mm, "it stands"
 
 
-def test_a_jog_that_was_ended_for_an_override_stands_and_is_trusted(bench: Bench) -> None:
-    bench.later(0.5, b"\x92" * 5)
-    with raises(StageOverridden, "overridden", feed_percent=50):
-        _jog(bench)
-    assert bench.stage.homed
-    assert bench.stage.status().state == "Idle"
-    at_mm = bench.x_mm()
-    bench.clock.wait_s(2.0)
-    assert bench.x_mm() == at_mm
-
-
 def test_connecting_ends_what_overrides_there_are(bench: Bench) -> None:
     bench.line.host_write(b"\x91\x96\x9a")
     bench.stage.connect()

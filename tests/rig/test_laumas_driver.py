@@ -139,21 +139,6 @@ def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_i
     assert bus.told == [(pytest.approx(1001.0), 1, COMMAND, [command])]
 
 
-@pytest.mark.parametrize(("rests_s", "fine"), [(9.9, True), (10.2, False)])
-def test_a_load_may_take_ten_seconds_to_rest(
-    transmitter: Make, clock: VirtualClock, rests_s: float, fine: bool
-) -> None:
-    bus, force = transmitter()
-    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.0 + rests_s else 0
-    if fine:
-        force.zero()
-    else:
-        with raises(ForceBusy, "no_stable_load", port="bus", device_id=1, timeout_s=10.0):
-            force.zero()
-        assert clock.monotonic_s() == pytest.approx(1010.0, abs=0.06)
-    assert len(bus.told) == fine
-
-
 @pytest.mark.parametrize(("left", "fine"), [(0, True), (1, True), (-1, True), (3, False), (-3, False)])
 def test_what_is_left_after_zeroing_is_a_step_of_the_display_at_most(
     transmitter: Make, left: int, fine: bool

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from functools import partial
-from itertools import pairwise
 from typing import Any
 
 import pytest
@@ -152,16 +151,6 @@ def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
     stage.jog_while("x", sign, lambda: next(held), 20.0)
     word = 0x4001 if sign * per_mm > 0 else 0x4002
     assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
-
-
-def test_a_held_jog_is_told_again_each_20_ms_however_long_an_answer_takes(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    bus.takes_s = 0.003
-    held = iter([True] * 6 + [False])
-    stage.jog_while("z", 1, lambda: next(held), 1.0)
-    told_s = [t_s for t_s, _, register, _ in bus.told if register == CONTROL]
-    assert len(told_s) == 6
-    assert [b - a for a, b in pairwise(told_s)] == pytest.approx([0.02] * 5)
 
 
 def test_a_drive_that_jogs_on_after_the_key_is_told_of_after_a_second(bench: Make, clock: VirtualClock) -> None:

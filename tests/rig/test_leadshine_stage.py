@@ -3,14 +3,12 @@
 from collections.abc import Callable
 from contextlib import nullcontext
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.registry import KnownBench, StageKind, find
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import ALARM, DISABLED, HOMED, Bus, X, Z, homed_stage
@@ -107,27 +105,6 @@ def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
     assert not stage.homed
 
 
-@pytest.mark.parametrize("homed", [True, False])
-@pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
-def test_a_speed_below_a_turn_a_minute_is_refused_before_any_word(bench: Make, verb: str, homed: bool) -> None:
-    """Also where the place must be asked first, since backlash is taken up, and where drives are not disarmed."""
-    bus, stage = bench(x_backlash_mm=0.025)
-    if not homed:
-        bus.status = lambda device, t_s: HOMED & ~0x40
-        with raises(StageError, "lost_home"):
-            stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
-        bus.asked.clear()
-        bus.told.clear()
-    slow: dict[str, Callable[[], object]] = {
-        "move_to": lambda: stage.move_to(x_mm=-1.0, speed_mm_s=0.0166),
-        "jog": lambda: stage.jog("x", 1.0, 0.0166),
-        "jog_while": lambda: stage.jog_while("x", 1, lambda: True, 0.0166),
-    }
-    with raises(MoveError, "too_slow"):
-        slow[verb]()
-    assert (bus.asked, bus.told) == ([], [])
-
-
 @pytest.mark.parametrize("per_mm", [200.0, -200.0])
 def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float) -> None:
     """A turn is 2 mm: 2 mm/min, 0.0333 mm/s, is one rpm; and no faster than asked for, 0.0999 mm/s is two."""
@@ -205,26 +182,6 @@ def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make
     bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
     seen = stage.look()
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
-
-
-@pytest.mark.parametrize("x_port", [None, "tcp://a:1"])
-@pytest.mark.parametrize("z_port", [None, "tcp://b:1"])
-def test_a_drive_is_asked_at_its_own_port_or_at_that_of_the_stage(x_port: str | None, z_port: str | None) -> None:
-    drives = {"x": {"device_id": 1, "port": x_port}, "z": {"device_id": 2, "port": z_port}}
-    config = KnownBench.model_validate({"stage": {"kind": "leadshine", "port": "/dev/stage", "drives": drives}})
-    clock, heard = VirtualClock(), list[str]()
-
-    def opener(port: str) -> Any:
-        return SimpleNamespace(
-            name=port, write=lambda data: heard.append(port), read=lambda timeout_s: clock.wait_s(timeout_s) or b""
-        )
-
-    stage = find(StageKind, "leadshine").driver(opener, clock, config)
-    for port, ask in ((x_port, stage.status), (z_port, stage.halt)):  # one begins with x, the other with z
-        heard.clear()
-        with pytest.raises(StageTimeout):
-            ask()
-        assert set(heard) == {port or "/dev/stage"}
 
 
 # --- backlash ---

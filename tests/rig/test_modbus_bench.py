@@ -3,7 +3,6 @@
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -271,24 +270,6 @@ def test_the_drive_is_its_own_dead_man(make: Make) -> None:
     assert 0.5 < bench.carriage_mm[1] - start_mm < 2.0 * (0.5 + 0.08)
 
 
-@pytest.mark.parametrize("baud", [9600, 115200])
-def test_a_jog_runs_smoothly_and_stops_with_the_key(make: Make, baud: int) -> None:
-    """At 9600 baud one word and its echo take 23 ms: still in time."""
-    bench = make(stage={"baud": baud})
-    bench.stage.connect()
-    start_s, start_mm = bench.clock.monotonic_s(), bench.carriage_mm[0]
-
-    def held() -> Direction | None:
-        return Direction("x", -1) if bench.clock.monotonic_s() < start_s + 1.0 else None
-
-    at = dead_man_jog(bench.stage, bench.clock, held, 2.0)
-    assert at.state == "Idle"
-    assert bench.carriage_mm[0] - start_mm == pytest.approx(-2.0 * 1.0, abs=2.0 * 0.1 + 0.05)
-    middle = [bench.drives.x.carriage_at(start_s + 0.4 + 0.05 * n) for n in range(10)]
-    gone = [a - b for a, b in pairwise(middle)]
-    assert gone == [40] * 9  # 2 mm/s, 400 a mm, 50 ms: never slower in between
-
-
 # --- force ---
 
 
@@ -314,18 +295,6 @@ def test_what_the_status_word_says_trips(
     assert caught.value.fields["error_code"] == reason
     assert engine.state is State.TRIPPED
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-@pytest.mark.parametrize("resolution_gwt", [0.002, 0.1])
-def test_thresholds_follow_the_sensor(make: Make, resolution_gwt: float) -> None:
-    """A cell that shows steps of 0.1 gwt must not be searched for a hundredth: contact is found, to what it hides."""
-    force = {"resolution_gwt": resolution_gwt, "laumas": {"count_g": min(resolution_gwt, 0.01)}}
-    bench = make(force=force, virtual={"cell_resolution_gwt": resolution_gwt}, habits={"touch_force_gwt": 0.1})
-    done = indent(bench.ready(), Target("force_gwt", 2.5), hold_s=0.1)
-    assert done.holds[0].force_gwt == pytest.approx(2.5, abs=max(0.05, resolution_gwt))
-    touch = next(data for stream, data in bench.events if stream == "touch")
-    hidden_mm = (0.5 * resolution_gwt / 6.0) ** (2 / 3)
-    assert touch["contact_height_mm"] == pytest.approx(-0.3, abs=hidden_mm + 0.01)
 
 
 def test_a_filter_is_waited_out(make: Make) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.transport import modbus
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -204,33 +204,6 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
 
 
-@pytest.mark.parametrize("baud", [9600, 115200])
-def test_rtu_listens_longer_for_three_seconds_after_a_silence(clock: VirtualClock, rtu: Rtu, baud: int) -> None:
-    """For 20 ms and 40 characters; the silence between two frames comes before and after a reply that is missing."""
-    answer = rtu("01 03 04 00 00 00 02")
-    wire = LateTransport(clock, [[(0.005, answer)], [], *[[(0.005, answer)]] * 4])
-    bus = ModbusMaster(wire, clock, baud=baud)
-    lasts_s = []
-    for begins_s in (0.1, 0.2, 1.0, 3.3, 3.5):  # nothing came until 0.4
-        clock.wait_s(begins_s - clock.monotonic_s())
-        bus.read(1, 7, 2)
-        lasts_s.append(clock.monotonic_s() - begins_s)
-    listens_s = 0.02 + 40 * 10 / baud
-    quiet_s = max(10 * 10 / baud, silence_s(baud))
-    missing_s = 0.2 + quiet_s
-    assert lasts_s == pytest.approx([0.005, missing_s + 0.005 + listens_s, *[0.005 + listens_s] * 2, 0.005])
-
-
-def test_tcp_does_not_listen_longer(clock: VirtualClock) -> None:
-    """Its replies have numbers."""
-    wire = LateTransport(clock, [[], [(0.005, bytes.fromhex("8002 0000 0005 01 03 02 0002"))]])
-    bus = ModbusMaster(wire, clock, framing="tcp", read_tries=1)
-    with raises(ModbusTimeout, "no_reply"):
-        bus.read(1, 7)
-    assert bus.read(1, 7) == [2]
-    assert clock.monotonic_s() == pytest.approx(0.205)
-
-
 def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
     master: Any, rtu: Rtu, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -271,21 +244,6 @@ def test_the_framing_is_that_of_the_port_unless_it_is_configured(
         bus.write_one(1, 7, 1)
     pause_s = 8 * 10 / 9600 + 38.5 / 9600 if len(sent) < 24 else 0.0
     assert clock.monotonic_s() == pytest.approx(pause_s + 0.2)
-
-
-@pytest.mark.parametrize(("late_s", "count"), [(9.0, 1), (0.25, 2)], ids=["another kind", "it came meanwhile"])
-def test_rtu_does_not_listen_longer_where_no_late_answer_can_be_mixed_up(
-    clock: VirtualClock, rtu: Rtu, late_s: float, count: int
-) -> None:
-    answers = {1: rtu("01 03 02 00 02"), 2: rtu("01 03 04 00 00 00 02")}
-    wire = LateTransport(clock, [[(late_s, answers[2])], *[[(0.005, answers[count])]] * 2])
-    bus = ModbusMaster(wire, clock, read_tries=1)
-    with raises(ModbusTimeout, "no_reply"):
-        bus.read(1, 7, 2)
-    clock.wait_s(0.1)
-    begun_s = clock.monotonic_s()
-    assert bus.read(1, 7, count)[-1] == 2
-    assert clock.monotonic_s() - begun_s < 0.01
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ import pytest
 
 from rig.devices.base import ForceBroken, ForceError, ForceOverload, ForceTimeout, ForceUnderload
 from rig.devices.net_ft import GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings
-from rig.devices.registry import ForceKind, KnownBench, find
+from rig.devices.registry import ForceKind, find
 from rig.plan.config import Config
 from rig.transport import LoopbackTransport, NotOwnedError, TransportError, UdpTransport, open_port
 from rig.units import GWT_N
@@ -137,18 +137,6 @@ def test_what_came_before_the_request_is_not_used() -> None:
     assert there.driver.read().force_n == pytest.approx(5e-6)
 
 
-@pytest.mark.parametrize(("pause_s", "lost"), [(0.0, 999), (0.9, 999), (1.1, 0)])
-@pytest.mark.parametrize("joined", [False, True], ids=["after the request", "before it, too"])
-def test_records_that_nobody_read_in_a_pause_are_not_lost(pause_s: float, lost: int, joined: bool) -> None:
-    """The system drops them once its buffer is full."""
-    there = Wire()
-    there.read_after(record(1))
-    there.clock.wait_s(pause_s)
-    records = [record(1001), record(1002)] if joined else [record(1001)]
-    assert there.read_after(*records)["packets_lost"] == lost
-    assert there.read_after(record(1010))["packets_lost"] == lost + 1010 - int(records[-1][2:4].hex(), 16) - 1
-
-
 def test_a_record_from_before_the_start_does_not_start_a_stream() -> None:
     there = Wire(connect=False)
     there.write = there.sent.append  # type: ignore[method-assign]
@@ -156,16 +144,6 @@ def test_a_record_from_before_the_start_does_not_start_a_stream() -> None:
     with raises(ForceTimeout, "no_reply", port="wire", timeout_s=0.5):
         there.driver.connect()
     assert there.sent == [GET_PAGE, START]
-
-
-def test_a_sensor_that_was_switched_off_counts_from_the_beginning_again() -> None:
-    there = Wire()
-    assert there.read_after(record(1000), record(1001))["packets_lost"] == 999
-    with raises(ForceTimeout, "no_reply"):
-        there.driver.read()
-    there.come(record(1), record(2))
-    found = there.driver.read().also
-    assert (found["packets_lost"], found["packets_repeated"], found["packets_late"]) == (0, 0, 0)
 
 
 def test_the_status_of_the_record_that_starts_a_stream_counts() -> None:
@@ -176,34 +154,6 @@ def test_the_status_of_the_record_that_starts_a_stream_counts() -> None:
     there.come(record(1, status=0x80020000), record(2))
     with raises(ForceOverload, "saturated", status="80020000"):
         there.driver.read()
-
-
-@pytest.mark.parametrize(("begin", "code"), [(b"", "no_device"), (PAGE[:40], "no_counts")])
-def test_a_page_whose_connection_ends_is_told_and_its_wire_is_closed(begin: bytes, code: str) -> None:
-    closed, there = list[str](), Wire(connect=False)
-
-    class Page:
-        name, begin = "page", b""
-
-        def write(self, data: bytes) -> None:
-            self.begin = begin
-
-        def read(self, timeout_s: float) -> bytes:
-            data, self.begin = self.begin, b""
-            if not data:
-                raise TransportError("{port}: the other end hung up", code="hung_up", port="page")
-            return data
-
-        def close(self) -> None:
-            closed.append("page")
-
-    driver = NetFtForce(
-        there, Page, there.clock, NetFtSettings(), sample_period_s=0.05, latency_s=0.0, resolution_gwt=0.01, scale=1.0
-    )
-    with raises(ForceTimeout if code == "no_device" else ForceError, code, port="wire"):
-        driver.connect()
-    assert closed == ["page"]
-    assert there.sent == []
 
 
 def test_a_reading_before_a_connection_reads_the_page_and_starts_the_stream() -> None:
@@ -515,12 +465,6 @@ def test_where_nothing_listens_it_is_an_error_and_then_goes_on() -> None:
             _, peer = again.recvfrom(64)
             again.sendto(record(1), peer)
             assert _gathered(wire, 36) == [record(1)]
-
-
-@pytest.mark.parametrize("port", ["udp://", "udp://host", "udp://host:x", "udp://:5"])
-def test_what_is_no_udp_port(port: str) -> None:
-    with pytest.raises(ValueError):  # noqa: PT011
-        KnownBench.model_validate({"force": {"kind": "net_ft", "port": port}})
 
 
 def test_the_page_is_at_the_host_of_the_records() -> None:

@@ -153,18 +153,6 @@ def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
 # --- lent, and given back ---
 
 
-def test_the_bytes_go_to_the_log_of_who_has_it(ports: Ports) -> None:
-    hand, log = ports.held().open(), io.StringIO()
-    _ready(hand.lend(log))
-    lent = log.getvalue()
-    assert "24240a" in _sent(lent)
-    assert hand.kept == ""
-    hand.give_back()
-    hand.stop()
-    assert log.getvalue() == lent
-    assert _sent(hand.kept) == ["2118"]
-
-
 @pytest.mark.parametrize("used", [True, False], ids=["stopped", "never homed"])
 def test_a_stage_that_somebody_must_lift_is_let_go_at_once(ports: Ports, used: bool) -> None:
     """Whoever stands there need not wait for a report; another stop opens it again."""

@@ -3,7 +3,7 @@
 import math
 import struct
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
 from itertools import product
 from types import SimpleNamespace
@@ -130,15 +130,6 @@ def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None
     assert bench.stage.status() == bench.device.arrived
 
 
-@every_kind
-def test_a_move_lasts_as_long_as_its_way_wherever_it_begins(kind: str) -> None:
-    bench, _ = _bench(kind)
-    for to_mm, way_mm in ((-20.0, 20.0), (-1.0, 19.0), (-1.2, 0.2)):
-        begun_s = bench.clock.monotonic_s()
-        bench.stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
-        assert bench.clock.monotonic_s() - begun_s == pytest.approx(way_mm, abs=0.15)
-
-
 def _steps(axis: str, per_mm: float) -> dict[str, Any]:
     """A measured length of a microstep."""
     return {f"{axis}_steps_per_mm": {"value": per_mm, "date": "2026-01-01", "expires": "2027-01-01"}}
@@ -247,11 +238,9 @@ OTHER_UNITS: dict[str, Any] = {"speed_unit": 0.0328, "acceleration_unit": 0.0022
     [
         ("zaber", {}, 4),
         ("zaber", {"acceleration_unit": 0.0022}, 44),
-        ("standa", {}, 5000),
         ("standa", {"z": {"step_um": 2.5}}, 20000),
         ("tmcl", {}, 20000),
         ("tmcl", OTHER_UNITS, 44),
-        ("tmcl", {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}, 20000),
     ],
 )
 def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, Any], least: int) -> None:
@@ -280,22 +269,6 @@ def test_a_jog_goes_so_far_and_stops_by_itself(kind: str, homed: bool) -> None:
     assert bench.stage.homed is homed
 
 
-@every_kind
-def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
-    """At another speed it arrives there, too."""
-    bench, devices = _bench(kind)
-    bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(0.2)
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.jog("z", -1.0, 2.0)
-    assert bench.clock.monotonic_s() - asked_s < 0.2
-    for by_s in (0.2, 0.7, 1.2):
-        assert _speed_mm_s(bench, devices.z, asked_s + by_s) == pytest.approx(2.0, abs=0.05)
-    bench.stage.jog("z", -1.0, 1.0)
-    bench.clock.wait_s(5.0)
-    assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
-
-
 def _motions(bench: StageBench) -> list[bytes]:
     """What was commanded that moves an axis, or says how fast."""
     words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
@@ -311,11 +284,6 @@ def test_a_jog_before_homing_is_relative(kind: str, commands: list[bytes]) -> No
     bench.stage.jog("z", -0.1, 1.0)
     assert _motions(bench) == commands
     assert not bench.stage.homed
-
-
-def _speed_mm_s(bench: Any, z: Any, at_s: float) -> float:
-    counts: int = z.carriage_at(at_s - 0.05) - z.carriage_at(at_s + 0.05)
-    return counts / abs(bench.stage.steps_per_mm("z")) / 0.1
 
 
 ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
@@ -357,21 +325,6 @@ def _moved_to_10_mm(kind: str, z: Any) -> None:
         z.move_to(4000)
 
 
-@every_kind
-def test_a_jog_from_rest_begins_where_the_axis_stands(kind: str) -> None:
-    """Or is refused, where the module shows that another program has moved it."""
-    bench, devices = _bench(kind)
-    bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(3.0)
-    _moved_to_10_mm(kind, devices.z)
-    bench.clock.wait_s(10.0)
-    with raises(StageReset, "was_reset") if kind == "tmcl" else nullcontext():
-        bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(3.0)
-    height_mm = devices.z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
-    assert height_mm == pytest.approx(-10.0 if kind == "tmcl" else -10.5, abs=0.01)
-
-
 # --- bounds in time, on bytes ---
 
 
@@ -387,16 +340,6 @@ def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False)
     wait_s = bench.clock.wait_s
     bench.clock.wait_s = lambda seconds: wait_s(coarse * seconds)  # type: ignore[method-assign]
     return bench
-
-
-@every_kind
-def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
-    bench = _staying(kind, "moving", coarse=5.0)
-    bench.wire.state = "moving"
-    begun_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
-        bench.stage.jog("z", -0.1, 1.0)
-    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.2
 
 
 def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:

@@ -138,13 +138,9 @@ OTHERWISE = [
     (_changed("hom", HOMING, 6, 0x31), "HOME_DIR_FIRST"),
     (_changed("hom", HOMING, 6, 0x10), "HOME_STOP_FIRST_BITS"),
     (_changed("pwr", POWER, 4, 2), "POWER_OFF_ENABLED"),
-    *((_changed("eng", ENGINE, 4, bits), "ENGINE_ACCEL_ON") for bits in (0xFFE7, 0xFFEF)),
-    (_changed("eng", ENGINE, 4, 0xFFFF), "ENGINE_ANTIPLAY"),
-    *((_changed("eds", EDGES, 0, bits), "BORDER_STOP_LEFT and _RIGHT") for bits in (4, 0, 0xF8, 0xFA, 0xFC)),
-    (_changed("eds", EDGES, 0, 0xFF), "BORDER_IS_ENCODER"),
-    (_changed("hom", HOMING, 6, 0xFFFF), "HOME_DIR_FIRST"),
-    *((_changed("hom", HOMING, 6, bits), "HOME_STOP_FIRST_BITS") for bits in (0x20, 0, 0xFFCE, 0xFFDE, 0xFFEE)),
-    (_changed("pwr", POWER, 4, 0xFF), "POWER_OFF_ENABLED"),
+    (_changed("eng", ENGINE, 4, 0xFFEF), "ENGINE_ACCEL_ON"),
+    *((_changed("eds", EDGES, 0, bits), "BORDER_STOP_LEFT and _RIGHT") for bits in (4, 0xF8)),
+    *((_changed("hom", HOMING, 6, bits), "HOME_STOP_FIRST_BITS") for bits in (0x20, 0xFFDE)),
     (_changed("mov", SPEEDS, 2, 4000), "Accel"),
     (_changed("mov", SPEEDS, 3, 4000), "Decel"),
 ]
@@ -157,24 +153,9 @@ def test_a_controller_that_is_set_otherwise_is_refused(
     change: Callable[[VirtualStandaController], None], setting: str
 ) -> None:
     bench = bench_of(homed=False)
-    fresh = bench_of(homed=False)
     change(bench.devices.z)
     with raises(StageError, "not_as_configured", setting=setting, port="wire", axis="z"):
         bench.stage.connect()
-    assert fresh.stage.connect()
-
-
-def test_what_else_a_controller_is_set_to_is_its_owners() -> None:
-    """Every bit but those that the driver relies on."""
-    bench = bench_of(homed=False)
-    for name, layout, place, bits in (
-        ("eng", ENGINE, 4, 0xFFF7),
-        ("eds", EDGES, 0, 0xFE),
-        ("hom", HOMING, 6, 0xFFFE),
-        ("pwr", POWER, 4, 0xFD),
-    ):
-        _changed(name, layout, place, bits)(bench.devices.z)
-    assert bench.stage.connect()
 
 
 @pytest.mark.parametrize("mode", range(11))
@@ -356,29 +337,6 @@ def test_every_flag_that_is_not_harmless_is_an_alarm() -> None:
         with raises(StageAlarm, "alarm", axis="z"):
             bench.stage.status()
         assert not bench.stage.homed
-
-
-def test_the_first_alarm_stays_until_it_is_unlocked() -> None:
-    """Another one, later, does not hide it."""
-    bench = bench_of()
-    looks = under_way(bench)
-    bench.devices.z.fail(0x80)
-    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
-        list(looks)
-    bench.stage.stop()
-    bench.devices.z.fail(0x200)
-    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
-        bench.stage.home()
-    bench.stage.unlock()
-    bench.stage.home()
-
-
-def test_a_halt_clears_no_alarm() -> None:
-    bench = bench_of()
-    bench.devices.z.fail(0x80)
-    bench.stage.halt()
-    with raises(StageAlarm, "alarm", number="ALARM CTP_ERROR"):
-        bench.stage.status()
 
 
 @pytest.mark.parametrize(("home", "edge", "word"), [("left", 1, "RIGHT_EDGE"), ("right", 2, "LEFT_EDGE")])

@@ -1,6 +1,5 @@
 """The TMCL driver byte for byte: frames of the maker's client, odd bytes, faults; and the virtual modules."""
 
-import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
@@ -257,15 +256,6 @@ def test_after_a_halt_nothing_can_start_an_axis() -> None:
     assert bench.devices.z.parameter(4) == bench.devices.x.parameter(4) == 0
 
 
-def test_flags_from_before_are_forgotten_by_an_unlock() -> None:
-    """Reading clears them in the module."""
-    bench = bench_of()
-    bench.devices.z.lost = 1
-    bench.stage.unlock()
-    bench.stage.home()
-    assert bench.stage.homed
-
-
 # --- what stops it ---
 
 ACCIDENTS: dict[int, Callable[[TmclModules], object]] = {
@@ -346,16 +336,6 @@ def test_another_program_ends_a_move_and_the_position_stays_trusted(act: Callabl
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
 
 
-def test_a_stop_of_another_program_is_no_arrival() -> None:
-    bench = bench_of()
-    looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
-    next(looks)
-    bench.devices.z.stop()
-    with raises(StageError, "not_there", target_mm=-10.0):
-        list(looks)
-    assert not bench.stage.homed
-
-
 def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
     """The module is ten times as fast as the configuration says."""
     bench = bench_of()
@@ -364,37 +344,6 @@ def test_a_unit_of_speed_that_is_wrong_stops_the_first_move() -> None:
         bench.stage.move_to(z_mm=-30.0, speed_mm_s=1.0)
     bench.clock.wait_s(2.0)
     assert -bench.devices.z.carriage_at(bench.clock.monotonic_s()) / 400 < 3.5
-
-
-@pytest.mark.parametrize("fast", [False, True])
-@pytest.mark.parametrize("down", [False, True], ids=["up", "down"])
-def test_a_move_may_be_half_as_fast_again_and_0_05_mm_ahead(down: bool, fast: bool) -> None:
-    """At 0.5 mm/s it may be 20 microsteps and 300 each second on its way, but no microstep more."""
-    start, speed = (0, 200) if down else (160, -200)
-    target = 160 - start
-    usual = {**module.DEVICE.usual, b"z MVP 0 0": (b"100 0", "aimed up")}
-    states = {
-        **module.DEVICE.states,
-        "aimed up": {**module.axis("z", at=160), b"z SAP 4 200": (b"100 200", "moving")},
-        "there": {**module.axis("z", target=target, at=target, most=200), b"z SAP 4 0": (b"100 0", "home")},
-    }
-    bench = StageBench(replace(module.DEVICE, usual=usual, states=states), homed=True)
-    bench.wire.state = "home" if down else "stands"
-    write, begun_s = bench.wire.write, bench.clock.monotonic_s()
-
-    def writing(data: bytes, port: bytes = b"") -> None:
-        bound = 20 + 300 * (bench.clock.monotonic_s() - begun_s)
-        ahead = min(math.ceil(bound + 0.01) if fast else math.floor(bound - 0.01), 160)
-        at = module.axis("z", target=target, at=start + ahead * speed // 200, speed=speed, most=200)
-        bench.wire.instead = dict(at) if bench.wire.state == "moving" else {}  # type: ignore[arg-type]
-        write(data, port)
-
-    bench.wire.write = writing  # type: ignore[method-assign]
-    bench.clock.call_at(begun_s + 0.75, lambda: setattr(bench.wire, "state", "there"))
-    with raises(StageError, "too_fast", speed_mm_s=0.5, axis="z") if fast else nullcontext():
-        bench.stage.move_to(z_mm=-target / 400, speed_mm_s=0.5)
-    assert bench.stage.homed is not fast
-    assert (b"z MST 0" in bench.wire.asked) is fast
 
 
 # --- reference search ---
@@ -434,19 +383,11 @@ def test_the_home_switch_may_be_active_within_a_millimeter_of_home(at: int, numb
         bench.stage.status()
 
 
-def test_a_search_may_stand_for_a_moment_and_a_module_that_turns_again_is_not_home() -> None:
-    """At the switch it turns; what moves after its end is no homed axis."""
-    bench = StageBench(module.DEVICE)
+def test_a_module_that_turns_again_after_its_search_is_not_home() -> None:
     states = {**module.DEVICE.states}
-    states["z homes"] = {**module.axis("z", most=2000, at=2000, search=1), b"z RFS 2": b"100 1"}
-    bench.wire.device = replace(module.DEVICE, states=states)
-    bench.clock.call_at(bench.clock.monotonic_s() + 0.2, lambda: setattr(bench.wire, "state", "z is home"))
-    bench.stage.home()
-    assert bench.stage.homed
-    assert bench.wire.asked.index(b"z SAP 4 2000") < bench.wire.asked.index(b"z RFS 0"), "the speed of the search"
     states["z is home"] = {**states["z is home"], b"z RFS 2": (b"100 0", "z turns again")}
     states["z turns again"] = module.axis("z", speed=100, most=2000)
-    bench = StageBench(replace(module.DEVICE, states=states | {"z homes": module.DEVICE.states["z homes"]}))
+    bench = StageBench(replace(module.DEVICE, states=states))
     with raises(StageError, "did_not_home", axis="z"):
         bench.stage.home()
 
@@ -481,17 +422,6 @@ def test_a_target_or_a_speed_that_is_read_back_wrong_starts_nothing_more(paramet
     with raises(StageError, "not_as_configured", **fields):
         next(looks)
     assert b"z MST 0" in bench.wire.asked
-
-
-def test_a_jog_whose_speed_is_not_confirmed_is_no_reset() -> None:
-    """The module has obeyed, and its reply is lost."""
-    bench = StageBench(module.DEVICE, homed=True)
-    usual = {**module.DEVICE.usual, b"z SAP 4 400": (b"", "jogs")}
-    bench.wire.device = replace(module.DEVICE, usual=usual)
-    with raises(StageTimeout, "no_reply"):
-        bench.stage.jog("z", -0.1, 1.0)
-    assert bench.stage.status().z_mm == 0.0
-    assert bench.stage.homed
 
 
 @pytest.mark.parametrize(

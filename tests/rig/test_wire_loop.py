@@ -12,7 +12,6 @@ from rig.devices.base import (
     ForceOverload,
     StageAlarm,
     StageError,
-    StageHeld,
     StageReset,
     StageTimeout,
 )
@@ -56,16 +55,6 @@ def test_ten_millimetres_at_one_millimetre_a_second(bench: Bench, monkeypatch: p
     assert bench.carriage_mm() == (-1.0, -1.0, -11.0)
 
 
-def test_moves_in_work_coordinates_do_not_matter() -> None:
-    bench = Bench(work_offset_mm=(-10.0, -5.0, 2.0), settings={10: 0})
-    bench.stage.connect()
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-20.0, z_mm=-7.0, speed_mm_s=5.0)
-    assert bench.carriage_mm() == (-20.0, -1.0, -7.0)
-    now = bench.stage.status()
-    assert (now.x_mm, now.y_mm, now.z_mm) == (-20.0, -1.0, -7.0)
-
-
 def test_a_soft_limit_is_an_alarm_then_silence_then_a_way_back(bench: Bench) -> None:
     with raises(StageAlarm, "alarm", number=2):
         bench.stage.move_to(x_mm=1.0, speed_mm_s=1.0)
@@ -100,28 +89,6 @@ def test_a_power_failure_in_the_middle_of_a_move(bench: Bench) -> None:
         bench.stage.move_to(x_mm=-20.0, speed_mm_s=5.0)
     assert bench.clock.monotonic_s() - start_s < 1.1
     assert not bench.stage.homed
-
-
-def test_a_hold_and_a_lost_resume(bench: Bench) -> None:
-    states = []
-
-    def hold() -> None:
-        bench.stage.hold()
-        bench.line.host_write(b"~")
-
-    def look() -> None:
-        bench.line.host_write(b"?")
-
-    bench.clock.call_at(bench.clock.monotonic_s() + 1.0, hold)
-    bench.clock.call_at(bench.clock.monotonic_s() + 1.05, look)
-    with raises(StageHeld, "held", state="Hold:0"):
-        bench.stage.move_to(x_mm=-20.0, speed_mm_s=10.0)
-    states.append(bench.stage.status().state)
-    bench.stage.resume()
-    states.append(bench.stage.status().state)
-    assert states == ["Hold:0", "Run"]
-    bench.clock.wait_s(5.0)
-    assert bench.carriage_mm()[0] == -20.0
 
 
 TARGETS = st.lists(

@@ -132,10 +132,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         (RUN, 0.5),
         (b"$$\n$I\n$120=10\n$H\n$#\n$G\n", b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90", ...),
     ),
-    "parameters": (
-        _homed,
-        (b"$#\n", b"[G54:0.000,0.000,0.000]\r\n[G55:", ..., b"[TLO:0.000]\r\n[PRB:0.000,0.000,0.000:0]\r\nok\r\n"),
-    ),
     "homing switched off is error 5": (_free, (b"$H\n", b"error:5\r\n")),
     # status
     "a status leaves the buffer out unless asked": (
@@ -152,7 +148,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     "a status in motion shows state, place and feed": (
         _homed, (RUN, 1.0), (ASK, b"<Run|MPos:-10.", ..., b"|FS:600,0", ...),
     ),
-    "a status in inches": (_homed, (b"$13=1\n",), (ASK, ..., b"|MPos:-0.0394,-0.0394,-0.0394|", ...)),
     "pins show a pressed switch": (
         lambda: Host(mechanics=Mechanics(start_mm=(0.0, -5.0, 0.0))), (b"",), (ASK, ..., b"|Pn:XZ|", ...),
     ),
@@ -165,19 +160,9 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     "unknown high bytes are dropped": (_homed, (b"G\xff9\x900\n", b"ok\r\n")),
     # ok means queued
     "ok means queued, not done": (_homed, (RUN, b"ok\r\n"), "Run"),
-    "bytes beyond the buffer are lost": (
-        _homed, (b"G4P1\n" + b"G90\n" * 40, 0.001), (b"", 2.0, b"ok\r\n" * (1 + 128 // 4)),
-    ),
     # hold, door, resume
     "a resume during the slowing down is lost": (_homed, (RUN, 1.0), (b"!", 0.1), (b"~", 1.0), "Hold:0"),
     "lines wait while held": (_homed, (b"!",), "Hold:0", (b"G90\n", b""), (b"~", b"ok\r\n"), "Idle"),
-    "a hold delays the ok of a dwell": (
-        _homed,
-        (b"G53G1X-11F600\nG4P0.1\n", 0.6, b"ok\r\n"),
-        (b"!", 10.0, b""),
-        (b"~", 2.0, b"ok\r\n"),
-        -4400,
-    ),
     "a hold with a full queue keeps every move": (
         _homed,
         (b"".join(b"G91G1X-0.%dF60\n" % (i % 2 + 1) for i in range(20)), 0.5),
@@ -268,15 +253,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     ),
     # g-code
     "inches and relative moves": (_homed, (b"G20G91G1X-0.1F20\n", 20.0), -400 - 1016),
-    "words of a CAM header are taken and reported": (
-        _homed,
-        (b"G17G21G54G90G94\n", b"ok\r\n"),
-        *((other + b"\n", b"ok\r\n") for other in (b"G18", b"G55", b"G93", b"G40", b"G49", b"G61", b"G91.1", b"G80")),
-        (b"G81\n", b"error:20\r\n"),
-        (b"$G\n", b"[GC:G80 G55 G18 G21 G90 G93 M5 M9 T0 F0 S0]\r\nok\r\n"),
-        (b"M30\n", b"[MSG:Pgm End]\r\nok\r\n"),
-        (b"$G\n", b"[GC:G1 G54 G17 G21 G90 G94 M5 M9 T0 F0 S0]\r\nok\r\n"),
-    ),
     "work coordinates move what follows": (  # G54 by G10 L20, G92 on top, a stored place by G28.1, and back to it
         _homed,
         (b"G10L20P1X0Y0Z0\nG92X1\nG1X-1F600\n", 2.0),
@@ -297,7 +273,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         (-400, -400, -400),
         (b"$C\n", b"[MSG:Disabled]\r\nok\r\n" + BANNER),
     ),
-    "a pause is answered once it is resumed": (_homed, (b"M0\n", 0.5, b""), "Hold:0", (b"~", b"ok\r\n"), "Idle"),
     "G53 ignores offset and relative mode": (
         lambda: Host(work_offset_mm=(-10.0, 0.0, 0.0)),
         (b"$H\n", 60.0),
@@ -307,9 +282,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         -6000,
     ),
     "a move to where it is does nothing": (_homed, (b"G53G1X-1F600\n", b"ok\r\n"), "Idle"),
-    "no move is slower than one millimetre a minute": (
-        _free, (b"G91G1X1F0.01\n", 1.0), (ASK, ..., b"|FS:1,0", ...),
-    ),
 }  # fmt: skip
 
 
@@ -365,39 +337,6 @@ def test_wco_and_ov_come_now_and_then(host: Host) -> None:
     assert [i for i, line in enumerate(lines) if b"|Ov:100,100,100" in line] == [1, 11, 21, 31]
 
 
-def test_the_ok_of_a_dwell_comes_after_motion_and_dwell(host: Host) -> None:
-    start_s = host.clock.monotonic_s()
-    assert host.say(b"G53G1X-11F600\nG4P0.25\n", 1.4) == b"ok\r\n"
-    # 10 mm at 10 mm/s and 50 mm/s²: 1.2 s, and the dwell.
-    host.clock.wait_until(host.line.host_pending, start_s + 5)
-    assert host.line.host_read() == b"ok\r\n"
-    assert host.clock.monotonic_s() - start_s == pytest.approx(1.45, abs=1e-4)
-
-
-def test_a_sixteenth_block_waits_for_a_place_and_the_buffer_holds_128_bytes(host: Host) -> None:
-    host.say(b"$10=3\nG91\nF60\n")
-    moves = b"".join(b"G1X-0.%d\n" % (i % 2 + 1) for i in range(16))
-    assert host.say(moves, 0.001) == b"ok\r\n" * 15
-    assert b"|Bf:0,128|" in host.say(b"?")
-    host.say(b";" * 200)
-    assert b",0|FS:" in host.say(b"?", 0.001)
-
-
-def test_hold_slows_down_then_can_be_resumed(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    host.line.host_write(b"!")
-    assert host.say(b"?", 0.1).startswith(b"<Hold:1|")
-    host.hear(0.2)
-    assert host.state() == b"<Hold:0"
-    held = host.steps()
-    host.hear(5.0)
-    assert host.steps() == held
-    host.say(b"~")
-    assert host.state() == b"<Run"
-    host.hear(5.0)
-    assert host.steps()[0] == -8000
-
-
 def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
     host = Host(mechanics=Mechanics(slip_steps=7, play_steps=(3.0, 3.0, 3.0)))
     host.say(b"$H\n", 60.0)
@@ -428,17 +367,6 @@ def test_jog_and_its_cancel(host: Host) -> None:
     assert -4400 < here[0] < -400
     host.say(b"$J=G91X-1F600\n", 2.0)
     assert host.steps()[0] == here[0] - 400
-
-
-def test_a_soft_limit_in_motion_stops_slowly_first(host: Host) -> None:
-    host.say(b"G53G1X-20F600\n", 1.0)
-    assert host.say(b"G53X-61\n", 0.1) == b""
-    assert host.state() == b"<Hold:1"
-    assert host.hear(0.2) == b"ALARM:2\r\n"
-    here = host.steps()
-    host.hear(1.0)
-    host.say(b"\x18")
-    assert host.say(b"?").startswith(b"<Alarm|MPos:%.3f," % (here[0] / 400))
 
 
 def test_reset_in_motion_is_alarm_3_and_locks(host: Host) -> None:
@@ -477,13 +405,6 @@ def test_coolant_and_spindle_are_switched_and_reported(host: Host) -> None:
     assert host.say(b"M5M9\n") == b"ok\r\n"
     assert b"A:" not in host.say(b"?")
     assert [word for _, word in host.board.outputs] == ["M8", "M3", "M5", "M9"]
-
-
-def test_a_reset_switches_outputs_off(host: Host) -> None:
-    host.say(b"M8\n")
-    host.say(b"\x18")
-    assert [word for _, word in host.board.outputs] == ["M8", "M9"]
-    assert b"M5 M9" in host.say(b"$G\n")
 
 
 def test_a_flood_of_questions_is_answered_by_a_few(host: Host) -> None:

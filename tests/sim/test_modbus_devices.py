@@ -111,14 +111,6 @@ def test_an_absolute_move_takes_its_time_and_shows(host: Host, rtu: Rtu) -> None
     assert host.drive.carriage_at(host.clock.monotonic_s()) == -4000 + 1000
 
 
-def test_relative_and_velocity(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 41", "00 00 00 64")), 1.0)
-    host.say(rtu(go("00 41", "FF FF FF CE")), 1.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 32")
-    host.say(rtu(go("00 02", "00 00 00 00", "FF C4")), 1.0)
-    assert host.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 FF FF FF C4")
-
-
 def home(host: Host, rtu: Rtu) -> None:
     host.say(rtu("01 06 60 02 00 20"))
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 06")
@@ -310,25 +302,6 @@ def test_the_filter_is_a_mean_of_samples_on_a_grid(rtu: Rtu) -> None:
 
 READ_2_OF_TCP = bytes.fromhex("0001 0000 0006 03 03 0007 0002")
 ANSWER_OF_TCP = bytes.fromhex("0001 0000 0007 03 03 04")
-
-
-def test_a_tcp_frame_may_come_as_slowly_as_it_likes(rtu: Rtu) -> None:
-    """A byte each 2 s; an RTU frame so slow is none, and is forgotten."""
-    tcp = Host("tcp")
-    for k in range(len(READ_2_OF_TCP)):
-        heard = tcp.say(READ_2_OF_TCP[k : k + 1], 2.0)
-        assert (heard != b"") == (k == len(READ_2_OF_TCP) - 1)
-    assert heard.startswith(ANSWER_OF_TCP)
-    serial, frame = Host(), rtu("03 03 00 07 00 02")
-    assert b"".join(serial.say(frame[k : k + 1], 2.0) for k in range(len(frame))) == b""
-    assert serial.say(frame) != b""
-
-
-def test_two_tcp_frames_in_one_chunk_are_two_questions() -> None:
-    second = bytes.fromhex("0002") + READ_2_OF_TCP[2:]
-    answers = Host("tcp").say(READ_2_OF_TCP + second, 0.1)
-    assert answers.count(ANSWER_OF_TCP[2:]) == 2
-    assert bytes.fromhex("0002 0000 0007") in answers
 
 
 def test_a_tcp_length_that_cannot_be_ends_in_nothing_and_not_in_silence_for_ever() -> None:

@@ -30,16 +30,6 @@ def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: f
         start = point
 
 
-@pytest.mark.parametrize(("mm", "speed"), [(10.0, 1.0), (10.0, 10.0), (0.05, 1.0), (2.0, 10.0), (1.0, 10.0)])
-def test_a_single_move_is_a_trapezoid_or_a_triangle(mm: float, speed: float) -> None:
-    plan = planner()
-    queue_path(plan, [steps(-mm)], speed)
-    ramp_mm = speed**2 / 50
-    expected_s = mm / speed + speed / 50 if mm > ramp_mm else 2 * math.sqrt(mm / 50)
-    assert plan.end_s == pytest.approx(expected_s, rel=1e-12)
-    assert plan.track.position_at(plan.end_s) == steps(-mm)
-
-
 def test_the_slowest_axis_limits_a_diagonal() -> None:
     plan = planner()
     queue_path(plan, [steps(3.0, 0.0, 4.0)], math.inf)
@@ -146,16 +136,6 @@ def test_an_override_changes_the_block_under_way_and_the_next(share: float, mm_s
     assert plan.track.speed_at(1.05 + abs(mm_s - 1.0) / 50 + 1e-6) == pytest.approx(mm_s)
     assert plan.track.speed_at(plan.next_end_s() + 0.1) == pytest.approx(mm_s)
     assert plan.track.position_at(plan.end_s) == steps(12.0)
-
-
-def test_a_jog_goes_at_its_own_speed_and_a_rapid_at_its_own_share() -> None:
-    jog, rapid = planner(), planner()
-    for plan in (jog, rapid):
-        plan.override(Share(feed=2.0, rapid=0.25), 0.0, moving=False)
-    jog.queue(HOME, steps(5.0), 1.0, 0.0, jog=True)
-    rapid.queue(HOME, steps(5.0), math.inf, 0.0)
-    assert jog.track.speed_at(1.0) == pytest.approx(1.0)
-    assert rapid.track.speed_at(1.0) == pytest.approx(2.5)
 
 
 def test_what_is_queued_behind_a_hold_comes_after_all_that_was_held() -> None:
