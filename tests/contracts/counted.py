@@ -13,6 +13,7 @@ from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
 from sim.devices.leadshine import DriveAxis
 from sim.devices.line import SerialLine
+from tests.timed_wire import TimedWire
 
 NEAR_MM = 0.05
 """So far from home an axis of a homed bench begins, so that its test spends little time on the way."""
@@ -97,28 +98,15 @@ def _tmcl_searches(axis: Any, per_mm: float) -> None:
 SEARCHES = {"zaber": _zaber_searches, "standa": _standa_searches, "tmcl": _tmcl_searches}
 
 
-class ScriptedWire:
+class ScriptedWire(TimedWire):
     """A wire whose far end says, to each write, what the test wants: a piece in each ms, or at once."""
 
-    name = "wire"
-
     def __init__(self, clock: VirtualClock, says: Callable[[bytes], list[bytes]], piece_s: float = 0.0) -> None:
-        self.clock, self.says, self._piece_s = clock, says, piece_s
+        super().__init__(clock)
+        self.says, self._piece_s = says, piece_s
         self.sent: list[bytes] = []
-        self.coming: list[tuple[float, bytes]] = []
 
     def write(self, data: bytes) -> None:
         self.sent.append(data)
         now_s = self.clock.monotonic_s()
         self.coming += [(now_s + n * self._piece_s, piece) for n, piece in enumerate(self.says(data), 1)]
-
-    def read(self, timeout_s: float) -> bytes:
-        if self.coming and self.coming[0][0] - self.clock.monotonic_s() <= timeout_s:
-            due_s, piece = self.coming.pop(0)
-            self.clock.wait_s(max(due_s - self.clock.monotonic_s(), 0.0))
-            return piece
-        self.clock.wait_s(timeout_s)
-        return b""
-
-    def close(self) -> None:
-        """There is nothing to close."""

@@ -553,16 +553,6 @@ class StageContract:
         assert bench.stage.homed
 
 
-def _move_to(bench: StageBench, to: dict[str, float]) -> None:
-    bench.stage.move_to(**to)
-
-
-def _under_way(bench: StageBench, state: str) -> None:
-    looks = bench.under_way()
-    bench.wire.state = state
-    list(looks)
-
-
 def _garbled(bench: StageBench, garbled: Garbled) -> None:
     bench.wire.instead[bench.device.where], bench.wire.mangled = garbled.reply, garbled.mangled
     bench.stage.status()

@@ -67,15 +67,6 @@ def test_a_measured_number_is_one_that_can_be(name: str) -> None:
             _first(name, partial(settings.CalibrationSettings.model_validate, tables), f"value = {value:g}: ")
 
 
-def test_a_calibration_may_be_used_on_its_last_day() -> None:
-    both = settings.CalibrationSettings.model_validate(
-        {"force_scale": _measured(1.0), "x_backlash_mm": _measured(0.0, expires=datetime.date(2026, 5, 3))}
-    )
-    assert [both.expired(datetime.date(2026, 5, day)) for day in (1, 2, 3, 4)] == [
-        [], ["force_scale"], ["force_scale"], ["x_backlash_mm", "force_scale"],
-    ]  # fmt: skip
-
-
 def test_a_calibration_of_a_day_to_come_has_a_wrong_date_or_the_computer_a_wrong_clock(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -159,11 +159,6 @@ def test_banners() -> None:
     assert not is_banner("[VER:1.1h.20190825:Grbl on the bench]")
 
 
-def test_status_split_into_pieces(stage: Make) -> None:
-    board = stage([(b"?", [b"<Id", b"le|MPos:-1.0", b"00,-2.000,-3.000|FS:0", b",0>\r", b"\n"])])
-    assert board.status() == StageStatus("Idle", -1.0, -2.0, -3.0)
-
-
 def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
     work = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
     with_offset = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-10.000,0.000,0.500>\r\n"
@@ -178,25 +173,6 @@ def test_a_status_without_position_is_an_error(stage: Make) -> None:
 
 
 # --- homing and moving ---
-
-
-def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
-    board = stage(
-        [
-            *HOMING,
-            *confirmed("X10Y0Z0", 60, (-1, -1, -1), (-11, -1, -1)),
-            (b"G1X0\n", b"ok\r\n"),
-            (b"?", b"<Run|MPos:-10.990,-1.000,-1.000|FS:60,0>\r\n"),
-            (b"?", b"<Idle|MPos:-11.000,-1.000,-1.000|FS:0,0>\r\n"),
-        ]
-    )
-    assert not board.homed
-    board.home()
-    assert board.homed
-    start_s = clock.monotonic_s()
-    board.move_to(x_mm=-11.0, speed_mm_s=1.0)
-    # 10 mm at 1 mm/s and 50 mm/s², then one poll interval.
-    assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
@@ -220,13 +196,6 @@ def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, 
 
 
 # --- jogging and outputs ---
-
-
-def test_a_jog_is_queued_and_not_waited_for(stage: Make, clock: VirtualClock) -> None:
-    start_s = clock.monotonic_s()
-    going = confirmed("X0Y0Z0.1", 60, AT, (-1, -2, -3.1), modes=False)
-    stage([(b"?", IDLE), *going, (b"$J=Z0F60\n", b"ok\r\n")]).jog("z", -0.1, 1.0)
-    assert clock.monotonic_s() == start_s
 
 
 def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:

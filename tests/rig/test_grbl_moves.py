@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageStatus, StageTimeout
+from rig.devices.base import StageAlarm, StageError, StageOverridden, StageReset, StageTimeout
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -27,34 +27,6 @@ def _asked_s(board: Board, line: bytes = LINE_X) -> list[float]:
     """The `?` of a move, in seconds from its line."""
     (begun_s,) = board.times(line)
     return [t_s - begun_s for t_s, data in board.after(line) if data == b"?"]
-
-
-def _arrives(board: Board, after_s: float, line: bytes = LINE_X) -> None:
-    """From its line on the board runs so long, and is then where it was told to be."""
-    answer = board._answer
-
-    def answered(data: bytes) -> bytes | list[At]:
-        begun = board.times(line)
-        if data != b"?" or not begun:
-            return answer(data)
-        there = board.clock.monotonic_s() - begun[-1] >= after_s - 1e-9
-        return at("Idle", -11.0) if there else at("Run", -5.0)
-
-    board._answer = answered  # type: ignore[method-assign]
-
-
-def test_a_move_is_looked_at_ten_times_a_second_and_its_end_is_polled(board: Board, clock: VirtualClock) -> None:
-    """No look falls just before the end, where the board is asked anyway; each look says where the stage is."""
-    stage = connected(board)
-    _arrives(board, 10.13)
-    begun_s, looks = clock.monotonic_s(), list[float]()
-    for look in stage.moving(x_mm=-11.0, speed_mm_s=1.0):
-        looks.append(clock.monotonic_s() - begun_s)
-        assert look == StageStatus("Run", -5.0, -2.0, -3.0)
-    tenths = [0.1 * k for k in range(1, 100)]
-    assert looks == pytest.approx([*tenths, 10.12])
-    asked_s = sorted({round(t_s, 6) for t_s in _asked_s(board)})  # once more where it comes to the same by round-off
-    assert asked_s == pytest.approx([*tenths, 10.02, 10.04, 10.06, 10.08, 10.10, 10.12, 10.14])
 
 
 @pytest.mark.parametrize("state", ["Alarm", "Sleep", "Check", "Alarm:1"])

@@ -88,19 +88,6 @@ def test_a_held_board_is_named_at_the_next_look(bench: Bench, motion: str, what:
     assert bench.clock.monotonic_s() - at_s <= NAMED_S + PREPARED_S
 
 
-@pytest.mark.parametrize("what", HOLDS)
-def test_homing_a_held_board_is_refused_at_once(bench: Bench, what: str) -> None:
-    """Told to home it would say nothing at all, and home as soon as somebody lets go."""
-    data, state = HOLDS[what]
-    bench.line.host_write(data)
-    bench.clock.wait_s(0.01)
-    begun_s = bench.clock.monotonic_s()
-    with raises(StageHeld, "held") as caught:
-        bench.stage.home()
-    assert caught.value.fields["state"].startswith(state)
-    assert bench.clock.monotonic_s() - begun_s < LOOK_S
-
-
 @pytest.mark.parametrize(("data", "factor"), [(b"\x91" * 10, 2.0), (b"\x92" * 9, 0.1)])
 def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: bytes, factor: float) -> None:
     """Twice the speed for two looks at most. Then the stage is stopped, as the engine does."""
@@ -213,7 +200,7 @@ def test_an_open_door_is_named_also_where_the_next_line_waits_for_it(
     assert bench.x_mm() == rest_mm, "nothing waits in the board"
 
 
-@pytest.mark.parametrize("motion", [*MOTIONS, "key", "output"])
+@pytest.mark.parametrize("motion", [*MOTIONS, "key", "output", "home"])
 @pytest.mark.parametrize("what", HOLDS)
 def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, motion: str) -> None:
     """It reads no line: an `ok` used to be waited for, and the line carried out when somebody let go."""
@@ -222,7 +209,11 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     bench.line.host_write(data)
     bench.clock.wait_s(0.01)
     begun_s, at_mm = bench.clock.monotonic_s(), bench.x_mm()
-    begin = MOTIONS | {"key": lambda b: _key(b, 1.0), "output": lambda b: b.stage.set_output(True)}
+    begin = MOTIONS | {
+        "key": lambda b: _key(b, 1.0),
+        "output": lambda b: b.stage.set_output(True),
+        "home": lambda b: b.stage.home(),
+    }
     with raises(StageHeld, "held") as caught:
         begin[motion](bench)
     assert caught.value.fields["state"].startswith(state)

@@ -204,22 +204,6 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
 # --- moves ---
 
 
-def test_path_done_of_the_move_before_is_not_taken_for_this_one(homed: Make) -> None:
-    there = homed(
-        [
-            status(1, HOMED),
-            commanded(1, "00 00 00 00"),
-            *started(1, "FF FF FE 70", "01 2C"),
-            status(1, HOMED),  # not begun yet: done, but with the old target
-            commanded(1, "00 00 00 00"),
-            status(1, HOMED),
-            commanded(1, "FF FF FE 70"),
-            feedback(1, "FF FF FE 70"),
-        ]
-    )
-    there.move_to(x_mm=-1.0, y_mm=-15.0, speed_mm_s=5.0)
-
-
 MOVE_1_MM = [status(1, HOMED), commanded(1, "00 00 00 00"), *started(1, "FF FF FE 70", "01 2C")]
 
 
@@ -240,18 +224,6 @@ def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: i
     with raises(StageError, "not_as_configured", axis="x", drive=1, name="path 0", register=0x6200):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
     assert not there.homed
-
-
-@pytest.mark.parametrize("under_way", [False, True], ids=["before the move", "in the move"])
-def test_a_drive_that_was_switched_off_is_not_moved_on(homed: Make, under_way: bool) -> None:
-    """It is back, ready, without the homed bit, and counts from where it stood: 0x0032 at rest, 0x0006 running."""
-    lost = [*MOVE_1_MM, status(1, "00 06")] if under_way else [status(1, "00 32"), MOVE_1_MM[1]]
-    there = homed(lost)
-    with raises(StageError, "lost_home", axis="x", drive=1):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-    assert not there.homed
-    with raises(StageNotHomed, "not_homed", who="the drives"):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
 
 
 # --- a lower limit ---
@@ -316,22 +288,6 @@ def test_an_output_is_a_word_to_the_configured_register(homed: Make) -> None:
 
 
 # --- stopping ---
-
-
-def test_stop_is_one_broadcast_then_made_sure_of(homed: Make) -> None:
-    there = homed(
-        [
-            ("00 06 60 02 00 40", ""),
-            echoed("02 06 60 02 00 40"),
-            status(2, RUNNING),
-            echoed("02 06 60 02 00 40"),
-            status(2, AT_REST),
-            echoed("01 06 60 02 00 40"),
-            status(1, AT_REST),
-        ]
-    )
-    there.stop()
-    assert not there.homed
 
 
 def test_stop_asks_every_drive_even_if_one_is_silent(homed: Make, clock: VirtualClock) -> None:

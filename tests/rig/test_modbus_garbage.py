@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from rig.settings import Framing
 from rig.transport import LoopbackTransport
 from rig.transport.modbus import ModbusError, ModbusMaster
-from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive, VirtualLaumas
+from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code
 
@@ -65,25 +65,3 @@ def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: b
             1, 0x6200, [1, 0, 0, 60, 1, 1, 0, 16]
         )
     assert len(heard) == 1
-
-
-@FRAMINGS
-@given(chunks=st.lists(st.tuples(NOISE, st.sampled_from([0.0, 0.001, 0.1])), min_size=1, max_size=4))
-@settings(max_examples=150, deadline=None)
-def test_the_devices_survive_and_answer_the_next_question(
-    framing: Framing, chunks: list[tuple[bytes, float]]
-) -> None:
-    clock = VirtualClock()
-    line = SerialLine(clock, 115200)
-    drive = VirtualDrive(clock)
-    ModbusBus(clock, line, {1: drive, 3: VirtualLaumas(clock, Load(lambda t_s: 0.0))}, framing=framing)
-    for data, pause_s in chunks:
-        line.host_write(data)
-        clock.wait_s(pause_s)
-    clock.wait_s(0.2)
-    line.host_read()
-    if framing == "tcp":  # half a frame is waited for as long as its connection lasts
-        line.renewed()
-    master = ModbusMaster(LoopbackTransport(line, clock), clock, framing=framing)
-    assert master.read(1, 0x1003, 1) == [0x32]
-    assert drive.carriage_at(clock.monotonic_s()) == -4000

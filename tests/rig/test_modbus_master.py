@@ -10,6 +10,7 @@ from rig.transport import modbus
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
+from tests.timed_wire import TimedWire
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
@@ -135,29 +136,18 @@ def test_a_write_of_several_must_be_echoed(master: Any, rtu: Rtu, answer: str) -
         master([(GOLDEN_WRITE, rtu(answer))]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
-class LateTransport:
+class LateTransport(TimedWire):
     """Answers the n-th write with chunks, each so many seconds after it."""
 
-    name = "late"
-
     def __init__(self, clock: VirtualClock, answers: list[list[tuple[float, bytes]]]) -> None:
-        self.clock, self.answers = clock, answers
-        self.due: list[tuple[float, bytes]] = []
-        self.sent_s: list[float] = []
+        super().__init__(clock)
+        self.answers, self.sent_s = answers, list[float]()
 
     def write(self, data: bytes) -> None:
         now_s = self.clock.monotonic_s()
         self.sent_s.append(now_s)
-        self.due += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
-        self.due.sort(key=lambda due: due[0])
-
-    def read(self, timeout_s: float) -> bytes:
-        wait_s = self.due[0][0] - self.clock.monotonic_s() if self.due else float("inf")
-        self.clock.wait_s(min(max(wait_s, 0.0), timeout_s))
-        return self.due.pop(0)[1] if wait_s <= timeout_s else b""
-
-    def close(self) -> None:
-        """Nothing to close."""
+        self.coming += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
+        self.coming.sort(key=lambda due: due[0])
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])

@@ -64,17 +64,6 @@ def test_a_balance_that_repeats_itself_is_understood(
     assert force.read().force_n == pytest.approx(GWT_N)
 
 
-def test_a_balance_that_is_not_there_is_asked_twice_for_half_a_second(balance: Balance, clock: VirtualClock) -> None:
-    """And nothing is believed afterwards."""
-    hello = [(b"@\r\n", b""), (b"I4\r\n", b"")]
-    force = balance(*hello, *hello, HELLO, WEIGHT)
-    for ask in (force.connect, force.read):
-        with raises(ForceTimeout, "no_device", port="scripted"):
-            ask()
-    assert clock.monotonic_s() == pytest.approx(BEGUN_S + 2.0)
-    assert force.read().stable
-
-
 def test_a_greeting_that_fails_ends_what_was_believed_before(balance: Balance) -> None:
     force = balance(HELLO, (b"@\r\n", b""), (b"I4\r\n", b"I4 I\r\n"), HELLO, WEIGHT)
     force.connect()

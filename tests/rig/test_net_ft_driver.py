@@ -19,6 +19,7 @@ from sim.devices.line import Load, SerialLine, VirtualForceSpec
 from sim.devices.net_ft import VirtualNetFt
 from tests.contracts.bytes.net_ft import PAGE
 from tests.error_codes import raises
+from tests.timed_wire import TimedWire
 from tests.waiting import DEADLINE_S, until
 
 STEP_S = 0.001
@@ -29,15 +30,12 @@ def record(rdt: int, *, ft: int | None = None, status: int = 0, axes: tuple[int,
     return struct.pack(">III6i", rdt & TOP, (5 * rdt if ft is None else ft) & TOP, status, *axes)
 
 
-class Wire:
+class Wire(TimedWire):
     """Datagrams that come at given times, and a driver that is connected."""
 
-    name = "wire"
-
     def __init__(self, page: bytes = PAGE, connect: bool = True, begin: int = 0, **table: Any) -> None:
-        self.clock, self.sent, self.page = VirtualClock(0.0, 100.0), list[bytes](), page
-        self.begin = begin
-        self.coming: list[tuple[float, bytes]] = []
+        super().__init__(VirtualClock(0.0, 100.0))
+        self.sent, self.page, self.begin = list[bytes](), page, begin
         force = {"sample_period_s": 0.05, "latency_s": 0.0, "resolution_gwt": 0.01, "scale": 1.0}
         force |= {key: table.pop(key) for key in force if key in table}
         self.driver = NetFtForce(self, lambda: self, self.clock, NetFtSettings(**table), **force)
@@ -48,18 +46,6 @@ class Wire:
         self.sent.append(data)
         reply = self.page if data == GET_PAGE else record(self.begin)
         self.coming.append((self.clock.monotonic_s(), reply))
-
-    def read(self, timeout_s: float) -> bytes:
-        now_s = self.clock.monotonic_s()
-        if self.coming and self.coming[0][0] <= now_s + timeout_s:
-            due_s, data = self.coming.pop(0)
-            self.clock.wait_s(max(due_s - now_s, 0.0))
-            return data
-        self.clock.wait_s(timeout_s)
-        return b""
-
-    def close(self) -> None:
-        """There is nothing to close."""
 
     def come(self, *datagrams: bytes, after_s: float = STEP_S) -> None:
         """One after the other, the first one after the request that follows."""

@@ -78,16 +78,6 @@ def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, wha
     assert [stream for stream, _ in watched.events].count("trip") == 1
 
 
-def test_homing_ends_it_as_it_connects(watched: Watched) -> None:
-    engine = watched.ready()
-    _pressed(engine)
-    _struck(watched, b"\x92" * 9, after_s=0.9)
-    _looks(engine)
-    verbs.home(engine)
-    assert engine.state is State.READY
-    verbs.move_to(engine, 1.0)
-
-
 @pytest.mark.parametrize(("on_trip", "above_mm"), [("park", 10.0), ("retract", CLEARANCE_MM)])
 def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -> None:
     watched = Watched(GRBL, on_trip=on_trip)

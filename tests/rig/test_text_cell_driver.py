@@ -16,34 +16,22 @@ from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine, VirtualForceSpec
 from sim.devices.text_cell import text_twin
 from tests.error_codes import raises
+from tests.timed_wire import TimedWire
 
 PERIOD_S = 0.1
 INSTRUMENT = {"sample_period_s": PERIOD_S, "resolution_gwt": 0.01, "scale": 1.0}
 
 
-class Board:
+class Board(TimedWire):
     """A wire whose bytes come at given times, and a driver."""
 
-    name = "wire"
-
     def __init__(self, *coming: tuple[float, bytes], **table: Any) -> None:
-        self.clock, self.coming, self.sent = VirtualClock(), list(coming), b""
+        super().__init__(VirtualClock())
+        self.coming, self.sent = list(coming), b""
         self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), **INSTRUMENT)
 
     def write(self, data: bytes) -> None:
         self.sent += data
-
-    def read(self, timeout_s: float) -> bytes:
-        now_s = self.clock.monotonic_s()
-        if self.coming and self.coming[0][0] <= now_s + timeout_s:
-            due_s, data = self.coming.pop(0)
-            self.clock.wait_s(max(due_s - now_s, 0.0))
-            return data
-        self.clock.wait_s(timeout_s)
-        return b""
-
-    def close(self) -> None:
-        """There is nothing to close."""
 
     def gwt(self) -> float:
         return self.driver.read().force_n / GWT_N

@@ -145,10 +145,8 @@ def test_a_missing_port_is_named(opens: Callable[[str], object]) -> None:
     [
         (OSError(errno.ENOENT, "x"), "no_port", {}),
         (OSError(errno.EBUSY, "x"), "in_use", {}),
-        (OSError(errno.EAGAIN, "x"), "in_use", {}),
         (OSError(errno.EACCES, "x"), "no_permission", {}),
         (OSError(errno.EIO, "failed\nbadly"), "not_opened", {"problem": f"[Errno {errno.EIO}] failed"}),
-        (ValueError("no such scheme"), "not_opened", {"problem": "no such scheme"}),
     ],
     ids=repr,
 )

@@ -283,21 +283,6 @@ def test_an_alert_that_came_in_between_is_not_forgotten() -> None:
         list(looks)
 
 
-def test_an_unlock_forgets_alerts_from_before_and_a_displacement() -> None:
-    """The latter lasts until the axis moves."""
-    bench = bench_of()
-    bench.devices.devices[2].settings["comm.alert"] = "1"
-    next(bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0))
-    bench.devices.z.fail("FS")
-    bench.devices.z.repair("FS")
-    bench.clock.wait_s(0.1)
-    bench.stage.halt()
-    bench.devices.z.warn("WM")
-    bench.stage.unlock()
-    bench.stage.home()
-    assert bench.stage.homed
-
-
 @pytest.mark.parametrize(
     ("kind", "code", "act"),
     [

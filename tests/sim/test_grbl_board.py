@@ -304,14 +304,6 @@ def test_power_cycle_in_motion_locks_and_forgets_where_it_is(host: Host) -> None
     assert -20 * 400 < host.steps()[0] < -400
 
 
-def test_79_characters_are_a_line_and_80_are_too_many(host: Host) -> None:
-    line = b"G90" + b"N1".ljust(76, b"0")
-    assert len(line) == 79
-    assert host.say(line + b"\n") == b"ok\r\n"
-    assert host.say(line + b"0\n") == b"error:11\r\n"
-    assert host.say(b" " * 40 + line + b"(" + b"x" * 60 + b")\n") == b"ok\r\n"
-
-
 @pytest.mark.parametrize(
     ("line", "code"),
     [
@@ -355,18 +347,6 @@ def test_hold_then_reset_drops_the_rest_byte_for_byte() -> None:
     assert host.steps() == (-4960, -400, -400)
     assert host.say(b"?") == b"<Idle|MPos:-12.400,-1.000,-1.000|FS:0,0|Ov:100,100,100>\r\n"
     assert host.say(b"G4P0.01\n", 0.1) == b"ok\r\n"
-
-
-def test_jog_and_its_cancel(host: Host) -> None:
-    assert host.say(b"$J=G91 G21 X-10 F600\n", 0.5) == b"ok\r\n"
-    assert host.state() == b"<Jog"
-    assert host.say(b"G90\n") == b"error:9\r\n"
-    host.say(b"\x85", 1.0)
-    assert host.state() == b"<Idle"
-    here = host.steps()
-    assert -4400 < here[0] < -400
-    host.say(b"$J=G91X-1F600\n", 2.0)
-    assert host.steps()[0] == here[0] - 400
 
 
 def test_reset_in_motion_is_alarm_3_and_locks(host: Host) -> None:

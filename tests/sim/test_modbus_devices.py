@@ -258,18 +258,6 @@ def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
     assert told(host, rtu) == (0x0980, 233, 233)
 
 
-def test_tare_zero_and_gross(rtu: Rtu) -> None:
-    """Bit 10: net shown. Bit 12: zero."""
-    host = Host(force_n=lambda t_s: 5 * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(rtu("03 10 00 05 00 01 02 00 07")) == rtu("03 10 00 05 00 01")
-    assert told(host, rtu) == (0x0C00, 500, 0)
-    host.say(rtu("03 10 00 05 00 01 02 00 09"))
-    assert told(host, rtu) == (0x0800, 500, 500)
-    host.say(rtu("03 10 00 05 00 01 02 00 08"))
-    assert told(host, rtu) == (0x1800, 0, 0)
-
-
 @pytest.mark.parametrize(("grams", "bits"), [(209.5, 0x0004), (331.0, 0x000C), (10_001.0, 0x003C)])
 def test_too_much(rtu: Rtu, grams: float, bits: int) -> None:
     host = Host(force_n=lambda t_s: grams * GRAM_N)
@@ -308,30 +296,3 @@ def test_a_tcp_length_that_cannot_be_ends_in_nothing_and_not_in_silence_for_ever
     tcp = Host("tcp")
     assert tcp.say(bytes.fromhex("0001 0000 FFFF 03 03 0007 0002")) == b""
     assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
-
-
-@pytest.mark.parametrize("function", [0x01, 0x2B, 0x41])
-@pytest.mark.parametrize("framing", ["rtu", "tcp"])
-def test_an_unknown_function_is_answered_by_exception_1(rtu: Rtu, framing: str, function: int) -> None:
-    """Also one whose frame pymodbus cannot cut: on a serial line its end is the silence after it."""
-    body = bytes([3, function, 0, 1, 0, 1])
-    exception = bytes([3, function | 0x80, 1])
-    host = Host(framing)
-    if framing == "rtu":
-        assert host.say(rtu(body.hex()), 0.2) == rtu(exception.hex())
-        assert host.say(rtu("03 03 00 07 00 02")) != b"", "and the next question is heard"
-    else:
-        head = bytes.fromhex("0007 0000")
-        assert host.say(head + b"\0\6" + body) == head + b"\0\3" + exception
-        assert host.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
-
-
-@pytest.mark.parametrize("unit", [0, 255])
-def test_units_0_and_255_are_the_one_device_behind_a_tcp_port(unit: int) -> None:
-    """Modbus messaging on TCP/IP, implementation guide V1.0b, 4.4.2; with several nobody is meant."""
-    question = READ_2_OF_TCP[:6] + bytes([unit]) + READ_2_OF_TCP[7:]
-    several = Host("tcp")
-    assert several.say(question) == b""
-    one = Host("tcp")
-    ModbusBus(one.clock, one.line, {3: one.cell}, framing="tcp")
-    assert one.say(question).startswith(ANSWER_OF_TCP[:6] + bytes([unit]) + ANSWER_OF_TCP[7:])

@@ -30,13 +30,6 @@ def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: f
         start = point
 
 
-def test_the_slowest_axis_limits_a_diagonal() -> None:
-    plan = planner()
-    queue_path(plan, [steps(3.0, 0.0, 4.0)], math.inf)
-    speed, accel = 5.0 / 0.8, 50.0 / 0.8
-    assert plan.end_s == pytest.approx(5.0 / speed + speed / accel, rel=1e-12)
-
-
 def test_collinear_blocks_do_not_stop() -> None:
     one, many = planner(), planner()
     queue_path(one, [steps(10.0)], 5.0)
