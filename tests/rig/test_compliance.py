@@ -1,6 +1,5 @@
 """The rig's own compliance: measured on a rigid block, and what it does to a depth."""
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -41,16 +40,6 @@ def test_the_truth_lies_within_the_uncertainty(spring: Make, mm_per_n: float, no
     assert abs(found.mm_per_n - mm_per_n - BLOCK_MM_PER_N) < 3 * found.sd_mm_per_n
     assert found.sd_mm_per_n < 0.1 * mm_per_n
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_no_step_is_longer_than_the_stages_smallest_near_the_block(spring: Make) -> None:
-    """From search_mm above where the block is expected on: 0.0025 mm a move."""
-    bench = _block(spring, 0.05)
-    measure_compliance(bench.ready(), 100.0)
-    heights = [move["Z"] + 25.0 for move in bench.moves() if "Z" in move]
-    steps = [a - b for a, b in itertools.pairwise(heights) if b < a < 0.5]
-    assert max(steps) <= 0.0025 + 1e-3, "a board prints thousandths"
-    assert sum(steps) / len(steps) == pytest.approx(0.0025, abs=1e-4)
 
 
 def test_the_uncertainty_of_a_depth_is_journalled(spring: Make) -> None:

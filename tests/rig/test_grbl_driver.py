@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.base import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
 from rig.devices.grbl import GrblStage
-from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is_banner, parse_status
+from rig.devices.grbl_link import ASK_TIMES, expected_settings
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -134,29 +134,6 @@ def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, cl
 
 
 # --- status ---
-
-
-@pytest.mark.parametrize(
-    ("line", "fields"),
-    [
-        ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
-         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100), "XZ")),
-        ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
-        ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
-        ("<Alarm>", StatusFields("Alarm", None, None, None)),
-        ("<Idle|MPos:0.000,1.0", None), ("<Idle|MPos:0.000,1.000>", None), ("<Idle|MPos:a,b,c>", None),
-        ("<Idle|MPos:nan,0,0>", None), ("<Idle|MPos:0,0<Idle|MPos:0,0,0>", None), ("ok", None), ("", None),
-    ],
-)  # fmt: skip
-def test_status_fields_whichever_come(line: str, fields: StatusFields | None) -> None:
-    assert parse_status(line) == fields
-
-
-def test_banners() -> None:
-    assert is_banner("Grbl 1.1h ['$' for help]")
-    assert is_banner("GrblHAL 1.1f ['$' or '$HELP' for help]")
-    assert is_banner("<Idle|MPos:0.0Grbl 1.1h ['$' for help]")
-    assert not is_banner("[VER:1.1h.20190825:Grbl on the bench]")
 
 
 def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:

@@ -21,7 +21,6 @@ Make = Callable[..., LeadshineStage]
 AT_REST = "00 32"  # enabled, command done, path done
 HOMED = "00 72"
 RUNNING = "00 06"
-FAULT = "00 01"
 
 
 def status(device: int, word: str) -> Pair:
@@ -30,10 +29,6 @@ def status(device: int, word: str) -> Pair:
 
 def commanded(device: int, counts: str) -> Pair:
     return f"{device:02X} 03 60 2C 00 02", f"{device:02X} 03 04 {counts}"
-
-
-def feedback(device: int, counts: str) -> Pair:
-    return f"{device:02X} 03 10 14 00 02", f"{device:02X} 03 04 {counts}"
 
 
 def echoed(frame: str) -> Pair:

@@ -193,15 +193,6 @@ def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None
     verbs.home(engine)
 
 
-def test_a_silent_drive_stops_the_run(make: Make) -> None:
-    bench = make()
-    engine = bench.ready()
-    bench.at_first("press", lambda: bench.stage_line.connect(lambda data: None))
-    with raises(StageTimeout, "no_reply", axis="z", port="stage", device=2):
-        indent(engine, Target("force_gwt", 2.33))
-    assert engine.state is State.UNHOMED
-
-
 @pytest.mark.parametrize("axis", ["x", "z"])
 def test_a_drive_that_was_switched_off_is_not_homed(make: Make, axis: str) -> None:
     """Its next move is refused before a byte of it; 2 mm above the finger was taken for a place 23 mm deeper."""
@@ -271,30 +262,6 @@ def test_the_drive_is_its_own_dead_man(make: Make) -> None:
 
 
 # --- force ---
-
-
-@pytest.mark.parametrize(
-    ("load_n", "reason"),
-    [
-        (lambda t_s: float("nan"), "cell_error"),
-        (lambda t_s: 215 * GWT_N, "over_max"),
-        (lambda t_s: 30 * 340 * GWT_N, "over_max"),
-        (lambda t_s: -11_000 * GWT_N, "gross_out_of_range"),
-    ],
-)
-@pytest.mark.quick(rows=lambda phase, load_n, reason: phase == "press" or reason == "cell_error")
-@pytest.mark.parametrize("phase", ["approach", "press", "hold"])
-def test_what_the_status_word_says_trips(
-    make: Make, phase: str, load_n: Callable[[float], float], reason: str
-) -> None:
-    bench = make()
-    engine = bench.ready()
-    bench.at_first(phase, lambda: setattr(bench, "load_n", load_n))
-    with pytest.raises(TripError) as caught:
-        indent(engine, Target("force_gwt", 2.33), hold_s=1.0)
-    assert caught.value.fields["error_code"] == reason
-    assert engine.state is State.TRIPPED
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
 def test_a_filter_is_waited_out(make: Make) -> None:

@@ -23,7 +23,6 @@ NOISE = st.builds(lambda first, rest: first + rest, BEGINNINGS, st.binary(max_si
 CODES = {
     *("no_reply", "incomplete", "bad_crc", "no_modbus", "does_not_fit", "another_device", "late_answer", "refused"),
 }
-PAUSE_S = st.sampled_from([0.0, 0.001, 0.1])
 
 
 class Noise:

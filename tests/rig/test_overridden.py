@@ -33,13 +33,6 @@ def _pressed(engine: Engine) -> None:
         engine.go_to_height(height_mm, 0.5)
 
 
-def _looks(engine: Engine) -> None:
-    """A status carries the overrides or the offset."""
-    engine.clock.wait_s(1.0)
-    for _ in range(2):
-        engine.bench.stage.look()
-
-
 def _in_a_press(engine: Engine) -> None:
     indent(engine, Target("force_gwt", 8.0), hold_s=5.0, expected_contact_mm=0.0)
 

@@ -114,8 +114,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     "a host that came late can ask": (_homed, (b"$I\n", b"[VER:1.1h.20190830:]\r\n[OPT:V,15,128]\r\nok\r\n")),
     # one answer a line
     "one answer for each line": (_homed, (b"G90\nG91\nnonsense\nG90\n", b"ok\r\nok\r\nerror:2\r\nok\r\n")),
-    "carriage return and line feed are two ends": (_homed, (b"G90\r\n", b"ok\r\nok\r\n")),
-    "lower case, spaces and comments": (_homed, (b" g90 (absolute) g21 ; and millimetres\n", b"ok\r\n")),
     "everything is locked in alarm": (
         _locked,
         (b"G91\nG0X1\n$J=G91X1F100\n", b"error:9\r\n" * 2 + b"error:8\r\n"),
@@ -123,16 +121,9 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         (b"G91\n", b"ok\r\n"),
     ),
     # settings
-    "a setting is stored": (_homed, (b"$120=25\n", b"ok\r\n"), (b"$$\n", ..., b"$120=25.000\r\n", ...)),
     "soft limits need homing": (
         _homed, (b"$22=0\n", b"ok\r\n"), (b"$$\n", ..., b"$20=0\r\n", ...), (b"$20=1\n", b"error:10\r\n"),
     ),
-    "settings and identity only at rest": (
-        _homed,
-        (RUN, 0.5),
-        (b"$$\n$I\n$120=10\n$H\n$#\n$G\n", b"error:8\r\n" * 5 + b"[GC:G1 G54 G17 G21 G90", ...),
-    ),
-    "homing switched off is error 5": (_free, (b"$H\n", b"error:5\r\n")),
     # status
     "a status leaves the buffer out unless asked": (
         _homed,
@@ -148,9 +139,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     "a status in motion shows state, place and feed": (
         _homed, (RUN, 1.0), (ASK, b"<Run|MPos:-10.", ..., b"|FS:600,0", ...),
     ),
-    "pins show a pressed switch": (
-        lambda: Host(mechanics=Mechanics(start_mm=(0.0, -5.0, 0.0))), (b"",), (ASK, ..., b"|Pn:XZ|", ...),
-    ),
     "real-time bytes are picked out of the middle of a line": (
         _homed,
         (b"G53G1?X-2F600\n", 0.001, b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>\r\nok\r\n"),
@@ -163,14 +151,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     # hold, door, resume
     "a resume during the slowing down is lost": (_homed, (RUN, 1.0), (b"!", 0.1), (b"~", 1.0), "Hold:0"),
     "lines wait while held": (_homed, (b"!",), "Hold:0", (b"G90\n", b""), (b"~", b"ok\r\n"), "Idle"),
-    "a hold with a full queue keeps every move": (
-        _homed,
-        (b"".join(b"G91G1X-0.%dF60\n" % (i % 2 + 1) for i in range(20)), 0.5),
-        (b"!", 3.0),
-        (b"~", 10.0),
-        -400 - 10 * 40 - 10 * 80,
-        "Idle",
-    ),
     "a reset in a hold at rest sets no lock": (
         _homed,
         (b"!",),
@@ -189,13 +169,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
     "door": (
         _homed, (RUN, 1.0), (b"\x84", b"[MSG:Check Door]\r\n"), "Door:2", (b"", 1.0), "Door:0", (b"~", 5.0), -8000,
     ),
-    "sleep ends by a reset only": (
-        _homed,
-        (b"$SLP\n", b"ok\r\n[MSG:Sleeping]\r\n"),
-        (b"G90\n$X\n~", b""),
-        "Sleep",
-        (b"\x18", BANNER + UNLOCK),
-    ),
     # jog
     "a hold cancels a jog": (_homed, (b"$J=G91X-10F600\n", 0.5), (b"!",), "Jog", (b"", 1.0), "Idle"),
     "door in a jog": (_homed, (b"$J=G91X-10F600\n", 0.5), (b"\x84", 1.0), "Door:0", (b"~",), "Idle"),
@@ -205,10 +178,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         (b"$J=G53X-60.1F100\n", b"error:15\r\n"),
         "Idle",
         (-400, -400, -400),
-    ),
-    "no jog while running": (_homed, (RUN, 0.5), (b"$J=G91X-1F100\n", b"error:8\r\n")),
-    "a jog leaves the modes alone": (
-        _homed, (b"$J=G91G20X-0.1F10\n", 20.0), -400 - 1016, (b"$G\n", b"[GC:G0 G54 G17 G21 G90 G94", ...),
     ),
     # alarms
     "soft limit: alarm, then silence until a reset": (
@@ -264,14 +233,6 @@ CONVERSATIONS: dict[str, tuple[Callable[[], Host], *tuple[Fact, ...]]] = {
         (-2000, -400, -400),  # only the axis that was named, there and back
         (b"G92.1\nG54X-3F600G1\n", 2.0),
         -1600,
-    ),
-    "check mode reads everything and moves nothing": (
-        _homed,
-        (b"$C\n", b"[MSG:Enabled]\r\nok\r\n"),
-        (RUN + b"G1X\n", 3.0, b"ok\r\nerror:2\r\n"),
-        "Check",
-        (-400, -400, -400),
-        (b"$C\n", b"[MSG:Disabled]\r\nok\r\n" + BANNER),
     ),
     "G53 ignores offset and relative mode": (
         lambda: Host(work_offset_mm=(-10.0, 0.0, 0.0)),

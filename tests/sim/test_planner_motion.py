@@ -30,16 +30,6 @@ def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: f
         start = point
 
 
-def test_collinear_blocks_do_not_stop() -> None:
-    one, many = planner(), planner()
-    queue_path(one, [steps(10.0)], 5.0)
-    queue_path(many, [steps(i) for i in range(1, 11)], 5.0)
-    assert many.end_s == pytest.approx(one.end_s, rel=1e-12)
-    for i in range(100):
-        t_s = i * one.end_s / 100
-        assert many.track.position_at(t_s) == pytest.approx(one.track.position_at(t_s), abs=1e-6)
-
-
 def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
     back, corner = planner(), planner()
     queue_path(back, [steps(1.0), HOME], 5.0)
@@ -64,18 +54,6 @@ def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(s
     plan.hold(t_s)
     travel_mm = speed * (5 * segment_s - phase_s) + speed**2 / (2 * 50)
     assert plan.track.position_at(plan.end_s)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-6)
-
-
-def test_a_hold_runs_across_blocks_and_resumes_to_the_end() -> None:
-    plan = planner()
-    path = [steps(0.2 * i) for i in range(1, 15)]
-    queue_path(plan, path, 10.0)
-    plan.hold(0.22)
-    stop = plan.track.position_at(plan.end_s)[0] / PER_MM
-    speed = 50 * 0.22 if 50 * 0.22 < 10 else 10.0
-    assert stop == pytest.approx(speed * (0.22 + 0.05) - speed**2 / 100 + speed**2 / 100, abs=1e-9)
-    assert plan.resume(plan.end_s + 1.0)
-    assert plan.track.position_at(plan.end_s) == path[-1]
 
 
 def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
@@ -129,20 +107,6 @@ def test_an_override_changes_the_block_under_way_and_the_next(share: float, mm_s
     assert plan.track.speed_at(1.05 + abs(mm_s - 1.0) / 50 + 1e-6) == pytest.approx(mm_s)
     assert plan.track.speed_at(plan.next_end_s() + 0.1) == pytest.approx(mm_s)
     assert plan.track.position_at(plan.end_s) == steps(12.0)
-
-
-def test_what_is_queued_behind_a_hold_comes_after_all_that_was_held() -> None:
-    """However long it was held: 0.5 mm done of 2, then to 1 mm, and to 3 mm later."""
-    plan = planner()
-    queue_path(plan, [steps(2.0), steps(1.0)], 1.0)
-    plan.hold(0.5)
-    assert plan.track.position_at(60.0) < steps(0.7)
-    plan.queue(steps(1.0), steps(3.0), 1.0, 60.0)
-    _check_smooth(plan.track, 60.0, plan.end_s)
-    turns = [plan.track.position_at(60.0 + t_s)[0] for t_s in np.linspace(0.0, plan.end_s - 60.0, 2000)]
-    way_mm = sum(abs(b - a) for a, b in pairwise(turns)) / PER_MM
-    assert way_mm == pytest.approx(2.0 - turns[0] / PER_MM + 1.0 + 2.0, abs=0.01)
-    assert plan.track.position_at(plan.end_s) == steps(3.0)
 
 
 EVENTS = st.lists(
