@@ -233,12 +233,12 @@ class ForceContract:
         there.wire.silent = False
         assert there.driver.connect() == device.identity
 
-    def test_it_says_who_it_is(self, device: ForceBytes) -> None:
+    def test_connecting_identifies_the_sensor(self, device: ForceBytes) -> None:
         there = Connected(device)
         assert there.driver.connect() == device.identity
         assert there.wire.asked == list(device.on_connect)
 
-    def test_who_looks_on_changes_nothing(self, device: ForceBytes) -> None:
+    def test_identifying_a_sensor_changes_nothing(self, device: ForceBytes) -> None:
         there = Connected(device)
         assert there.driver.identify() == device.identity
         assert there.wire.asked == list(device.on_identify)
@@ -246,7 +246,7 @@ class ForceContract:
 
     @pytest.mark.parametrize(("sample_period_s", "resolution_gwt"), [(0.04, 0.02), (0.08, 0.5)])
     @pytest.mark.parametrize("scale", [None, 1.25])
-    def test_it_has_the_sample_period_and_the_resolution_of_its_configuration(
+    def test_sample_period_and_resolution_are_those_of_the_configuration(
         self, device: ForceBytes, sample_period_s: float, resolution_gwt: float, scale: float | None
     ) -> None:
         """By these the rig waits for a new sample, and tells a touch from noise."""

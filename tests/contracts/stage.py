@@ -269,7 +269,7 @@ class StageContract:
 
     # --- who it is ---
 
-    def test_it_connects_and_names_itself_and_nothing_is_homed_by_that(self, device: StageBytes) -> None:
+    def test_connecting_identifies_the_stage_and_homes_nothing(self, device: StageBytes) -> None:
         bench = StageBench(device, connected=False)
         assert not bench.stage.homed
         assert bench.stage.connect() == device.identity

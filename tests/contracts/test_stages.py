@@ -98,7 +98,7 @@ PLAIN = "odd {text} of {0}, 100 %"
         (StageOverridden, "overridden"), (MoveError, "bad_move"),
     ],
 )  # fmt: skip
-def test_plain_text_is_told_as_it_is(kind: type[StageError] | type[MoveError], code: str) -> None:
+def test_plain_text_of_a_driver_stays_as_it_is(kind: type[StageError] | type[MoveError], code: str) -> None:
     """A third-party driver knows no codes; what it raises comes out of a motion, and of a process, unchanged."""
     stage = StubStage(VirtualClock())
     arrive(stage.homing())

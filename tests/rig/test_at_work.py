@@ -41,7 +41,7 @@ def announce() -> Iterator[Any]:
         ({"protocol": "steps"}, {"ok": False, "problem": "not now"}, "run of steps, not now", "rig stop"),
     ],
 )  # fmt: skip
-def test_what_the_owner_of_a_port_does(
+def test_the_activity_of_the_owner_of_a_port_is_reported(
     announce: Any, more: dict[str, Any], status: Any, does: str, stopped_by: str
 ) -> None:
     announce(status, **more)
@@ -53,7 +53,7 @@ def test_what_the_owner_of_a_port_does(
 
 
 @pytest.mark.parametrize("command", ["status", "doctor"])
-def test_both_devices_name_it(announce: Any, program: Program, tmp_path: Path, command: str) -> None:
+def test_status_and_doctor_name_the_owner_of_both_ports(announce: Any, program: Program, tmp_path: Path, command: str) -> None:
     config = tmp_path / "rig.toml"
     ports = [f"tcp://127.0.0.1:{number}" for number in (1, 2)]
     config.write_text(f"[stage]\nport = '{ports[0]}'\n[force]\nport = '{ports[1]}'\n", encoding="utf-8")

@@ -57,7 +57,7 @@ def test_the_floor_lies_the_fall_of_the_skin_a_search_and_the_deepest_press_belo
     assert fast.bounds.fastest_mm_s == 8.0
 
 
-def test_it_is_written_once_and_only_where_it_differs() -> None:
+def test_settings_are_written_once_and_only_where_they_differ() -> None:
     bench = Bench()
     bench.stage.connect()
     assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=28.6\n"]

@@ -90,7 +90,7 @@ NEEDS_A_RESET = [_no_answer_to_a_line, _alarm, _banner, _lost_arrival, _stop]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_what_loses_the_position_and_that_homing_finds_it(
+def test_every_loss_of_the_position_ends_the_trust_until_homing(
     board: Board, loss: Callable[[Board, GrblStage], None]
 ) -> None:
     """Homing begins with a reset where the board may still owe an answer, and only there."""

@@ -68,7 +68,7 @@ def test_a_board_as_configured_is_taken(board: Board, clock: VirtualClock) -> No
         ("$10=0", {}, {}, False),
     ],
 )
-def test_a_board_whose_moves_could_not_be_confirmed_is_told_what_to_set(
+def test_a_board_whose_moves_could_not_be_confirmed_is_refused(
     board: Board,
     clock: VirtualClock,
     setting: str,

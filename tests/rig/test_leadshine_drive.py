@@ -153,7 +153,7 @@ def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
     assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
 
 
-def test_a_drive_that_jogs_on_after_the_key_is_told_of_after_a_second(bench: Make, clock: VirtualClock) -> None:
+def test_a_drive_that_jogs_on_after_the_key_is_an_error_after_a_second(bench: Make, clock: VirtualClock) -> None:
     bus, stage = bench()
     held = iter([True, False])
     begun_s = clock.monotonic_s()
@@ -235,7 +235,7 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
 
 
-def test_a_drive_that_takes_no_stop_is_told_of_in_its_own_words(bench: Make) -> None:
+def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
     bus, stage = bench()
     bus.trouble = ModbusRefused("refused with exception 3", 3)
     with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
@@ -245,7 +245,7 @@ def test_a_drive_that_takes_no_stop_is_told_of_in_its_own_words(bench: Make) -> 
     assert {device for _, device, *_ in bus.told} == {X, Z}
 
 
-def test_a_drive_that_runs_on_is_told_of(bench: Make, clock: VirtualClock) -> None:
+def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: VirtualClock) -> None:
     bus, stage = bench()
     bus.takes_s = 0.01
     bus.status = lambda device, t_s: RUNNING

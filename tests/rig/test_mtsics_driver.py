@@ -103,7 +103,7 @@ REFUSED = [(command, *row) for command in ASK for row in REFUSALS if (command, r
 
 
 @pytest.mark.parametrize(("command", "reply", "kind", "code", "fields"), REFUSED)
-def test_a_refusal_is_told_and_the_balance_stays_in_step(
+def test_a_refusal_is_an_error_and_the_balance_stays_in_step(
     balance: Balance, command: str, reply: str, kind: type[ForceError], code: str, fields: dict[str, str]
 ) -> None:
     """It has answered what it was asked: no need to greet it anew, which would forget its tare."""

@@ -56,7 +56,7 @@ def watched() -> Watched:
 @pytest.mark.quick(rows=lambda motion, what: what == "twice the feed" or motion == "press")
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
-def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, what: str) -> None:
+def test_an_override_trips_and_lifts_at_full_speed(watched: Watched, motion: str, what: str) -> None:
     data, says = OVERRIDES[what]
     engine = watched.ready()
     begin, after_s = MOTIONS[motion]
@@ -72,7 +72,7 @@ def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, wha
 
 
 @pytest.mark.parametrize(("on_trip", "above_mm"), [("park", 10.0), ("retract", CLEARANCE_MM)])
-def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -> None:
+def test_an_override_lifts_as_high_as_any_trip(on_trip: str, above_mm: float) -> None:
     watched = Watched(GRBL, on_trip=on_trip)
     engine = watched.ready()
     _pressed(engine)
@@ -82,7 +82,7 @@ def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -
     assert watched.pose.above_apex_mm == pytest.approx(above_mm, abs=0.003)
 
 
-def test_where_a_trip_stays_so_does_this_one() -> None:
+def test_an_override_stays_where_a_trip_stays() -> None:
     watched = Watched(GRBL, on_trip="stop")
     engine = watched.ready()
     _struck(watched, b"\x91", after_s=0.25)
@@ -93,7 +93,7 @@ def test_where_a_trip_stays_so_does_this_one() -> None:
 
 
 @pytest.mark.parametrize("data", [b"\x92" * 9, b"\x91" * 10])
-def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, data: bytes) -> None:
+def test_an_override_during_the_lift_of_a_trip_does_not_end_the_lift(watched: Watched, data: bytes) -> None:
     """It goes up at the speed it was told, and further up each time."""
     engine = watched.ready()
     _pressed(engine)
@@ -106,7 +106,7 @@ def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, dat
     assert watched.bench.stage.homed
 
 
-def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched) -> None:
+def test_a_lift_that_is_overridden_again_and_again_is_an_error(watched: Watched) -> None:
     engine = watched.ready()
     engine.go_to_height(1.95, 0.5)
     stage, went = watched.bench.stage, []

@@ -154,7 +154,7 @@ def test_in_every_phase_a_stop_is_the_next_byte_on_the_wire(
 
 
 @pytest.mark.parametrize("used", [True, False], ids=["stopped", "never homed"])
-def test_a_stage_that_somebody_must_lift_is_let_go_at_once(ports: Ports, used: bool) -> None:
+def test_the_port_of_a_stopped_stage_is_released_at_once(ports: Ports, used: bool) -> None:
     """Whoever stands there need not wait for a report; another stop opens it again."""
     hand = ports.held().open()
     stage = hand.lend(io.StringIO())
@@ -230,7 +230,7 @@ def test_a_port_that_somebody_has_for_a_moment_is_waited_for(ports: Ports) -> No
     assert ports.clock.monotonic_s() - began_s == pytest.approx(0.01)
 
 
-def test_one_that_cannot_be_had_is_told_of(ports: Ports) -> None:
+def test_a_port_that_cannot_be_opened_for_a_stop_is_an_error(ports: Ports) -> None:
     hand, ports.refused = ports.held(), 10_000
     began_s = ports.clock.monotonic_s()
     with raises(TransportError, "in_use"):

@@ -63,7 +63,7 @@ OWN: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
+def test_every_configuration_homes_moves_and_reports_its_position(name: str) -> None:
     kind, own = OWN[name]
     bench, devices = _bench(kind, stage={kind: own} if own else {})
     assert bench.stage.homed
@@ -121,7 +121,7 @@ def test_what_is_no_jog_is_refused_before_any_byte(kind: str, homed: bool) -> No
 
 
 @every_kind
-def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None:
+def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
     bench = StageBench(BYTES[kind], connected=False)
     bench.stage.home()
     in_s = 1.0 if kind == "tmcl" else 5.0
@@ -426,7 +426,7 @@ def test_a_stop_outlasts_a_port_that_is_silent_for_a_while(kind: str, verb: str,
 
 @every_kind
 @pytest.mark.parametrize("verb", ["stop", "halt"])
-def test_a_port_that_stays_silent_is_what_a_stop_reports(kind: str, verb: str) -> None:
+def test_a_stop_at_a_silent_port_is_an_error(kind: str, verb: str) -> None:
     bench = StageBench(BYTES[kind], homed=True)
     bench.under_way()
     bench.wire.silent = True

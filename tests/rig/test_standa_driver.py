@@ -436,7 +436,7 @@ ENDS: list[tuple[type[StageError], str, Callable[[StandaPair], object], bool]] =
 @pytest.mark.parametrize(
     ("kind", "code", "act", "trusted"), ENDS, ids=["power", "pwof", "stop", "button", "soft stop", "slip"]
 )
-def test_what_ends_a_move(
+def test_every_accident_ends_a_move(
     kind: type[StageError], code: str, act: Callable[[StandaPair], object], trusted: bool
 ) -> None:
     """Power, another program, a button at the controller, a position off the way."""
