@@ -53,7 +53,9 @@ def test_the_activity_of_the_owner_of_a_port_is_reported(
 
 
 @pytest.mark.parametrize("command", ["status", "doctor"])
-def test_status_and_doctor_name_the_owner_of_both_ports(announce: Any, program: Program, tmp_path: Path, command: str) -> None:
+def test_status_and_doctor_name_the_owner_of_both_ports(
+    announce: Any, program: Program, tmp_path: Path, command: str
+) -> None:
     config = tmp_path / "rig.toml"
     ports = [f"tcp://127.0.0.1:{number}" for number in (1, 2)]
     config.write_text(f"[stage]\nport = '{ports[0]}'\n[force]\nport = '{ports[1]}'\n", encoding="utf-8")

@@ -1,6 +1,6 @@
-"""What a Leadshine stage refuses, when it trusts its position, and how it takes up backlash."""
+"""How a Leadshine stage moves, jogs and stops, what it refuses, and when it trusts its position."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
 from typing import Any
@@ -9,9 +9,27 @@ import pytest
 
 from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
+from rig.devices.leadshine_drive import LeadshineDrive, words
+from rig.settings import DriveSettings
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import ALARM, DISABLED, HOMED, Bus, X, Z, homed_stage
+from tests.drives_as_registers import (
+    ALARM,
+    CONTROL,
+    DISABLED,
+    FEEDBACK,
+    HOME,
+    HOMED,
+    PR0,
+    RUN_PR0,
+    RUNNING,
+    STATUS,
+    TRIGGER,
+    Bus,
+    X,
+    Z,
+    homed_stage,
+)
 from tests.error_codes import raises
 
 Make = Callable[..., tuple[Bus, LeadshineStage]]
@@ -197,3 +215,244 @@ def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, regis
         bus.registers[Z, register] = word
         assert stage.active_inputs() == inputs
     assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
+
+
+QUICK_STOP = 0x40
+
+
+# --- moves ---
+
+
+@pytest.mark.parametrize(
+    ("word", "pulses"), [(0x76, -400), (0x52, -400), (0x72, -399)], ids=["runs", "path not done", "elsewhere"]
+)
+def test_a_drive_has_arrived_when_it_stands_with_its_path_done_and_the_target_for_command(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    over_s = clock.monotonic_s() + 1.0
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        if t_s > begun_s:
+            bus.stands(X, pulses if t_s < over_s else -400)
+        return word if begun_s < t_s < over_s else HOMED
+
+    bus.status = status
+    stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert over_s <= clock.monotonic_s() < over_s + 0.03
+
+
+@pytest.mark.parametrize(("word", "pulses"), [(0x76, 0), (0x32, 0), (0x72, 1)], ids=["runs", "not homed", "not at 0"])
+def test_a_drive_is_homed_when_it_stands_and_says_so_and_is_at_0(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        early = begun_s < t_s < begun_s + 1.0
+        bus.stands(Z, pulses if early else 0)
+        return word if early else HOMED
+
+    bus.status = status
+    stage.home()
+    assert begun_s + 1.0 <= clock.monotonic_s() < begun_s + 1.2
+
+
+@pytest.mark.parametrize("late", [0, 40])
+def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile(
+    bench: Make, clock: VirtualClock, late: int
+) -> None:
+    """It may begin some looks late, within a second."""
+    bus, stage = bench()
+    said = {device: iter([HOMED] * (2 + late) + [0x32]) for device in (X, Z)}  # two looks before the trigger
+    bus.status = lambda device, t_s: next(said[device], HOMED)
+    write = bus.write
+
+    def homes_unseen(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus._homes.clear()
+
+    bus.write = homes_unseen  # type: ignore[method-assign]
+    stage.home()
+    assert stage.homed
+
+
+@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
+def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
+    """By its encoder; −1.0004 mm is pulse −1000."""
+    bus, stage = bench(per_mm=1000.0)
+    read = bus.read
+
+    def off_target(device: int, register: int, count: int = 1) -> list[int]:
+        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
+
+    bus.read = off_target  # type: ignore[method-assign]
+    if fine:
+        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    else:
+        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
+        with raises(StageError, "not_there", axis="x", drive=1, **at):
+            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    assert stage.homed is fine
+
+
+def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
+    """It has 50 ms from the trigger on to show that it runs."""
+    bus, stage = bench()
+    stage.home()
+    for device in (X, Z):
+        triggered_s = next(t_s for t_s, *what in bus.told if what == [device, TRIGGER, [HOME]])
+        asked_s = next(t_s for t_s, *what in bus.asked if what == [device, STATUS] and t_s > triggered_s)
+        assert asked_s - triggered_s == pytest.approx(0.05)
+
+
+def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
+    looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
+    next(looks)
+    stage.stop()
+    with raises(StageError, "stopped", axis="x", drive=1):
+        next(looks)
+    assert not stage.homed
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("per_mm", [400.0, -400.0, 0.5, -0.5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
+    bench: Make, per_mm: float, sign: int
+) -> None:
+    bus, stage = bench(per_mm=per_mm)
+    held = iter([True, False])
+    stage.jog_while("x", sign, lambda: next(held), 20.0)
+    word = 0x4001 if sign * per_mm > 0 else 0x4002
+    assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
+
+
+def test_a_drive_that_jogs_on_after_the_key_is_an_error_after_a_second(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    held = iter([True, False])
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if t_s > begun_s else HOMED
+    with raises(StageTimeout, "not_over", what="the end of a jog", timeout_s=1.0):
+        stage.jog_while("z", 1, lambda: next(held), 1.0)
+
+
+def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
+    """At rest that is where it stands, wherever an earlier jog led."""
+    bus, stage = bench()
+    bus.stands(X, -400)
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -500)  # on its way
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: HOMED
+    bus.stands(X, -4000)
+    stage.jog("x", 0.5, 1.0)
+    assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
+
+
+ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
+    "halt": lambda stage: stage.halt(),
+    "stop": lambda stage: stage.stop(),
+    "home": lambda stage: stage.home(),
+    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
+    "jog_while": lambda stage: stage.jog_while("x", 1, lambda: False, 1.0),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
+    """Somebody else runs the drive when the next jog comes."""
+    bus, stage = bench()
+    stage.jog("x", -2.0, 1.0)
+    ENDS_OF_A_JOG[end](stage)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -4000)
+    stage.jog("x", -0.5, 1.0)
+    assert bus.paths()[-1] == (X, -4200)
+
+
+# --- stopping ---
+
+
+def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if device == Z and t_s < begun_s + 0.05 else HOMED
+    stage.halt()
+    told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
+    assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+@pytest.mark.parametrize("arrived", [True, False, None], ids=["arrived", "under way", "homed since"])
+def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
+    bench: Make, clock: VirtualClock, arrived: bool | None
+) -> None:
+    """Else a bit error of a stop, which is written with the register of the trigger, could start it again."""
+    bus, stage = bench()
+    looks = stage.moving(z_mm=-10.0, speed_mm_s=1.0)
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 9.0 else HOMED
+    next(looks)
+    if arrived:
+        list(looks)
+    else:
+        bus.status = lambda device, t_s: HOMED
+    if arrived is None:
+        stage.home()
+    bus.told.clear()
+    stage.halt()
+    nulled = [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)]
+    assert nulled == [[0]] * (arrived is False)
+    bus.told.clear()
+    stage.halt()
+    assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
+
+
+def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
+    bus, stage = bench()
+    bus.trouble = ModbusRefused("refused with exception 3", 3)
+    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+        stage.halt()
+    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+        stage.stop()
+    assert {device for _, device, *_ in bus.told} == {X, Z}
+
+
+def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    bus.takes_s = 0.01
+    bus.status = lambda device, t_s: RUNNING
+    begun_s = clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=1.0):
+        stage.halt()
+    assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)
+
+
+def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(clock: VirtualClock) -> None:
+    one: Any = Bus(clock)
+    two: Any = Bus(clock)
+    x, z = (
+        LeadshineDrive(bus, clock, axis, DriveSettings(device_id=7), pulses_per_mm=400.0, travel_mm=60.0)
+        for bus, axis in ((one, "x"), (two, "z"))
+    )
+    told_before_asked: list[tuple[int, int]] = []
+
+    def status(device: int, t_s: float) -> int:
+        told_before_asked.append((len(one.told), len(two.told)))
+        return HOMED
+
+    one.status = two.status = status
+    stage = LeadshineStage(x, z, inputs_register=0x0179)
+    stage.stop()
+    assert told_before_asked[0] == (1, 2)
+    assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}
+    stage.close()
+    assert (one.closed, two.closed) == (1, 1)

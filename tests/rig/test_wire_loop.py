@@ -10,10 +10,7 @@ from hypothesis import strategies as st
 
 from rig.devices.base import (
     ForceOverload,
-    StageAlarm,
-    StageError,
     StageReset,
-    StageTimeout,
 )
 from rig.devices.grbl import GrblStage
 from rig.devices.mtsics import MtSicsForce
@@ -53,33 +50,6 @@ def test_ten_millimetres_at_one_millimetre_a_second(bench: Bench, monkeypatch: p
     assert sent == [b"G92X0Y0Z10G90G21G94F60\n", b"$G\n", b"?", b"G1Z0\n", b"?"]
     assert bench.clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50, abs=0.025)
     assert bench.carriage_mm() == (-1.0, -1.0, -11.0)
-
-
-def test_a_soft_limit_is_an_alarm_then_silence_then_a_way_back(bench: Bench) -> None:
-    with raises(StageAlarm, "alarm", number=2):
-        bench.stage.move_to(x_mm=1.0, speed_mm_s=1.0)
-    with raises(StageTimeout, "no_status"):
-        bench.stage.status()
-    with raises(StageError, "needs_reset"):
-        bench.stage.move_to(x_mm=-2.0, speed_mm_s=1.0)
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-2.0, speed_mm_s=1.0)
-    assert bench.carriage_mm() == (-2.0, -1.0, -1.0)
-
-
-def test_stop_in_the_middle_of_a_move(bench: Bench) -> None:
-    bench.clock.call_at(bench.clock.monotonic_s() + 2.0, bench.stage.stop)
-    start_s = bench.clock.monotonic_s()
-    with raises(StageAlarm, "alarm", number=3):
-        bench.stage.move_to(x_mm=-20.0, speed_mm_s=5.0)
-    assert bench.clock.monotonic_s() - start_s < 2.01
-    assert not bench.stage.homed
-    stopped = bench.carriage_mm()
-    bench.clock.wait_s(10.0)
-    assert bench.carriage_mm() == stopped
-    bench.stage.unlock()
-    assert bench.stage.status().state == "Idle"
-    assert not bench.stage.homed
 
 
 def test_a_power_failure_in_the_middle_of_a_move(bench: Bench) -> None:
