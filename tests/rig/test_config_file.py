@@ -246,9 +246,6 @@ def test_what_is_written_reads_back_the_same(toml: Path, changes: dict[tuple[str
     assert load_config(toml) == config
 
 
-# --- the TOML files of comparisons and studies ---
-
-
 # --- a bench ---
 
 MEASURED = tuple(name.split(".")[1] for name in KEYS if re.fullmatch(r"calibration\.\w+\.value", name))

@@ -269,9 +269,6 @@ def test_a_lower_limit_that_does_not_hold_is_an_error(
     assert not there.homed
 
 
-# --- backlash ---
-
-
 # --- the recording amplifier ---
 
 

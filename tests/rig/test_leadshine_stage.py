@@ -202,9 +202,6 @@ def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
 
 
-# --- backlash ---
-
-
 # --- the rest ---
 
 

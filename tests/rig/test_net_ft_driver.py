@@ -2,7 +2,6 @@
 
 import socket
 import struct
-from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
@@ -12,11 +11,9 @@ from rig.devices.base import ForceBroken, ForceError, ForceOverload, ForceTimeou
 from rig.devices.net_ft import GET_PAGE, MAX_AGE_S, START, NetFtForce, NetFtSettings
 from rig.devices.registry import ForceKind, find
 from rig.plan.config import Config
-from rig.transport import LoopbackTransport, NotOwnedError, TransportError, UdpTransport, open_port
+from rig.transport import NotOwnedError, TransportError, UdpTransport, open_port
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from sim.devices.line import Load, SerialLine, VirtualForceSpec
-from sim.devices.net_ft import VirtualNetFt
 from tests.contracts.bytes.net_ft import PAGE
 from tests.error_codes import raises
 from tests.timed_wire import TimedWire
@@ -345,51 +342,6 @@ def test_a_saturated_sensor_is_over_or_underloaded_by_the_sign_of_its_force(
     with raises(kind, "saturated", status="00030000") as caught:
         there.driver.read()
     assert type(caught.value) is kind
-
-
-# --- odd datagrams ---
-
-
-# --- the twin, in bytes ---
-
-
-class Twin:
-    """A twin on a line, with a host that writes and reads bytes."""
-
-    def __init__(self, grams: Callable[[float], float] = lambda t_s: 100.0) -> None:
-        self.clock = VirtualClock()
-        self.line = SerialLine(self.clock, 1e9)
-        load = Load(lambda t_s: grams(t_s) * GWT_N)
-        spec = VirtualForceSpec(0.01, 0.01, own={"press": "-z"})
-        self.twin = VirtualNetFt(self.clock, self.line, load, spec)
-        self.wire = LoopbackTransport(self.line, self.clock)
-
-    def asks(self, request: bytes, wait_s: float = 0.1) -> bytes:
-        self.wire.write(request)
-        self.clock.wait_s(wait_s)
-        return self.wire.read(0.0)
-
-
-def test_the_twin_sends_records_until_it_is_stopped() -> None:
-    there = Twin()
-    assert there.asks(bytes(8)) == there.asks(b"\x12\x34") == b""
-    data = there.asks(START)
-    records = [struct.unpack(">III6i", data[at : at + 36]) for at in range(0, len(data), 36)]
-    assert len(records) in (19, 20)
-    assert [found[0] for found in records] == list(range(1, len(records) + 1))
-    assert {found[2:] for found in records} == {(0, 0, 0, -100_000, 0, 0, 0)}
-    there.asks(bytes.fromhex("1234 0000 00000000"))
-    assert there.asks(b"") == b""
-    assert len(there.asks(bytes.fromhex("1234 0002 00000003"))) == 3 * 36
-
-
-def test_the_twin_biases_and_reports_a_dead_cell() -> None:
-    there = Twin()
-    there.asks(bytes.fromhex("1234 0042 00000000"))
-    data = there.asks(START)
-    assert struct.unpack(">III6i", data[:36])[5] == 0
-    dead = Twin(lambda t_s: float("nan"))
-    assert struct.unpack(">III6i", dead.asks(START)[:36])[2] == 0x90000000
 
 
 # --- datagrams of the system ---

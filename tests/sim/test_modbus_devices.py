@@ -46,11 +46,6 @@ def test_the_golden_frame_with_speed_zero_is_answered_and_moves_nothing(host: Ho
     assert host.seven.carriage_at(host.clock.monotonic_s()) == -4000
 
 
-def test_the_golden_save_is_echoed(host: Host) -> None:
-    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
-    assert host.drive.eeprom_saves == 1
-
-
 def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> None:
     assert host.say(GOLDEN_SAVE[:-1] + b"\x00") == b""
     assert host.say(rtu("05 03 10 03 00 01")) == b""
@@ -77,13 +72,6 @@ def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> Non
 )
 def test_exceptions(host: Host, rtu: Rtu, question: str, answer: str) -> None:
     assert host.say(rtu(question)) == rtu(answer)
-
-
-def test_tcp_keeps_the_transaction(rtu: Rtu) -> None:
-    host = Host("tcp")
-    assert host.say(bytes.fromhex("BEEF 0000 0006 01 03 1003 0001")) == bytes.fromhex("BEEF 0000 0005 01 03 02 0032")
-    assert host.say(bytes.fromhex("0007 0000 0006 01 03 1234 0001")) == bytes.fromhex("0007 0000 0003 01 83 02")
-    assert host.say(bytes.fromhex("0008 0000 0006 01 03 1003 0000")) == bytes.fromhex("0008 0000 0003 01 83 03")
 
 
 # --- the drive ---
@@ -243,12 +231,6 @@ def told(host: Host, rtu: Rtu) -> tuple[int, int, int]:
     assert answer[:3] == b"\x03\x03\x10"
     assert answer[-4:-2] == b"\x01\x0c"
     return tuple(int.from_bytes(answer[a:b], "big") for a, b in ((3, 5), (5, 9), (9, 13)))  # type: ignore[return-value]
-
-
-def test_gross_and_net_are_counts(rtu: Rtu) -> None:
-    host = Host(force_n=lambda t_s: 2.334 * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(rtu(WEIGHT)) == rtu("03 03 10 08 00 00 00 00 E9 00 00 00 E9 00 00 00 E9 01 0C")
 
 
 def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
