@@ -104,7 +104,9 @@ def _holds(run: Path) -> list[dict[str, Any]]:
     return [one["data"] for one in documents if one["doc"] == "event" and one["stream"] == "hold_end"]
 
 
-def test_a_sensor_of_a_package_presses_like_a_built_in_one(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
+def test_a_sensor_of_a_package_presses_like_a_built_in_one(
+    folder: Path, ended: dict[str, tuple[int, str, str]]
+) -> None:
     """Both show 0.01 g of the same finger: at rest the same steps give the same counts."""
     own, built_in = (folder / json.loads(ended[name][1])["run"] for name in ("own", "built in"))
     for ours, theirs in zip(_holds(own), _holds(built_in), strict=True):

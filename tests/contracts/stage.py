@@ -312,6 +312,17 @@ class StageContract:
         assert bench.wire.writes == []
         assert bench.stage.homed
 
+    @pytest.mark.parametrize("homed", [True, False])
+    def test_what_is_no_jog_is_refused_before_any_byte(self, device: StageBytes, homed: bool) -> None:
+        bench = StageBench(device, homed=homed)
+        for by_mm in (math.nan, math.inf, -math.inf):
+            with bench.fails(MoveError, "not_finite"):
+                bench.stage.jog("z", by_mm, 1.0)
+        with bench.fails(MoveError, "too_slow"):
+            bench.stage.jog("z", -0.1, 1e-9)
+        assert bench.wire.writes == []
+        assert bench.stage.homed is homed
+
     # --- a motion ---
 
     def test_a_motion_can_be_looked_at(self, device: StageBytes) -> None:

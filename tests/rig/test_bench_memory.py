@@ -81,6 +81,14 @@ def test_a_file_that_cannot_be_read_is_nothing_known(memory: BenchMemory, tmp_pa
     assert [one.name for one in path.parent.iterdir()] == [path.name], "nothing else is left there"
 
 
+def test_a_folder_that_cannot_be_written_stops_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").write_text("", encoding="utf-8")
+    monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path / "file"))
+    memory = BenchMemory(RigSettings())
+    memory.left(AT)
+    assert memory.read() == LastKnown()
+
+
 def _bench(kind: str) -> Any:
     """A homed stage of a kind, and the record of where it stands."""
     config = Config.model_validate({"stage": {"kind": kind}})

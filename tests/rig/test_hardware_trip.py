@@ -12,30 +12,13 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.session.hardware_stop import refuse_stop_inputs, stop_inputs_heeded
 from rig.units import GWT_N
-from sim.carriage import Carriage, TruePose
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
+from tests.rig.hand_bench import Spring
 
 K_GWT, CONTACT_MM = 30.0, -0.1  # five times as stiff as a finger
 STAGES = {"grbl": ("hold", "door"), "leadshine": ("di2",)}
 CASES = [(stage, name) for stage, names in STAGES.items() for name in names]
-
-
-class Spring:
-    """F = k d^1.5 under the carriage."""
-
-    def __init__(self, carriage: Carriage) -> None:
-        self._carriage = carriage
-
-    def mount(self, indentor: str) -> None:
-        """It presses alike."""
-
-    def pose_at(self, t_s: float) -> TruePose:
-        raise NotImplementedError
-
-    def force_n(self, t_s: float) -> float:
-        depth_mm = CONTACT_MM - self._carriage.pose_at(t_s).above_apex_mm
-        return float(K_GWT * max(depth_mm, 0.0) ** 1.5 * GWT_N)
 
 
 def _config(stage: str, **stop: Any) -> Config:
@@ -50,7 +33,7 @@ def _config(stage: str, **stop: Any) -> Config:
 
 def _bench(config: Config) -> VirtualBench:
     clock = VirtualClock(1.7e9)
-    return bench_around(Spring, config, clock, io.StringIO())
+    return bench_around(lambda carriage: Spring(carriage, K_GWT, CONTACT_MM), config, clock, io.StringIO())
 
 
 def _worst_gwt(bench: VirtualBench, for_s: float) -> float:

@@ -18,10 +18,12 @@ from rig.cli.init import FINGERS, QUESTIONS
 from rig.clock import WallClock
 from rig.devices.base import ForceError
 from rig.devices.registry import ForceKind, StageKind, find
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
 from rig.settings import StandaSettings
 from rig.transport import PortOwner, TransportError
 from rig.transport.ownership import PortOwnership
+from tests.error_codes import raises
 from tests.program import Ended, Program
 
 STAGE, SENSOR, SILENT = "/dev/ttyUSB0", "/dev/ttyUSB1", "/dev/ttyUSB2"
@@ -128,6 +130,14 @@ def test_an_existing_file_is_replaced_by_force_only(rig_init: Init) -> None:
     assert Path("rig.toml").read_text(encoding="utf-8") == "mine"
     assert rig_init("--yes", "--replace", *_options()).code == 0
     assert load_config(Path("rig.toml")).stage.port == STAGE
+
+
+def test_a_file_that_appears_meanwhile_stays(tmp_path: Path) -> None:
+    there = tmp_path / "rig.toml"
+    there.write_text("mine", encoding="utf-8")
+    with raises(BadInputError, "exists_already"):
+        init.write_new(there, "[stage]\n", replace=False)
+    assert (there.read_text(encoding="utf-8"), os.listdir(tmp_path)) == ("mine", ["rig.toml"])
 
 
 # --- what is missing and what is wrong ---

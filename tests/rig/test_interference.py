@@ -104,15 +104,6 @@ def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: 
     assert depth[0] - bench.x_mm() == gone_mm, "it stands"
 
 
-def test_connecting_ends_what_overrides_there_are(bench: Bench) -> None:
-    bench.line.host_write(b"\x91\x96\x9a")
-    bench.stage.connect()
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
-    assert bench.board._overrides.share.feed == 1.0
-    assert str(bench.board._overrides) == "100,100,100"
-
-
 def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(bench: Bench) -> None:
     bench.later(0.5, b"\x91")
     with raises(StageOverridden, "overridden", feed_percent=110):

@@ -118,14 +118,6 @@ def test_a_weight_in_twos_complement_has_its_sign_in_its_first_bit(
         force.read()
 
 
-@pytest.mark.parametrize(("count_g", "scale"), [(0.01, 1.0), (0.5, 1.0), (0.01, 1.25), (2.0, 0.8)])
-def test_a_count_is_so_many_grams_and_the_scale_is_measured(transmitter: Make, count_g: float, scale: float) -> None:
-    bus, force = transmitter({"scale": scale, "resolution_gwt": 0.02}, count_g=count_g)
-    bus.gross = 300
-    assert force.read().force_n == pytest.approx(300 * count_g * scale * GWT_N)
-    assert force.resolution_gwt == pytest.approx(0.02 * scale)
-
-
 @pytest.mark.parametrize(("weight", "command"), [("gross", 8), ("net", 7)])
 def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_is_new(
     transmitter: Make, clock: VirtualClock, weight: str, command: int

@@ -9,8 +9,7 @@ import pytest
 
 from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import LeadshineDrive, words
-from rig.settings import DriveSettings
+from rig.devices.leadshine_drive import words
 from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
 from tests.drives_as_registers import (
@@ -413,6 +412,14 @@ def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
     assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
 
 
+def test_an_alarm_that_lasts_is_not_unlocked(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status, bus.registers[Z, 0x2203] = lambda device, t_s: ALARM, 0xE0
+    with raises(StageAlarm, "alarm", number=0xE0, axis="z"):
+        stage.unlock()
+    assert not stage.homed
+
+
 def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
     bus, stage = bench()
     bus.trouble = ModbusRefused("refused with exception 3", 3)
@@ -431,25 +438,3 @@ def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: Virtu
     with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=1.0):
         stage.halt()
     assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)
-
-
-def test_drives_on_buses_of_their_own_are_all_told_to_stop_before_one_is_asked(clock: VirtualClock) -> None:
-    one: Any = Bus(clock)
-    two: Any = Bus(clock)
-    x, z = (
-        LeadshineDrive(bus, clock, axis, DriveSettings(device_id=7), pulses_per_mm=400.0, travel_mm=60.0)
-        for bus, axis in ((one, "x"), (two, "z"))
-    )
-    told_before_asked: list[tuple[int, int]] = []
-
-    def status(device: int, t_s: float) -> int:
-        told_before_asked.append((len(one.told), len(two.told)))
-        return HOMED
-
-    one.status = two.status = status
-    stage = LeadshineStage(x, z, inputs_register=0x0179)
-    stage.stop()
-    assert told_before_asked[0] == (1, 2)
-    assert {tuple(what[1:3]) for what in one.told + two.told} == {(7, TRIGGER)}
-    stage.close()
-    assert (one.closed, two.closed) == (1, 1)

@@ -107,19 +107,6 @@ def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
     assert bench.stage.homed
 
 
-@every_table
-@pytest.mark.parametrize("homed", [True, False])
-def test_what_is_no_jog_is_refused_before_any_byte(kind: str, homed: bool) -> None:
-    bench = StageBench(BYTES[kind], homed=homed)
-    for by_mm in (math.nan, math.inf, -math.inf):
-        with raises(MoveError, "not_finite", name="by_mm"):
-            bench.stage.jog("z", by_mm, 1.0)
-    with raises(MoveError, "too_slow", speed_mm_s=1e-9):
-        bench.stage.jog("z", -0.1, 1e-9)
-    assert bench.wire.writes == []
-    assert bench.stage.homed is homed
-
-
 @every_kind
 def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
     bench = StageBench(BYTES[kind], connected=False)
