@@ -452,6 +452,32 @@ class StageContract:
         if verb in ("connect", "status", "look"):
             assert bench.wire.asked.count(bench.wire.asked[0]) <= TRIES
 
+    @pytest.mark.parametrize("verb", ["home", "move_to"])
+    def test_a_command_without_a_reply_is_not_sent_again(self, device: StageBytes, verb: str) -> None:
+        """It may have been obeyed, and it may have been lost."""
+        bench, commands = StageBench(device, homed=verb == "move_to"), list[bytes]()
+        hear = bench.wire._hear
+
+        def losing(frame: bytes, port: bytes) -> None:
+            asked = port + device.heard(frame)
+            if isinstance({**device.usual, **device.states[bench.wire.state]}.get(asked), tuple):
+                commands.append(asked)
+            else:
+                hear(frame, port)
+
+        bench.wire._hear = losing  # type: ignore[method-assign]
+        with pytest.raises(StageError):
+            VERBS[verb](bench)
+        assert commands.count(commands[0]) == 1
+        assert not bench.stage.homed
+
+    def test_a_question_whose_reply_is_lost_is_asked_again(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        lost, hear = [1], bench.wire._hear
+        bench.wire._hear = lambda frame, port: None if lost and lost.pop() else hear(frame, port)  # type: ignore[method-assign]
+        assert bench.stage.status() == device.home
+        assert not lost
+
     @pytest.mark.parametrize("verb", ["connect", "home", "move_to"])
     def test_after_a_silence_that_may_have_moved_it_the_position_is_lost(self, device: StageBytes, verb: str) -> None:
         bench = StageBench(device, homed=True)

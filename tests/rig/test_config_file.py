@@ -184,23 +184,6 @@ def test_calibrations_have_a_date_and_an_end(toml: Path) -> None:
     assert load_config(toml).calibration == calibration
 
 
-Z, FORCE = "calibration.z_steps_per_mm", "calibration.force_scale"
-
-
-@pytest.mark.parametrize(
-    ("change", "code", "key"),
-    [
-        (("-401.3", "0"), "impossible_value", Z),
-        (("1.004", "-1.0"), "impossible_value", FORCE),
-        (("2027-03-01", "2025-03-01"), "expires_before_date", Z),
-        (("expires = 2027-03-01\n", ""), "missing_key", f"{Z}.expires"),
-    ],
-)
-def test_a_calibration_that_cannot_be(toml: Path, change: tuple[str, str], code: str, key: str) -> None:
-    toml.write_text(CALIBRATED.replace(*change), encoding="utf-8")
-    has_code(_refused(toml), code, key=key)
-
-
 # --- files ---
 
 
@@ -352,16 +335,3 @@ def test_the_words_of_an_output_are_all_there_or_none(missing: str | None) -> No
         _first("", lambda: KnownBench.model_validate(bench), "sync: ")
     else:
         assert KnownBench.model_validate(bench).sync.words == (0x157, 0x80, 0)
-
-
-@pytest.mark.parametrize(
-    ("kind", "outputs"), [("grbl", ("off", "coolant", "spindle")), ("leadshine", ("off", "drive"))]
-)
-@pytest.mark.parametrize("words", [{}, WORDS], ids=["without words", "with words"])
-def test_an_output_is_one_that_the_stage_has(kind: str, outputs: tuple[str, ...], words: dict[str, int]) -> None:
-    for output in ("off", "coolant", "spindle", "drive"):
-        bench = {"stage": {"kind": kind}, "sync": {"output": output, **words}}
-        if output not in outputs:
-            _first("", partial(KnownBench.model_validate, bench), "sync.output: ")
-        elif output != "drive" or words:
-            assert KnownBench.model_validate(bench).sync.output == output

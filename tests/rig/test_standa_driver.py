@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageHeld, StageOverridden, StageReset, StageTimeout
+from rig.devices.base import StageAlarm, StageError, StageHeld, StageOverridden, StageReset
 from rig.devices.registry import KnownBench, StageKind, find
 from rig.devices.standa_link import (
     MOVE,
@@ -81,18 +81,6 @@ def test_what_came_before_is_not_the_reply() -> None:
     wire.coming = [(0.0, frame("gser", SERIAL.pack(1))), (0.0, b"stop")]
     assert link.ask("gser", SERIAL) == (4711,)
     assert wire.sent == [b"gser"]
-
-
-def test_a_question_is_repeated_after_zero_bytes_and_a_command_is_not() -> None:
-    wire, link = linked([ANSWER[:-1]], [], [ANSWER])
-    assert link.ask("gser", SERIAL) == (4711,)
-    assert wire.sent == [b"gser", ZEROS, b"gser", ZEROS, b"gser"]
-    wire, link = linked()
-    begun_s = wire.clock.monotonic_s()
-    with raises(StageTimeout, "no_reply", port="wire", command="home", timeout_s=0.2):
-        link.command("home")
-    assert wire.clock.monotonic_s() - begun_s == pytest.approx(0.2)
-    assert wire.sent == [b"home"]
 
 
 # --- the stage on the virtual controllers ---

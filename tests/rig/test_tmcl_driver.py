@@ -138,18 +138,6 @@ def test_replies_of_an_earlier_group_that_come_late_are_not_believed() -> None:
     assert TmclLink(wire, clock).ask(Z, (1, 3, 4)) == ([100, 300, 400], 0)
 
 
-def test_a_question_is_repeated_and_a_command_is_not() -> None:
-    wire, link = linked(lambda n, reply: [])
-    with raises(StageTimeout, "no_reply", port="wire", device=1, motor=1, command="MVP 0 700", timeout_s=0.2):
-        link.command(Z, MVP, 0, 700)
-    assert wire.sent == [TmclRequest(Z, MVP, 0, 700).frame()]
-    begun_s = wire.clock.monotonic_s()
-    with raises(StageTimeout, "no_reply", command="GAP 1"):
-        link.ask(Z, (1,))
-    assert wire.clock.monotonic_s() - begun_s == pytest.approx(3 * 0.2, abs=0.1)
-    assert wire.sent[1:].count(TmclRequest(Z, GAP, 1).frame()) == 3
-
-
 @pytest.mark.parametrize(
     ("names", "asked"), [("AA", 2), ("ABB", 3), ("ABCC", 4), ("ABCDD", 4), ("A-A", 3), ("--AA", 4), ("---", 3)]
 )

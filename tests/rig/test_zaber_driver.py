@@ -68,18 +68,6 @@ def test_other_lines_and_late_replies_are_passed_over() -> None:
     assert link.alerts == {(2, 1): "FS"}
 
 
-def test_a_question_is_repeated_and_a_command_is_not() -> None:
-    wire, link = linked([b"@01 1 00 OK IDL"], [], [sealed("@01 1 02 OK IDLE -- 5")])
-    assert link.ask(1, 1, "get pos").data == "5"
-    assert [data.split()[2] for data in wire.sent] == [b"00", b"01", b"02"]
-    wire, link = linked()
-    begun_s = wire.clock.monotonic_s()
-    with raises(StageTimeout, "no_reply", port="wire", device=1, axis=1, command="home", timeout_s=0.2):
-        link.command(1, 1, "home")
-    assert wire.clock.monotonic_s() - begun_s == pytest.approx(0.2)
-    assert len(wire.sent) == 1
-
-
 def test_an_id_without_a_reply_is_not_used_again_soon() -> None:
     """Its reply may come when the ids have gone once round."""
     clock = VirtualClock(0.0, 100.0)
