@@ -105,17 +105,6 @@ def test_minimalmodbus_moves_a_drive(drives_on_pty: str) -> None:
     assert drive.read_long(0x602C, signed=True) == -200
 
 
-def test_minimalmodbus_hears_exceptions_and_silence(drives_on_pty: str) -> None:
-    drive = _minimal(drives_on_pty, 1)
-    with pytest.raises(minimalmodbus.IllegalRequestError):
-        drive.read_register(0x1234)
-    nobody = _minimal(drives_on_pty, 9)
-    nobody.serial.timeout = 0.2
-    with pytest.raises(minimalmodbus.NoResponseError):
-        nobody.read_register(0x1003)
-    assert drive.read_register(0x1003) == 0x32
-
-
 def test_minimalmodbus_reads_a_weight(cell_on_pty: str) -> None:
     cell = _minimal(cell_on_pty, 1)
     assert cell.read_registers(6, 8) == [0x1800, 0, 0, 0, 0, 0, 0, 0x010C]
