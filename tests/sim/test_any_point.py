@@ -1,9 +1,6 @@
 """Strain at any points: by columns and by one solve a press, against the whole mesh and closed forms."""
 
-import gc
-import logging
 import pickle
-import weakref
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -12,25 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim import Fields, Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
+from sim import Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
 from sim.contact.patch import X, Y, Z
-from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import symmetric
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh
 from sim.finger.surface import FingertipSurface
-from sim.measures import receptors
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import (
-    DEFAULT_X_MM,
     ReceptorPlaces,
     depths_of,
-    place_receptors,
     receptors_at,
     strain_operator,
 )
-from sim.models import adjoint, factored_interior, sources, strain_at_points
-from sim.models.condensed import FiniteElements, discretise
-from sim.models.factored_interior import Interior, Recovery
+from sim.models import factored_interior, strain_at_points
+from sim.models.condensed import discretise
+from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 from tests.error_codes import raises
@@ -178,75 +171,6 @@ def test_other_receptors_are_added_to_the_same_model(
     assert Fingertip.load(tiny_config, receptor_depth_mm=0.9).from_cache
 
 
-def test_points_asked_for_again_cost_nothing(
-    tiny_config: FingertipConfig, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    finger = Fingertip.load(tiny_config)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    at_first = _files(folder)
-    sets = [finger.points_below(x, 0.5) for x in np.linspace(-1, 1, 6)]
-    first = [finger.fields(result, points).strain for points in sets]
-    assert _files(folder) - at_first == {".columns": 6}
-    monkeypatch.setattr(factored_interior, "factorise", None)
-    other = Fingertip.load(tiny_config)  # from the disk
-    np.testing.assert_array_equal([other.fields(result, points).strain for points in sets], first)
-    monkeypatch.setattr(sources, "cached_arrays", None)
-    for points, strain in zip(sets[2:], first[2:], strict=True):  # the last four, from memory
-        np.testing.assert_array_equal(other.fields(result, points).strain, strain)
-    with pytest.raises(TypeError):
-        other.fields(result, sets[1])
-
-
-def test_one_factor_is_kept_for_many_points(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[weakref.ref[DissectionFactor]] = []
-    real = factored_interior.factorise
-
-    def factorise(problem: FiniteElements) -> DissectionFactor:
-        factor = real(problem)
-        made.append(weakref.ref(factor))
-        return factor
-
-    monkeypatch.setattr(factored_interior, "factorise", factorise)
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    for n in (strain_at_points.FEW_POINTS + 1, 1, 60):
-        assert finger.fields(result, finger.points_below(np.linspace(-1, 1, n), 0.5)).strain.shape == (n, 6)
-    assert len(made) == 1
-    del finger
-    gc.collect()
-    assert [one() for one in made] == [None]
-
-
-def test_columns_where_they_cost_less(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(strain_at_points, "FEW_POINTS", 1)
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    two = finger.points_below([0.0, 0.5], 0.5)
-    finger.fields([result] * 11, two)  # eleven solves are fewer than twelve columns
-    assert not finger._anywhere._sets
-    finger.fields([result] * 12, two)
-    assert len(finger._anywhere._sets) == 1
-    finger.fields(result, two[:1])
-    assert len(finger._anywhere._sets) == 2
-
-
-def test_progress_counts_points(
-    tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    said: list[tuple[int, int]] = []
-    caplog.set_level(logging.DEBUG, "sim.models")
-    points = finger.points_below(np.linspace(-1, 1, 41), 0.5)
-    finger.fields(result, points[:35], progress=lambda done, of: said.append((done, of)))
-    assert said == [(20, 35), (35, 35)]
-    assert [record.args for record in caplog.records if record.name == adjoint.__name__][-2:] == [(20, 35), (35, 35)]
-    said.clear()
-    monkeypatch.setattr(factored_interior, "_POINTS_AT_ONCE", 30)
-    finger.fields(result, points, progress=lambda done, of: said.append((done, of)))
-    assert said == [(30, 41), (41, 41)]
-
-
 # --- what comes back ---
 
 
@@ -269,15 +193,6 @@ def test_fields_have_the_shape_of_the_points(small: Fingertip, results: list[Ind
     one = small.fields(results[0], sheet[1, 2])
     np.testing.assert_allclose(one.strain, found.strain[1, 2], rtol=0, atol=1e-12)
     assert one.measures["sed"].shape == ()
-
-
-def test_fields_pickle_as_arrays(small: Fingertip, results: list[IndentationResult]) -> None:
-    points = small.points_below(np.linspace(-1, 1, 30), 0.5)
-    found = small.fields(results[0], points)
-    sent = pickle.dumps(found)
-    assert len(sent) < 30 * 8 * (3 + 6 + 1 + 6 + 18) + 2000
-    back: Fields = pickle.loads(sent)
-    np.testing.assert_array_equal(back.strain, found.strain)
 
 
 def test_a_press_that_was_read_back(small: Fingertip, results: list[IndentationResult]) -> None:
@@ -343,15 +258,6 @@ def test_places_that_do_not_exist_are_told_what_does(
         small.points_below(*place)
 
 
-@pytest.mark.parametrize(("depth", "there"), [(3.16, True), (3.22, True), (3.25, False)])
-def test_what_is_said_to_be_there_is_there(small: Fingertip, depth: float, there: bool) -> None:
-    if there:
-        assert small.points_below(0.0, depth).shape == (3,)
-    else:
-        with raises(ReceptorError, "depth_outside"):
-            small.points_below(0.0, depth)
-
-
 def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) -> None:
     config = coarse_config.model_copy(update={"tissue": Tissue(bone="elastic")})
     finger = load("finger", config, cached=False)
@@ -393,19 +299,6 @@ def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, dep
         receptors_at(coarse_config, surface, places)
 
 
-def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = FingertipSurface.fit(coarse_config.geometry)
-    there = receptors.point_below(surface, 0.1, 0.5, 7.0)  # once: it takes a millisecond or two
-    monkeypatch.setattr(receptors, "point_below", lambda *_: there)
-    placed = receptors_at(coarse_config, surface, ReceptorPlaces((0.1,) * 1000, (0.5,), (7.0,)))
-    assert placed.position_mm.shape == (1000, 3)
-
-
-def test_the_defaults_are_where_they_were(small: Fingertip) -> None:
-    placed = place_receptors(small.surface, DEFAULT_X_MM, 0.76, small.config.receptor_plane_mm)
-    np.testing.assert_array_equal(small.model.receptors.position_mm, placed.position_mm)
-
-
 # --- the other models ---
 
 
@@ -436,24 +329,3 @@ def test_strain_in_a_half_space_is_boussinesqs(coarse_config: FingertipConfig) -
     expected /= found.young_ratio[:, None]
     np.testing.assert_allclose(found.strain, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
     assert Y == 1
-
-
-def test_the_map_of_the_last_points_is_reused(
-    small: Fingertip, results: list[IndentationResult], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Presses at a new place are read at the same points without another map; other points get their own."""
-    made: list[int] = []
-    recovery = Interior.recovery
-
-    def counted(self: Interior, points_mm: Array, progress: adjoint.Progress | None = None) -> Recovery:
-        made.append(len(points_mm))
-        return recovery(self, points_mm, progress)
-
-    monkeypatch.setattr(Interior, "recovery", counted)
-    x = np.linspace(-0.5, 0.5, strain_at_points.FEW_POINTS + 5)
-    here, there = small.points_below(x, 0.7), small.points_below(x, 0.8)
-    first, other, again = (small.fields(results[0], at).strain for at in (here, there, here))
-    assert (len(made), np.array_equal(first, again)) == (3, True)
-    assert np.array_equal(small.fields(results[0], here).strain, first)
-    assert len(made) == 3
-    assert not np.allclose(first, other)

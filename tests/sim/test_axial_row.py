@@ -1,24 +1,19 @@
 """A row of receptors of the whole finger under a named axial shape: what it feels of a press, and reads back."""
 
-from functools import partial
-from typing import Any
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding import sheet
-from sim.coding.bayes import Profile
 from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import ContactPressure
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import SkinLine
-from sim.coding.sheet import AxialShape, PressedSkin, ReceptorRow, decode_row, receptor_row
+from sim.coding.sheet import AxialShape, PressedSkin, ReceptorRow, decode_row
 from sim.config import FingertipConfig
-from sim.contact.patch import X, Z
+from sim.contact.patch import X
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.result import IndentationResult
@@ -109,14 +104,6 @@ def test_the_skin_of_the_plane_lies_on_the_cylinder(row: ReceptorRow, cylinder: 
     assert_allclose(np.hypot(x[inside] - 0.2, y[inside] - centre), 3.0, atol=0.05)
 
 
-def test_forces_of_a_prismatic_indentor_have_no_part_along_the_finger(row: ReceptorRow) -> None:
-    flat = row.under(AxialShape(1.5, CENTRE), ENDS, "finite")
-    assert flat.skin.moved_mm.shape == (2, 27, 52)
-    assert flat.parts.shape == flat.lateral.shape == (7, 29, 26)
-    assert_allclose(flat.place_mm, 0.5 * (ENDS[1:] + ENDS[:-1]))
-    assert_allclose(flat.receptor_mm, PLACES)
-
-
 def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
     row: ReceptorRow, cylinder: IndentationResult
 ) -> None:
@@ -134,28 +121,6 @@ def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
     assert ((low <= true) & (true <= high))[inside].mean() > 0.7
 
 
-def test_of_several_shapes_each_is_as_it_is_alone_and_only_the_best_has_a_table(
-    row: ReceptorRow, cylinder: IndentationResult, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    shapes = [AxialShape(half, CENTRE) for half in (1.5, 2.5)]
-    for shape, operator in zip(shapes, row.under_each(shapes, ENDS, "finite"), strict=True):
-        alone = row.under(shape, ENDS, "finite")
-        assert_allclose(operator.parts, alone.parts)
-        assert_allclose(operator.lateral, alone.lateral)
-        assert_allclose(operator.skin.moved_mm, alone.skin.moved_mm)
-    made: list[bool] = []
-    decode = sheet.decode_profile
-
-    def told(*given: Any, table: bool = True) -> Profile:
-        made.append(table)
-        return decode(*given, table=False, prior="smooth")  # as many readings as pressures, and quick
-
-    monkeypatch.setattr(sheet, "decode_profile", told)
-    sed = cylinder.receptor_measures["sed"]
-    decode_row(row, shapes, ENDS, Readings.of_sed(sed, noise_sd(sed, 30.0)))
-    assert made == [False, False, True]
-
-
 def test_the_skin_moves_as_its_nodes_do(row: ReceptorRow) -> None:
     """Mixtures of few nodes, by rows of the compliance; against all of it."""
     patch, felt = row.skin.model.patch, row.skin
@@ -168,31 +133,3 @@ def test_the_skin_moves_as_its_nodes_do(row: ReceptorRow) -> None:
     found = felt.moved(direction, share, seen)
     assert_allclose(found[:2], expected)
     assert not found[2].any()
-
-
-@pytest.mark.parametrize("depth_mm", [0.7, (0.6, 0.7, 0.8)])
-def test_it_lies_below_places_of_the_receptor_plane(
-    tmp_path: object, monkeypatch: pytest.MonkeyPatch, depth_mm: float | tuple[float, ...]
-) -> None:
-    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
-    config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, patch_x_mm=2.0, patch_z_mm=1.5))
-    row = receptor_row(
-        config, np.array([-1.0, 0.0, 1.0]), depth_mm if isinstance(depth_mm, float) else np.array(depth_mm)
-    )
-    points = row.skin.model.receptors.position_mm
-    assert_allclose(points[:, Z], config.receptor_plane_mm)
-    deep = np.broadcast_to(depth_mm, 3).tolist()
-    above = [row.line.above(x, depth) for x, depth in zip(points[:, X], deep, strict=True)]
-    assert_allclose(above, [-1, 0, 1], atol=1e-3)
-    assert row.skin.model.patch.axes == (X, 1)
-
-
-def test_what_a_press_bears_in_the_plane_is_its_forces_there(row: ReceptorRow, cylinder: IndentationResult) -> None:
-    borne = in_plane(row, cylinder)
-    assert isinstance(borne, ContactPressure)
-    pressure = cylinder.nodal_pressure_pseudo[cylinder.model.across]
-    assert_allclose(np.hypot(borne.normal, borne.lateral), pressure, atol=1e-6)
-    assert (borne.normal >= 0).all()
-    assert (np.diff(borne.place_mm) > 0).all()
-    total = partial(np.sum, borne.normal * borne.width_mm)
-    assert means(row, cylinder).sum() * 0.2 == pytest.approx(float(total()), rel=0.02)

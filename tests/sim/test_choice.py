@@ -8,7 +8,6 @@ import pytest
 from sim.benchmark import LEVELS, QUANTITIES, SHARES
 from sim.cheapest_model import (
     DEPTHS_MM,
-    FAMILIES,
     PLACES_MM,
     Aim,
     Cell,
@@ -21,13 +20,11 @@ from sim.cheapest_model import (
     bundled,
     cheapest,
     choose,
-    from_json,
 )
-from sim.config import Contact, FingertipConfig, Geometry, MeshSpec, Tissue
+from sim.config import Contact, FingertipConfig, Geometry, Tissue
 from sim.contact.indentor import ACROSS, ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.measures.receptors import ReceptorPlaces
-from sim.models.catalogue import MODELS
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -108,15 +105,6 @@ def test_the_cheapest_that_holds_is_chosen(tolerance: float, rung: Rung) -> None
     assert found.cost == COSTS[rung]
 
 
-def test_a_patch_is_one_whose_cost_is_known() -> None:
-    known = made_up()
-    costs = {key: cost for key, cost in known.costs.items() if key[:3] != (FINE, ALONG, SHARES[0])}
-    fewer = replace(known, costs=costs)
-    small, whole = (cheapest(SCENE, Aim(tolerance=tolerance), fewer) for tolerance in (0.01, 0.003))
-    assert small.mesh.patch_x_mm == pytest.approx(SHARES[0] * 3.3)
-    assert (whole.level, whole.mesh.patch_x_mm) == ("fine", 3.3)
-
-
 def test_every_quantity_that_is_asked_for_holds() -> None:
     assert chosen(0.03).level == "coarse"
     both = chosen(0.03, "force", "sed")
@@ -132,11 +120,6 @@ def test_receptors_are_made_and_paid_for_only_where_they_are_asked_for() -> None
     assert [Aim((quantity,)).receptors for quantity in QUANTITIES] == [False, False, True, True]
     assert "no receptors" in alone.outlook
     assert "contact and receptors" in with_sed.outlook
-
-
-def test_a_dearer_model_is_passed_over_though_it_is_named_first() -> None:
-    costs = {**COSTS, HALFSPACE: Cost(2.0, 0.0, 0.01, 100.0)}
-    assert cheapest(SCENE, Aim(("force",), 0.2), made_up(costs=costs)).level == "coarse"
 
 
 def test_a_section_is_for_a_force_per_length_and_by_depth() -> None:
@@ -183,40 +166,6 @@ def test_where_none_holds_the_best_is_named() -> None:
         chosen(0.001, "force", "sed")
 
 
-@pytest.mark.parametrize("tolerance", [0.0, -0.1, 1.0, 3.0, float("nan"), float("inf")])
-def test_a_tolerance_is_a_part_of_the_whole(tolerance: float) -> None:
-    with raises(ModelRangeError, "bad_tolerance"):
-        Aim(tolerance=tolerance)
-
-
-@pytest.mark.parametrize("quantities", [(), ("s33",), ("force", "s33")])
-def test_quantities_are_named(quantities: tuple[str, ...]) -> None:
-    with raises(ModelRangeError, "unknown_quantity", known="force, width, sed, ep1"):
-        Aim(quantities)
-
-
-def test_a_choice_says_what_it_is() -> None:
-    found = chosen(0.03)
-    assert found.why == (
-        "finger, level coarse: the largest measured error of force under sharp shapes at this depth and position is "
-        "3 %; the tolerance is 3 %; cheaper models rejected: halfspace default 10 %"
-    )
-    assert found.outlook == (
-        "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; about 1 s of processor time and "
-        "0.4 GB without cached models, 20 ms for each further press"
-    )
-    dear = replace(found, cost=found.cost._replace(press_s=0.1234, memory_mb=123_400.0))
-    assert dear.outlook.endswith(" and 120 GB without cached models, 120 ms for each further press")
-    told = found.as_json()
-    assert told["mesh"]["level"] == "coarse"
-    assert MeshSpec.model_validate(told["mesh"]) == found.mesh
-    assert told["outputs"] == ["force", "contact"]
-    assert (told["promised_error"], told["expected_error"], told["tolerance"]) == (0.03, {"force": 0.03}, 0.03)
-    assert told["expected_cost"] == {"from_nothing_s": pytest.approx(1.02), "press_s": 0.02, "memory_mb": 400.0}
-    assert told["patch_mm"] == pytest.approx([2.145, 2.275])
-    assert chosen(0.07, "sed").as_json()["outputs"] == ["force", "contact", "receptors"]
-
-
 def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
     force = chosen(0.2)
     assert (force.model, force.load().model.receptors.position_mm.shape) == ("halfspace", (0, 3))
@@ -228,19 +177,6 @@ def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
 
 
 # --- the table that is bundled ---
-
-
-def test_the_table_names_what_there_is() -> None:
-    table = bundled()
-    assert {cell.family for cell in table.largest} == set(FAMILIES)
-    for cell, rungs in table.largest.items():
-        assert (cell.depth_mm in DEPTHS_MM, cell.place_mm in PLACES_MM) == (True, True)
-        assert {COARSE, DEFAULT, FINE} <= set(rungs)
-        for rung, errors in rungs.items():
-            assert rung.model in MODELS
-            assert MeshSpec.model_validate({"level": rung.level}).level == rung.level
-            assert set(errors) | ({"force"} if rung == SECTION else set()) == set(QUANTITIES)
-            assert all(0 < error < 100 for error in errors.values())
 
 
 def test_no_level_promises_more_than_a_finer_one() -> None:
@@ -272,16 +208,3 @@ def test_every_scene_that_was_measured_has_a_choice() -> None:
             loose, tight = (cheapest(scene, Aim(("force", "sed"), tolerance), table) for tolerance in (0.99, 0.05))
             assert loose.seconds <= tight.seconds
             assert tight.promised <= 0.05
-
-
-def test_a_table_is_read_as_it_was_written() -> None:
-    text = (
-        '{"errors": [{"family": "along, sharp", "depth_mm": 0.3, "place_mm": 0.5, "largest": [{"model": "finger", '
-        '"level": "fine", "errors": {"force": 0.01}}]}], "costs": [{"model": "finger", "level": "fine", "axes": [0], '
-        '"share": 1.0, "build_s": 5.0, "receptors_s": 1.5, "memory_mb": 9, "smooth_press_s": 0.1, '
-        '"sharp_press_s": 0.2}]}'
-    )
-    table = from_json(text)
-    assert table.largest == {Cell("along, sharp", 0.3, 0.5): {FINE: {"force": 0.01}}}
-    assert table.costs[FINE, ALONG, 1.0, True] == Cost(3.5, 1.5, 0.2, 9)
-    assert table.costs[FINE, ALONG, 1.0, False] == Cost(3.5, 1.5, 0.1, 9)

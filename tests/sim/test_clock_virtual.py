@@ -39,20 +39,6 @@ def test_ties_run_in_the_order_they_were_made() -> None:
     assert heard == list(range(20))
 
 
-def test_a_cancelled_event_does_not_happen() -> None:
-    clock = VirtualClock()
-    clock.call_at(1.0, lambda: pytest.fail("cancelled")).cancel()
-    clock.wait_s(2.0)
-
-
-def test_an_event_may_make_another_at_once() -> None:
-    clock = VirtualClock()
-    heard: list[float] = []
-    clock.call_at(1.0, lambda: clock.call_at(0.2, lambda: heard.append(clock.monotonic_s())) and None)
-    clock.wait_s(1.0)
-    assert heard == [1.0]
-
-
 def test_a_wait_that_nothing_can_end_is_an_error() -> None:
     with pytest.raises(RuntimeError):
         VirtualClock().wait_until(lambda: False, math.inf)

@@ -5,14 +5,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from sim.coding.bayes import FittedReceptor, Profile, decode_profile, decode_through
-from sim.coding.decoder_results import DecodingError, misfit
-from sim.coding.decoders_by_search import error_surface
+from sim.coding.decoder_results import DecodingError
 from sim.coding.encoding import Receptor
-from sim.coding.operators import ForwardOperator, at_receptors, influence, normal_influence, weighted
+from sim.coding.operators import ForwardOperator, influence, normal_influence
 from sim.coding.pressure import ContactPressure
 from sim.coding.receptor_readings import QUIET_SD, Readings
 from sim.coding.section import ReceptorSection, SampledSection, Sampling, receptor_section, sampled_section, skin_of
@@ -22,7 +20,6 @@ from sim.measures.receptors import ReceptorError
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
-Array = NDArray[np.float64]
 Decode = Callable[[Receptor], Profile]
 COARSE = FingertipConfig(mesh=coarse_mesh(0.3, 0.5))
 
@@ -96,21 +93,6 @@ def test_few_pressures_stand_for_lines_between_them(sampled: SampledSection) -> 
     assert operator.parts.shape == (4, 25, 3)
 
 
-def test_as_many_pressures_as_places_are_themselves(sampled: SampledSection) -> None:
-    place = np.linspace(-1.0, 1.0, 5)
-    operator = normal_influence(sampled, place, 10.0, "incompressible")
-    assert_allclose(operator.parts, influence(sampled, place, np.full(5, 0.5), "incompressible").parts[:, :, :5])
-
-
-def test_some_receptors_and_weighted_ones(two: ForwardOperator) -> None:
-    pressure = np.array([2.0, 3.0])
-    some = at_receptors(two, slice(1, 3))
-    assert_allclose(some.sed(pressure), two.sed(pressure)[1:3])
-    assert_allclose(some.receptor_mm, [1.0, 2.0])
-    weight = np.array([1.0, 4.0, 0.25, 9.0])
-    assert_allclose(weighted(two, weight).sed(pressure), weight * two.sed(pressure))
-
-
 def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
     borne = ContactPressure(np.array([-0.3, 0.0, 0.3]), np.full(3, 0.3), np.array([6.0, 12.0, 0.0]), np.zeros(3))
     means = borne.means(np.array([-0.375, -0.225, -0.075, 0.075, 0.225]))
@@ -121,15 +103,6 @@ def test_pressures_on_samples_carry_the_force_that_the_nodes_bore() -> None:
         np.array([-0.3, 0.0, 0.4]), np.array([0.2, 0.4, 0.4]), np.array([6.0, 12.0, 9.0]), np.zeros(3)
     )
     assert_allclose(uneven.means(np.arange(-0.5, 0.8, 0.2)), [0, 6, 12, 12, 9, 9, 0], atol=1e-12)
-
-
-def test_the_error_surface_is_the_misfit_at_each_pair(two: ForwardOperator) -> None:
-    reading, first, second = np.arange(4.0), np.array([0.0, 1.0, 5.0]), np.array([2.0, 3.0])
-    surface = error_surface(two, reading, first, second)
-    assert surface.shape == (3, 2)
-    for i, a in enumerate(first):
-        for j, b in enumerate(second):
-            assert surface[i, j] == pytest.approx(misfit(two, np.array([a, b]), reading))
 
 
 # --- readings ---
@@ -175,12 +148,6 @@ def test_a_band_carries_what_the_receptors_errors_move(gain_se: float, threshold
     assert_allclose(found.pressure, [10.0])
     assert_allclose(found.sd, [sd])
     assert found.converged
-
-
-@pytest.mark.parametrize("wrong", ANSWERS)
-def test_one_decoding_cut_off_is_all_of_it_cut_off(wrong: tuple[float, float]) -> None:
-    fitted = FittedReceptor(Receptor(30.0, 1.0), 2.0, 0.5)
-    assert not decode_through(fitted, _told(ANSWERS, wrong=wrong)).converged
 
 
 def test_a_gain_wrong_by_a_share_makes_pressures_wrong_by_half_of_it(two: ForwardOperator) -> None:

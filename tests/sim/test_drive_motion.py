@@ -43,9 +43,3 @@ def test_a_path_begun_in_motion_ends_at_its_target(target: float) -> None:
     changes = [b - a for a, b in pairwise(speeds)]
     assert max(changes) <= 0.01 * UP + 1e-9
     assert min(changes) >= -0.01 * DOWN - 1e-9
-
-
-def test_without_play_what_hangs_on_the_screw_is_where_the_motor_is() -> None:
-    axis = DriveAxis(0)
-    axis.go([(500.0, 1000.0)], UP, DOWN, 0.0)
-    assert (axis.nut_at(axis.end_s), axis.position_at(axis.end_s)) == (500, 500)

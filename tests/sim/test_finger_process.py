@@ -1,11 +1,9 @@
 """A finger in a process of its own: it answers as the finger does, and ends with whoever began it."""
 
-import logging
 import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +11,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.finger_process as finger_process
 from sim.config import FingertipConfig
 from sim.errors import ForceOutOfReachError, ModelRangeError, SimError
 from sim.finger_process import FingerLostError, FingerProcess, asked
@@ -40,12 +37,6 @@ def refused(finger: Fingertip, error: Exception) -> None:
     raise error
 
 
-def told(finger: Fingertip) -> str:
-    for level, words in ((logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")):
-        logging.getLogger("sim.models").log(level, words)
-    return "built"
-
-
 def about_itself(finger: Fingertip) -> dict[str, Any]:
     blocked = signal.pthread_sigmask(signal.SIG_BLOCK, ())
     handlers = {number.name: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGHUP, signal.SIGUSR1)}
@@ -58,10 +49,6 @@ def ends(finger: Fingertip, code: int) -> None:
 
 def never_ends(finger: Fingertip) -> None:
     signal.sigwait({signal.SIGALRM})
-
-
-def no_pickle(finger: Fingertip) -> Any:
-    return threading.Lock()
 
 
 def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, finger: Fingertip) -> None:
@@ -91,21 +78,6 @@ def test_what_is_raised_there_is_raised_here(process: FingerProcess, error: Exce
     if isinstance(error, SimError):
         has_code(raised.value, error.code, **error.fields)
     assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) > 0, "and it goes on"
-
-
-def test_what_cannot_cross_is_told_of(process: FingerProcess) -> None:
-    with pytest.raises(RuntimeError, match=r"^lock "):
-        process.ask(no_pickle)
-    before = process.pid
-    assert process.ask(about_itself)["pid"] == before
-
-
-def test_what_a_model_says_is_heard_here(process: FingerProcess, caplog: pytest.LogCaptureFixture) -> None:
-    with caplog.at_level(logging.DEBUG, "sim"):
-        assert process.ask(told) == "built"
-    assert [(r.levelno, r.getMessage()) for r in caplog.records] == [
-        (logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")
-    ]  # fmt: skip
 
 
 def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
@@ -198,12 +170,3 @@ def _gone(pid: int) -> bool:
     except ProcessLookupError:
         return True
     return False
-
-
-def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows."""
-    ignored: list[Any] = []
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
-    finger_process._ignore_terminal()
-    assert ignored == [(signal.SIGINT, signal.SIG_IGN)]

@@ -16,8 +16,7 @@ from sim.contact.shapes import parse_shape
 from sim.errors import SimError
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.friction import FrictionResult, frictional, press_profile
-from sim.models.many_indentations import indent_many
+from sim.models.friction import FrictionResult, press_profile
 
 SHAPES: dict[str, dict[str, float]] = {
     "cylinder:9": {"doi_mm": 0.4},
@@ -194,19 +193,6 @@ def test_a_section_rubs_in_its_plane(coarse_finger: Fingertip) -> None:
     assert 0 < abs(rubbed.force_n / smooth.force_n - 1) < 0.1
 
 
-def test_many_presses_are_each_alone(coarse_finger: Fingertip) -> None:
-    many = indent_many(coarse_finger, "cylinder:9", [0.0, 0.3], doi_mm=0.3, friction=0.3)
-    alone = [coarse_finger.indent("cylinder:9", x, doi_mm=0.3, friction=0.3) for x in (0.0, 0.3)]
-    assert [r.force_n for r in many] == [r.force_n for r in alone]
-
-
-def test_a_finger_with_friction_pickles(coarse_config: FingertipConfig) -> None:
-    finger = load("finger", coarse_config)
-    pressed = finger.with_friction(0.3)
-    assert pickle.loads(pickle.dumps(pressed)).friction == 0.3
-    assert pressed.with_friction(0.0).recipe == finger.recipe
-
-
 @pytest.mark.parametrize(
     ("options", "code"),
     [
@@ -232,13 +218,6 @@ def test_starts_and_orders_that_are_refused(coarse_finger: Fingertip) -> None:
     with pytest.raises(SimError) as caught:
         press_profile(coarse_finger, "bar:3.0", [0.0], doi_mm=0.3, friction=0.3, order="sideways")  # type: ignore[arg-type]
     assert caught.value.code == "bad_order"
-
-
-def test_the_model_keeps_the_mesh(coarse_finger: Fingertip) -> None:
-    pressed = coarse_finger.indent("line", doi_mm=0.3, friction=0.3)
-    smooth = coarse_finger.indent("line", doi_mm=0.3)
-    assert np.array_equal(pressed.model.patch.position_mm, smooth.model.patch.position_mm)
-    assert frictional(coarse_finger.config, BOTH) is coarse_finger.config
 
 
 def test_each_error_of_coulombs_law_is_seen() -> None:

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import pickle
 from copy import copy
 from pathlib import Path
 from typing import Any
@@ -81,14 +80,6 @@ def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
     np.testing.assert_allclose(surface.curvature[0, 1], surface.curvature[1, 0], atol=1e-15)
 
 
-def test_the_spline_is_smooth_to_the_second_derivative() -> None:
-    # Across a row of points: curvature to both sides differs by no more than its slope allows over 2e-9 mm.
-    there, z = waves(), np.linspace(-1.4, 1.5, 37)
-    for x in (-0.5, 0.0, 0.3):
-        before, after = (there.evaluate(np.stack([np.full(37, x + d), z])).curvature for d in (-1e-9, 1e-9))
-        np.testing.assert_allclose(before, after, atol=1e-6)
-
-
 def test_a_turn_carries_x_towards_the_tip() -> None:
     plain, turned = waves(), waves().turned(90.0)
     at = np.random.default_rng(2).uniform(-0.9, 0.9, size=(2, 50))
@@ -126,29 +117,6 @@ def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: floa
     for mine, other, by in zip(there.evaluate(at), exact.evaluate(at), (1, 10, 300), strict=True):
         assert np.abs(mine - other).max() < by * allowed
     assert spherical(0.1, 1.0).sharpest_radius_mm == pytest.approx(RADIUS_MM, rel=0.01)
-
-
-def test_how_far_its_normal_turns() -> None:
-    at = np.array([[0.0, 0.5], [0.0, 0.2]])
-    exact = parse_shape(f"sphere:{RADIUS_MM}").evaluate
-    np.testing.assert_allclose(spherical(0.1).turning(at, 0.1)[0], 2 * np.arcsin(0.1 / RADIUS_MM), rtol=1e-3)
-    before, after = (exact(at + np.array([[d], [0.0]])).slope for d in (-0.1, 0.1))
-    normals = [np.concatenate([s, -np.ones((1, 2))]) / np.sqrt(1 + (s**2).sum(axis=0)) for s in (before, after)]
-    along_x = np.arccos((normals[0] * normals[1]).sum(axis=0))
-    assert (spherical(0.1).turning(at, 0.1) >= 0.999 * along_x).all()
-
-
-def test_maps_are_equal_by_what_they_hold() -> None:
-    assert waves() == waves()
-    assert hash(waves()) == hash(waves())
-    assert waves() != waves(10.0)
-    assert waves() != spherical(0.2)
-    assert waves() != "heightmap"
-    again = pickle.loads(pickle.dumps(waves(20.0)))
-    assert again == waves(20.0)
-    np.testing.assert_array_equal(
-        again.evaluate(np.full((2, 1), 0.3)).slope, waves(20.0).evaluate(np.full((2, 1), 0.3)).slope
-    )
 
 
 # ------------------------------------------------------------------------------------------------ on the finger
@@ -214,22 +182,6 @@ def nodes_alone(finger: Fingertip) -> Fingertip:
         update={"contact": finger.config.contact.model_copy(update={"between_nodes": False})}
     )
     return other
-
-
-@pytest.mark.parametrize("shape", ["grating:0.5,1.2", "step:1", "wedge:60"])
-def test_turned_by_right_angles_a_shape_is_mirrored_or_lies_across(coarse_finger: Fingertip, shape: str) -> None:
-    straight = parse_shape(shape)
-    s = np.linspace(-1, 1, 41)[None]
-    for turn_deg, axes, sign in ((90.0, (2,), 1), (180.0, (0,), -1), (-90.0, (2,), -1), (270.0, (2,), -1)):
-        turned = straight.turned(turn_deg)
-        assert turned.axes == axes
-        there, straight_there = turned.evaluate(s), straight.evaluate(sign * s)
-        np.testing.assert_array_equal(there.height_mm, straight_there.height_mm)
-        np.testing.assert_array_equal(there.slope, sign * straight_there.slope)
-        np.testing.assert_array_equal(there.curvature, straight_there.curvature)
-    across, nearly = straight.turned(90.0), straight.turned(90.0 - 1e-7)
-    forces = [nodes_alone(coarse_finger).indent(one, doi_mm=0.3).force_n for one in (across, nearly)]
-    assert forces[1] == pytest.approx(forces[0], rel=1e-5)
 
 
 def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingertip) -> None:
@@ -433,15 +385,6 @@ def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     seven = 0.1 * np.arange(7)
     with raises(HeightMapError, "too_large", columns=7, rows=6, most=36):
         HeightMap.from_arrays(seven, EVEN, grid(6, 7), raised="low")
-
-
-def test_a_table_of_heights_may_be_as_large_as_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("sim.contact.map_files.MOST_POINTS", 36)
-    for name, shape in (("as_many.csv", (6, 6)), ("more.csv", (7, 6))):
-        np.savetxt(tmp_path / name, grid(*shape), delimiter=",")
-    parse_shape(f"heightmap:{tmp_path / 'as_many.csv'},spacing_mm=0.1,raised=low")
-    with raises(ShapeError, "too_many_numbers", most=36):
-        parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1,raised=low")
 
 
 def files(folder: Path) -> None:

@@ -12,7 +12,7 @@ import tests.made_up_fingers as made_up_fingers
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
 from sim.identification.predicted_forces import MeasuredPress, RampAndHold, nominal_trajectory
-from sim.identification.prior import KINDS, Kind, Prior
+from sim.identification.prior import KINDS, Kind
 from sim.identification.uncertainty_bands import Width, band, parameter_ends
 from tests.made_up_fingers import made_up, pressed
 
@@ -49,13 +49,6 @@ def _identified(seed: int, presses: Presses = PRESSES) -> tuple[np.ndarray, list
     return _kept(seed, presses)
 
 
-def test_before_the_first_press_it_is_the_prior() -> None:
-    known = nothing_learned(PRIOR, np.random.default_rng(0), 500)
-    assert known.draws.shape == (500, len(PRIOR.names))
-    assert known.effective == 500
-    assert len(known.misfit) == len(known.readings) == 0
-
-
 def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
     off = []
     for seed in range(8):
@@ -83,14 +76,6 @@ def test_draws_that_lie_where_the_posterior_has_nothing_are_moved_to_it(monkeypa
     sd = usual.draws.std(axis=0)
     assert np.abs(moved.mean - usual.mean).max() < 0.35 * sd[np.argmax(np.abs(moved.mean - usual.mean))]
     assert moved.draws.std(axis=0) == pytest.approx(sd, rel=0.25)
-
-
-def test_draws_that_cannot_move_have_collapsed(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drawn_module, "_ENOUGH", 2.0)  # so that no weights suffice
-    monkeypatch.setattr(drawn_module, "_MOST_LEVELS", 0)
-    _, _, learned = _identify(3)
-    assert learned.collapsed
-    assert learned.prior.within(learned.draws).all()
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "+".join(kind.zero) or "living")
@@ -255,8 +240,3 @@ def test_a_surprise_is_counted_in_sd_of_the_logarithm() -> None:
     assert (
         no_finger(FORESEEN, given, learned, [Surprise(surprise.predicted, 0.05, surprise.measured_gwt)]) is not None
     )
-
-
-def test_parameters_are_found_by_their_names() -> None:
-    assert Prior().parameter("x_mm").high == 0.6
-    assert Prior().names[Prior().index("ln_e_fat")] == "ln_e_fat"

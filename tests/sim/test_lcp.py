@@ -87,16 +87,6 @@ def test_a_smooth_kernel_of_contact_size() -> None:
     assert np.ptp(np.flatnonzero(solution.multipliers)) + 1 == len(solution.active)  # one run
 
 
-def test_nothing_to_do_and_everything_active() -> None:
-    w = np.array([[2.0, 1.0], [1.0, 2.0]])
-    open_gap = solve(w, np.array([1.0, 0.5]), np.array([True, True]))
-    assert open_gap is not None
-    np.testing.assert_array_equal(open_gap.multipliers, [0.0, 0.0])
-    closed = solve(w, np.array([-3.0, -3.0]), np.array([False, False]))
-    assert closed is not None
-    np.testing.assert_allclose(closed.multipliers, [1.0, 1.0], rtol=2e-11)  # the diagonal is raised by 1e-11
-
-
 def test_points_that_cannot_be_told_apart_share_a_load() -> None:
     # The middle of a straight, stiff segment and its two ends: the third row is the mean of the others.
     ends = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])

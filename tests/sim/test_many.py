@@ -154,53 +154,6 @@ def test_nonsense_is_refused_at_once(coarse: Fingertip) -> None:
     } == {}
 
 
-def test_one_place_or_one_core_needs_no_process(coarse: Fingertip, work: dict[str, int]) -> None:
-    indent_many(coarse, "bar:1", doi_mm=[0.1, 0.2], cores=4)
-    indent_many(coarse, "bar:1", [0.0, 0.1], doi_mm=0.1)
-    assert work["processes"] == 0
-
-
-@pytest.mark.parametrize(
-    ("places", "cores", "sizes"),
-    [
-        (3, 2, {1}),
-        (3, 8, {1}),
-        (32, 2, {2}),
-        (33, 2, {2, 1}),
-        (1000, 2, {16, 8}),
-        (1000, None, {16, 8}),
-        (1000, 32, {2}),
-    ],
-)
-def test_a_task_is_a_few_places(
-    coarse: Fingertip, monkeypatch: pytest.MonkeyPatch, places: int, cores: int | None, sizes: set[int]
-) -> None:
-    begun: list[int] = []
-
-    def here(function: Any, tasks: Any, processes: int) -> Any:
-        begun.append(processes)
-        assert {len(task) for task in tasks} == sizes
-        return map(function, tasks)
-
-    monkeypatch.setattr(many_indentations, "here_and_in_processes", here)
-    monkeypatch.setattr(many_indentations, "_press", lambda *_: IndentationOutcome(None, "not asked"))
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
-    assert found.table()["x_mm"].tolist() == list(range(places))
-    assert begun == [min(cores or 2, places)]
-
-
-def test_a_process_keeps_the_memory_that_it_frees(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And the one that asks, which is not ours, is left as it is."""
-    kept: list[bool] = []
-    monkeypatch.setattr(many_indentations, "keep_freed_memory", lambda: kept.append(True))
-    indent_many(coarse, "bar:1", doi_mm=0.1)
-    assert kept == []
-    monkeypatch.setattr(many_indentations, "parent_process", lambda: "another")
-    indent_many(coarse, "bar:1", doi_mm=0.1)
-    assert kept == [True]
-
-
 def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(many_indentations, "here_and_in_processes", lambda *_: in_processes(os._exit, [3], 1))
     with raises(WorkerLostError, "worker_lost"):
@@ -240,13 +193,6 @@ def test_columns_become_a_file(tmp_path: Path) -> None:
     assert path.read_bytes() == b'shape,force_gwt\r\nbar:3,0.1\r\n"profile:a,""b""",nan\r\n'
     with pytest.raises(ValueError, match="zip"):
         write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
-
-
-def test_results_become_a_data_frame_or_a_file_as_their_table_does(mixed: Indentations, tmp_path: Path) -> None:
-    assert to_pandas(mixed).equals(to_pandas(mixed.table()))
-    for name, given in (("results", mixed), ("table", mixed.table())):
-        write_csv(tmp_path / name, given)
-    assert (tmp_path / "results").read_bytes() == (tmp_path / "table").read_bytes()
 
 
 def test_columns_become_a_data_set(mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -52,11 +52,6 @@ def complaint(**geometry: object) -> str:
 # --- reading ---
 
 
-def test_columns_are_found_by_name() -> None:
-    text = EXAMPLES.parents[1] / "sim" / "data" / "fingertip_surface_points.csv"  # site, x, y, z, region; comments
-    np.testing.assert_array_equal(read_columns(text, ("z_mm", "x_mm")), PUBLISHED[:, [2, 0]])
-
-
 def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None:
     path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4\n")
     assert read_columns(Path(path), ("a", "b")) == ((1.0, 2.5), (4.0, -0.3))
@@ -140,10 +135,6 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
 )
 def test_points_that_cannot_hold_a_pulp_are_refused(points: np.ndarray, expected: str) -> None:
     assert complaint(points=points.tolist()).startswith(expected)
-
-
-def test_points_must_fit_the_length_that_is_given() -> None:
-    assert "length_mm = 11" in complaint(length_mm=11.0, points=PUBLISHED.tolist())
 
 
 @pytest.mark.parametrize(
@@ -257,17 +248,6 @@ def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
     # What can be touched ends at z = 2: there is its highest skin, at every x.
     for x in (-3.0, 0.0, 2.0):
         assert float(surface.ridge(x)) == pytest.approx(float(surface.height(x, 2.0)), abs=1e-6)
-
-
-def test_the_ridge_of_a_finger_that_is_highest_where_it_is_narrow() -> None:
-    # Near its widest x this finger is highest at the rim of the sections that reach so far. There the table of z,
-    # every 0.02 mm, is as good as it is dense: 0.02 mm times the slope along z, here below 1.
-    rows = [[z, 3.0 + 0.15 * z, 6.0 - 0.3 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
-    surface = FingertipSurface.fit(Geometry(sections=rows))
-    z = np.arange(2.0, 11.0, 0.001)
-    for x in (-3.8, -3.0, 0.5, 3.9):
-        inside = z[abs(x) < 0.95 * surface.parameters(z)[0]]
-        assert float(surface.ridge(x)) == pytest.approx(surface.height(x, inside).max(), abs=0.02)
 
 
 # --- the key of the cached model ---

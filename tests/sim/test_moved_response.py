@@ -28,17 +28,6 @@ def about(loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: floa
     return spreads(loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
 
 
-def test_frames_are_across_outward_and_along(loaded: LoadedFinger) -> None:
-    skin = loaded.skin(np.array([0.0, 2.0, -2.5]), np.array([7.0, 5.0, 10.0]))
-    frames = loaded.frames(skin)
-    assert_allclose(np.einsum("nai,nbi->nab", frames, frames), np.tile(np.eye(3), (3, 1, 1)), atol=1e-12)
-    assert_allclose(frames[:, 1], loaded.normals(skin))
-    assert_allclose(np.linalg.det(frames), 1.0)
-    assert_allclose(frames[:, 0, Z], 0.0, atol=1e-12)
-    assert (frames[:, 0, X] > 0.5).all()
-    assert (frames[:, 2, Z] > 0.5).all()
-
-
 def test_strains_in_frames_are_the_same_tensor(loaded: LoadedFinger) -> None:
     rng = np.random.default_rng(1)
     strain = rng.normal(size=(2, 3, 6))
@@ -86,8 +75,3 @@ def test_it_is_moved_the_right_way(loaded: LoadedFinger, response: MovedResponse
         assert np.corrcoef(found[:, k], true[kept, k])[0, 1] > 0.9
     two = response.convolved(np.stack([near.load_mm] * 2), np.array([1.0, 2.0]), skin[kept])
     assert_allclose(two, 3 * found)
-
-
-def test_far_from_all_that_was_seen_it_says_nothing(loaded: LoadedFinger, response: MovedResponse) -> None:
-    ends = loaded.skin(np.zeros(2), np.array([0.5, 12.5]))
-    assert not response.convolved(ends[:1], np.ones(1), ends[1:]).any()

@@ -13,7 +13,7 @@ from scipy.signal import butter, lsim
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
 from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, fading
-from sim.nerve.integrator import AFTER_ENDS_S, AFTER_PEAK_S, MOST_STEP_S, Membrane, after_current, spikes
+from sim.nerve.integrator import MOST_STEP_S, Membrane, after_current, spikes
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
 from sim.nerve.pc import PC
 from sim.nerve.ra import RA
@@ -84,28 +84,12 @@ def test_filters_are_exact_between_samples(ours: Callable[[Array], Array], exact
     np.testing.assert_allclose(ours(BENT[None])[0], known, rtol=0, atol=1e-9 * np.abs(known).max())
 
 
-def test_what_is_there_at_the_first_sample_came_at_once() -> None:
-    np.testing.assert_allclose(fading(np.ones((1, 50)), 0.01, 1e-3)[0], np.exp(-np.arange(50) / 10))
-
-
-def test_a_slow_threshold_approaches_its_share() -> None:
-    found = adapted(np.full((1, 5001), 4.0), 0.25, 0.5, 1e-3)[0]
-    np.testing.assert_allclose(found[[0, 500, 5000]], [4.0, 4 - (1 - np.exp(-1)), 3.0], atol=1e-3)
-
-
 @pytest.mark.parametrize("membrane", [Membrane(0.02, 0.002, 0.0), Membrane(0.02, 0.002, 0.0, reset=-2.0)])
 def test_without_noise_intervals_are_those_of_the_closed_form(membrane: Membrane) -> None:
     found = spikes(np.full(2001, 1.5), 1e-3, membrane, 2, np.random.default_rng(1))
     known = 0.002 + 0.02 * np.log((1.5 - membrane.reset) / 0.5)
     np.testing.assert_allclose(np.diff(found), known, atol=MOST_STEP_S)
     np.testing.assert_allclose(np.diff(found).mean(), known, rtol=5e-3)
-
-
-def test_the_current_after_a_spike_rises_to_its_peak_and_ends() -> None:
-    at_s = np.array([0.0, AFTER_PEAK_S, AFTER_ENDS_S, 1.0])
-    np.testing.assert_allclose(after_current(at_s), [0.0, 1.0, 0.0, 0.0], atol=1e-12)
-    assert (np.diff(after_current(np.linspace(0.002, AFTER_PEAK_S, 20))) > 0).all()
-    assert (np.diff(after_current(np.linspace(AFTER_PEAK_S, AFTER_ENDS_S, 20))) < 0).all()
 
 
 def test_a_current_after_a_spike_delays_the_next_one_as_the_integral_says() -> None:
@@ -289,23 +273,6 @@ def test_the_strongest_end_organ_paces_an_afferent(name: str) -> None:
     assert [train.tolist() for train in several] == [train.tolist() for train in one]
     late = np.where(np.arange(signal.value.shape[1]) < 300, 0.0, 3 * signal.value)
     assert total(spikes_of(model, Signal(1e-3, np.stack([signal.value, late], axis=1)), gains, seeds)) > total(one)
-
-
-@pytest.mark.parametrize("name", BUILT_IN)
-def test_blocks_do_not_move_a_spike_of_several_end_organs(name: str) -> None:
-    gains, seeds, step_s = [0.5, 1.0, 4.0], [1, 2, 3], MOST_STEP_S
-    value = skin(name).signal(vibrating(100.0, 30.0), step_s, 1.4).value[:, 9000:]
-    value = np.stack(
-        [np.roll(share * value, shift, axis=1) for share, shift in ((1.0, 0), (0.7, 13), (1.1, 29))], axis=1
-    )
-    value = np.repeat(value, 3, axis=0)
-    whole = spikes_of(BUILT_IN[name], Signal(step_s, value), gains, seeds)
-    stream, found = SpikeStream(BUILT_IN[name], step_s, gains, seeds), [[], [], []]
-    for at in range(0, value.shape[2], 37):
-        for row, time_s in zip(*stream.advance(value[..., at : at + 37]), strict=True):
-            found[row].append(float(time_s))
-    assert sum(map(len, found)) > 20
-    assert found == [one.tolist() for one in whole]
 
 
 @dataclass(frozen=True)

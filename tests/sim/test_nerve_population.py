@@ -66,11 +66,6 @@ def test_what_cannot_be_drawn_is_refused(flat: Fingertip, text: str, monkeypatch
         draw(flat, text)
 
 
-def test_a_density_that_nobody_published(flat: Fingertip) -> None:
-    with raises(ModelRangeError, "unknown_density", density="cat paw"):
-        population(flat, "cat paw")
-
-
 def test_an_afferent_depends_on_seed_class_and_number_only(flat: Fingertip) -> None:
     alone, together = draw(flat, "2xSA1", 3), draw(flat, "4xRA,3xSA1", 3)
     assert list(alone) == [one for one in together if one.model == "SA1"][:2]
@@ -130,11 +125,6 @@ def test_afferents_with_different_numbers_of_end_organs_share_a_signal(flat: Fin
     for k, one in enumerate(mixed):
         (alone,) = AfferentPopulation([one]).response(flat, "cylinder:9", stimulus).spikes
         assert np.array_equal(alone, together[k])
-
-
-def test_every_afferent_has_its_own_noise(flat: Fingertip) -> None:
-    drawn = [one for seed in (3, 4) for one in draw(flat, "5xSA1,5xRA,2xPC", seed)]
-    assert len({one.seed for one in drawn}) == len(drawn)
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
@@ -203,12 +193,6 @@ def test_a_stage_moves_and_rests() -> None:
     assert speed.max() == pytest.approx(1.0)
     assert (np.abs(np.diff(speed)) / 1e-4).max() == pytest.approx(50.0, rel=1e-3)
     assert stairs.deepest_mm == 0.2
-
-
-def test_a_short_move_never_reaches_its_speed() -> None:
-    stairs = Staircase([0.0, 1.0], [0.0, 0.01], [1.0, 1.0], 50.0)
-    lasts_s = 2 * math.sqrt(0.01 / 50)
-    assert stairs.depth_mm([lasts_s / 2, lasts_s]) == pytest.approx([0.005, 0.01])
 
 
 def test_a_move_that_would_end_too_late_is_faster() -> None:

@@ -1,17 +1,13 @@
 """A profile from arrays is the profile from a file, and what cannot be one is refused in one line."""
 
 import math
-import pickle
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sim.contact.indentor import Indentor
 from sim.contact.measured_profile import MeasuredProfile, ProfileError, read_profile
-from sim.contact.shapes import parse_shape
-from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
@@ -28,24 +24,6 @@ def test_arrays_are_a_file(linear: bool, tmp_path: Path) -> None:
     assert hash(own) == hash(read_profile(str(path), linear=linear))
     assert own.height_mm[2] == 0.0
     assert own.x_mm == tuple(X)
-
-
-def test_it_has_a_name_and_says_little() -> None:
-    assert MeasuredProfile.from_arrays(X, HEIGHT).name == "profile:own"
-    own = MeasuredProfile.from_arrays(X, HEIGHT, name="dome")
-    assert repr(Indentor.along(own)) == "<Prismatic profile:dome>"
-    assert repr(parse_shape("line")) == "<Prismatic line>"
-    assert repr(parse_shape("sphere:2")) == "<Revolved sphere:2>"
-    assert repr(own) == "<MeasuredProfile profile:dome, 5 points from -2 to 2 mm>"
-    assert load("halfspace").indent(own, doi_mm=0.1).indentor.name == "profile:dome"
-
-
-def test_it_pickles_without_its_curves() -> None:
-    own = MeasuredProfile.from_arrays(X, HEIGHT)
-    size = len(pickle.dumps(own))
-    height = own.evaluate(np.array([0.3]))[0]
-    assert len(pickle.dumps(own)) == size
-    assert pickle.loads(pickle.dumps(own)).evaluate(np.array([0.3]))[0] == height
 
 
 def test_a_wide_profile_is_pressed(finger: Fingertip) -> None:

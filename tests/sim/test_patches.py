@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from sim.config import Contact, FingertipConfig, Geometry, MeshSpec
-from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.contact.indentor import ALONG, BOTH
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import mesh_of
 from sim.models.pressing import RimError
-from sim.models.sources import half_widths, larger, widened
+from sim.models.sources import larger
 from tests.error_codes import raises
 
 OWN = (2.5, 2.5)
@@ -66,12 +66,6 @@ def test_the_next_patch(
     assert found == pytest.approx(expected, abs=1e-9)
 
 
-def test_a_patch_grows_from_what_it_is(coarse_finger: Fingertip) -> None:
-    config, surface = coarse_finger.config, coarse_finger.surface
-    assert larger(config, surface, BOTH, (ONCE, 2.5), met(ONCE, PLANE, (3.2, PLANE))) == (TWICE, 2.5)
-    assert larger(config, surface, BOTH, (ONCE, TWICE), met(0.0, PLANE + TWICE)) == (ONCE, 0.3 * 17)
-
-
 def test_where_there_is_no_larger_one(coarse_finger: Fingertip) -> None:
     config, surface = coarse_finger.config, coarse_finger.surface
     patch = OWN
@@ -87,15 +81,6 @@ def test_where_there_is_no_larger_one(coarse_finger: Fingertip) -> None:
     assert caught.value is error
 
 
-def test_a_touch_that_no_patch_holds_makes_none(coarse_finger: Fingertip) -> None:
-    config, surface = coarse_finger.config, coarse_finger.surface
-    for place in ((4.6, PLANE), (0.0, PLANE + 5.2), (-4.6, 4.0)):
-        error = met(*place)
-        with pytest.raises(RimError) as caught:
-            larger(config, surface, ALONG, OWN, error)
-        assert caught.value is error
-
-
 def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> None:
     """10 × 8 bytes × (2 or 3 directions × nodes)²: of 3.125 × 3.125 mm at 0.3 mm some 23 × 23 nodes."""
     surface = coarse_finger.surface
@@ -106,14 +91,6 @@ def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> Non
         with raises(ModelRangeError, "patch_too_large", problem="it reaches the rim", **size) as caught:
             larger(within(coarse_finger, gb / 3).config, surface, slopes, OWN, error)
         assert gb / 3 < caught.value.fields["needed_gb"] <= gb
-
-
-def test_the_own_patch_of_each_kind_of_shape() -> None:
-    config = FingertipConfig(mesh=MeshSpec(patch_x_mm=3.0, patch_z_mm=3.2, round_patch_mm=2.0))
-    assert [half_widths(config, slopes) for slopes in (ALONG, ACROSS, BOTH)] == [(3.0, 3.2), (3.0, 3.2), (2.0, 2.0)]
-    assert widened(config, None) is config
-    for slopes in (ALONG, ACROSS, BOTH):
-        assert half_widths(widened(config, (3.5, 4.0)), slopes) == (3.5, 4.0)
 
 
 @pytest.mark.parametrize(

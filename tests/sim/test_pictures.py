@@ -78,12 +78,6 @@ def test_a_press_is_drawn_to_scale(pressed: IndentationResult) -> None:
     assert len(pressed._repr_html_()) < 8000
 
 
-def test_a_press_that_touches_nothing_in_the_plane_is_drawn(pressed: IndentationResult) -> None:
-    none = replace(pressed, state=replace(pressed.state, force=0 * pressed.state.force))
-    _, (_, pressure, _, _) = _drawing(none._repr_html_())
-    assert (pressure[:, 1] == 0).all()
-
-
 @pytest.mark.parametrize("name", ["finger", "section"])
 def test_a_finger_is_drawn_with_its_receptors(name: str, finger: Fingertip) -> None:
     drawn = finger if name == "finger" else load("section")

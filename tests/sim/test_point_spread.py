@@ -8,18 +8,12 @@ from sim.coding.point_loaded_finger import (
     LoadedFinger,
     PointLoad,
     Site,
-    _all_along,
     energy_density,
     published_sites,
     published_table,
-    spread_over_mean,
 )
 from sim.coding.point_spread import (
-    HALF_WIDTH_MM,
-    SECTORS,
-    SPACING_MM,
     Judged,
-    Mean,
     PointSpread,
     Sheet,
     judged,
@@ -28,9 +22,8 @@ from sim.coding.point_spread import (
     spreads,
 )
 from sim.coding.power_law import PowerLaw, fitted
-from sim.config import FingertipConfig, Geometry, MeshSpec
+from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
-from sim.measures.measures import Elastic, measures_from_strain
 from sim.measures.receptors import depths_of
 from sim.models.condensed import point_force
 from tests.error_codes import raises
@@ -63,13 +56,6 @@ def test_the_printed_table_has_the_spreads_that_the_text_gives() -> None:
     assert [round(100 * v, 1) for v in (everything.a_spread, everything.m_spread)] == [17.7, 6.2]
 
 
-def test_spreads_are_over_n_minus_one() -> None:
-    assert spread_over_mean(np.array([1.0, 3.0])) == pytest.approx(np.sqrt(2) / 2)
-    assert mean_over([PowerLaw(1.0, 4.0, 1.0, 1.0), PowerLaw(3.0, 4.0, 1.0, 1.0)]) == Mean(
-        2.0, pytest.approx(np.sqrt(2) / 2), 4.0, 0.0
-    )
-
-
 # --- fits ---
 
 
@@ -97,14 +83,6 @@ def test_each_fit_is_the_best_by_its_own_measure_and_says_how_good_it_is() -> No
 
 
 # --- the finger ---
-
-
-def test_the_mesh_is_even_all_over_the_pulp(loaded: LoadedFinger) -> None:
-    z = loaded.interior.mesh.z_mm
-    steps = np.diff(z[(z > 2.4) & (z < 11.4)])
-    assert_allclose(steps, 0.5)
-    assert len(steps) == 17
-    assert loaded.recovered_z_mm == (z[1], z[-2])
 
 
 def test_receptors_lie_perpendicularly_below_equally_spaced_skin(loaded: LoadedFinger) -> None:
@@ -163,13 +141,6 @@ def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
     assert (np.diag(work) > 0).all()
 
 
-def test_energy_is_that_of_the_measures() -> None:
-    strain = np.random.default_rng(3).normal(size=(2, 5, 6))
-    ratio = np.array([1.0, 0.1, 0.1, 0.1, 1.0])
-    expected = ratio * measures_from_strain(strain, Elastic(1e4, 0.48))["sed"]
-    assert_allclose(energy_density(strain, ratio, 0.48), expected)
-
-
 def test_sed_about_a_load_is_in_pseudo_units_of_its_force(loaded: LoadedFinger) -> None:
     sheet = receptor_sheet(loaded, 0.5)
     one, strong = (spreads(loaded, sheet, [MIDDLE], force, 1.2)[0] for force in (1.0, 3.0))
@@ -190,15 +161,6 @@ def test_a_neighbourhood_is_a_square_of_skin(loaded: LoadedFinger) -> None:
     with raises(ModelRangeError, "too_few_receptors", site=10, receptors=6, fewest=12):
         spreads(loaded, sheet, [MIDDLE], half_width_mm=0.5)
     assert len(spreads(loaded, sheet, [MIDDLE], half_width_mm=0.95)[0].sed) == 12
-
-
-def test_how_loads_differ(loaded: LoadedFinger) -> None:
-    sheet = receptor_sheet(loaded, 0.5)
-    side = Site(4, 1.907, 6.893, on_pulp=True)
-    usual, vertical = (spreads(loaded, sheet, [side], 1.0, 1.2, way)[0] for way in ("normal", "vertical"))  # type: ignore[arg-type]
-    at_node = spreads(loaded, sheet, [side], 1.0, 1.2, at_node=True)[0]
-    for other in (vertical, at_node):
-        assert np.abs(other.sed[: len(usual.sed)] - usual.sed[: len(other.sed)]).max() > 0.05 * usual.sed.max()
 
 
 # --- how round it is ---
@@ -230,49 +192,7 @@ def test_sectors_are_counted_from_x_towards_z() -> None:
     assert Judged(along, law, law).asymmetry == pytest.approx(along.by_azimuth(law)[2] - 1.0)
 
 
-def test_sectors_are_as_far_away_as_one_another_and_not_next_to_the_load() -> None:
-    spread = _flat(lambda azimuth: 1.0 + 0 * azimuth)
-    x, _, z = spread.sheet.skin_mm.T
-    beyond = np.hypot(x, z)
-    spread.sed[(beyond > 1.5 + 1e-9) | (beyond <= 0.25)] = 1e9
-    assert_allclose(spread.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0)), 1.0)
-
-
-def test_where_there_is_no_finger_there_is_no_sector() -> None:
-    whole = _flat(lambda azimuth: 1.0 + 0 * azimuth)
-    kept = whole.sheet.skin_mm[:, 0] <= 0.05
-    half = PointSpread(
-        MIDDLE, whole.load_mm, Sheet(*(v[kept] for v in whole.sheet)), whole.sed[kept], whole.young_ratio[kept]
-    )
-    found = half.by_azimuth(PowerLaw(1.0, 4.0, 1.0, 1.0))
-    assert np.isnan(found[[0, 1, 7]]).all()
-    assert_allclose(found[2:7], 1.0)
-    assert judged(half).asymmetry == pytest.approx(0.0, abs=1e-9)
-
-
 # --- meshes, loads and what is kept of them ---
-
-
-@pytest.mark.parametrize(
-    ("length_mm", "from_tip_mm", "spacing_mm", "along_mm"),
-    [
-        (12.75, 5.857, {"spacing_mm": 0.17}, 26 * 0.17),  # 4.5 mm at most
-        (12.75, 5.857, {"spacing_mm": 0.17, "axial_spacing_mm": 0.45}, 4.5),
-        (10.5, 5.857, {"spacing_mm": 0.5}, 4.0),  # the proximal end is 4.643 mm away
-        (12.75, 4.5, {"spacing_mm": 0.5}, 4.0),  # the tip is
-        (12.75, 4.99, {"spacing_mm": 0.5}, 4.0),
-        (12.75, 5.0, {"spacing_mm": 0.5}, 4.5),
-    ],
-)
-def test_a_mesh_is_even_as_far_as_the_finger_lets_it(
-    length_mm: float, from_tip_mm: float, spacing_mm: dict[str, float], along_mm: float
-) -> None:
-    config = FingertipConfig(
-        geometry=Geometry(length_mm=length_mm),
-        mesh=MeshSpec(patch_x_mm=2.9, **spacing_mm),  # type: ignore[arg-type]
-        receptor_plane_from_tip_mm=from_tip_mm,
-    )
-    assert _all_along(config) == (2.9, pytest.approx(along_mm))
 
 
 def test_a_force_between_nodes_is_shared_by_how_near_they_are() -> None:
@@ -281,15 +201,3 @@ def test_a_force_between_nodes_is_shared_by_how_near_they_are() -> None:
     assert_allclose(point_force(z, phi, (1.0, 2.0)), [[0, 0], [0, 1], [0, 0]])
     assert_allclose(point_force(z, phi, (0.0, 0.0))[0], [1, 0])
     assert_allclose(point_force(z[:1], phi, (7.0, 0.5)), [[0.75, 0.25]])  # a section has one place along z
-
-
-def test_receptors_are_worked_out_once_for_the_same_places(loaded: LoadedFinger) -> None:
-    at = receptor_sheet(loaded, 0.5).at_mm[:20]
-    once = loaded.recovery(at)
-    assert loaded.recovery(at.copy()) is once
-    assert len(loaded.recovery(at[:10]).young_ratio) == 10
-    assert loaded.recovery(at) is not once  # those of the last places only are kept
-
-
-def test_the_choices_are_as_the_table_of_the_docs_has_them() -> None:
-    assert (SPACING_MM, HALF_WIDTH_MM, SECTORS) == (0.17, 1.5, 8)

@@ -1,15 +1,12 @@
 """The finger of elements with 27 nodes: its mesh, its condensation, and what is not to be had with it."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from sim.config import FingertipConfig, MeshSpec, Tissue
-from sim.fem.elements import HEX8, HEX27, gauss_points, gradients, shape_functions, symmetric
-from sim.finger.mesh import FingerMesh, MeshError, build_mesh, mesh_quality, section_mesh, tributary_areas
+from sim.config import FingertipConfig, MeshSpec
+from sim.fem.elements import HEX8, HEX27, shape_functions, symmetric
+from sim.finger.mesh import FingerMesh, MeshError, build_mesh, section_mesh
 from sim.finger.surface import FingertipSurface
-from sim.finger.vtk import write_vtk
 from sim.models.catalogue import load
 from sim.models.condensed import assembled, discretise, factorise
 from sim.models.full_mesh import MeshedFinger
@@ -60,23 +57,6 @@ def test_its_nodes_lie_where_vtk_has_them(mesh: FingerMesh) -> None:
     assert (np.linalg.norm(p - straight, axis=2).max(axis=1) < 0.15 * size).all()
 
 
-def test_no_element_is_folded(mesh: FingerMesh) -> None:
-    assert (gradients(mesh.nodes[mesh.hexes], gauss_points(3)[0])[1] > 0).all()
-
-
-def test_areas_of_the_skin_are_what_a_pressure_puts_on_its_nodes() -> None:
-    # A cylinder of radius 2, 3 long, in 48 nodes around: its area by parabolas, and within an element Simpson's
-    # shares, 1 : 4 : 16 for corners, middles of edges and of the face, which add up where elements meet. 2 %: arcs of
-    # 15° are not run through evenly.
-    phi = np.arange(48) * np.pi / 24
-    z = np.linspace(0, 3, 7)
-    cylinder = np.stack(np.broadcast_arrays(2 * np.cos(phi), 2 * np.sin(phi), z[:, None]), -1)
-    area = tributary_areas(cylinder, 2)
-    assert area.sum() == pytest.approx(2 * np.pi * 2 * 3, rel=1e-3)
-    assert area[1, 1] / area[2, 2] == pytest.approx(4, rel=0.02)
-    assert area[1, 2] / area[2, 2] == pytest.approx(2, rel=0.02)
-
-
 def test_a_rigid_motion_needs_no_force(mesh: FingerMesh) -> None:
     k = symmetric(assembled(CONFIG, mesh))
     x, y, z = mesh.nodes.T
@@ -111,12 +91,6 @@ def test_it_is_pressed_like_the_finger_of_half_as_large_elements() -> None:
     np.testing.assert_allclose(ep1[0], ep1[1], rtol=0, atol=0.1 * np.abs(ep1[1]).max())
 
 
-def test_an_elastic_bone_is_quadratic_too(skin: FingertipSurface) -> None:
-    mesh = build_mesh(CONFIG.model_copy(update={"tissue": Tissue(bone="elastic")}), skin)
-    radius = np.linalg.norm(mesh.nodes.reshape(*mesh.grid, 3)[..., -3:, :2], axis=-1)
-    np.testing.assert_allclose(radius / radius[..., :1], np.broadcast_to([1.0, 0.75, 0.5], radius.shape), rtol=1e-12)
-
-
 def test_a_section_is_quadratic_too(skin: FingertipSurface) -> None:
     mesh = section_mesh(CONFIG, skin)
     assert mesh.grid[0] == 7
@@ -127,17 +101,6 @@ def test_a_section_is_quadratic_too(skin: FingertipSurface) -> None:
     assert quadratic.force_n == pytest.approx(bbar.force_n, rel=0.005)
     ep1 = [result.receptor_measures["ep1"] for result in (quadratic, bbar)]
     np.testing.assert_allclose(ep1[0], ep1[1], rtol=0, atol=0.05 * np.abs(ep1[1]).max())
-
-
-def test_a_vtk_file_says_what_its_cells_are(mesh: FingerMesh, tmp_path: Path) -> None:
-    # Kitware, VTK file formats: 29 is the triquadratic hexahedron.
-    path = tmp_path / "finger.vtk"
-    write_vtk(path, mesh, mesh_quality(mesh.nodes, mesh.hexes))
-    lines = path.read_text(encoding="ascii").splitlines()
-    n = len(mesh.hexes)
-    start = lines.index(f"CELLS {n} {28 * n}") + 1
-    assert lines[start].split()[0] == "27"
-    assert set(lines[lines.index(f"CELL_TYPES {n}") + 1 :][:n]) == {"29"}
 
 
 def test_a_deck_is_refused(mesh: FingerMesh) -> None:

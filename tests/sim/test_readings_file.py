@@ -67,16 +67,6 @@ def test_how_many_readings_make_sense(read: Read) -> None:
             read("place_mm,depth_mm,sed,sd", *some)
 
 
-@pytest.mark.parametrize(("depth", "there"), [(0.1, True), (0.099, False), (3.0, True), (3.001, False)])
-def test_how_deep_a_receptor_may_lie(depth: float, there: bool, read: Read) -> None:
-    rows = [f"{0.1 * k},{depth},1,0.1" for k in range(5)]
-    if there:
-        read("place_mm,depth_mm,sed,sd", *rows)
-    else:
-        with raises(TableError, "outside_range", line=2, column="depth_mm", value=depth):
-            read("place_mm,depth_mm,sed,sd", *rows)
-
-
 @pytest.mark.parametrize(
     ("kind", "noise", "value", "there"),
     [
@@ -108,16 +98,6 @@ def test_two_receptors_may_lie_above_each_other_and_not_in_one_place(read: Read)
     with raises(TableError, "same_place", line=7, column="place_mm", value=0.0) as caught:
         read("place_mm,depth_mm,sed,sd", *rows, "0,0.7400005,1,0.1")
     assert "line 6" in caught.value.fields["expected"]
-
-
-@pytest.mark.parametrize(("rest", "there"), [((0, 1, 2, 0, 1), True), ((0, 1, 0, 1, 0), False), ((0,) * 5, False)])
-def test_noise_at_rest_has_several_values(rest: tuple[int, ...], there: bool, read: Read) -> None:
-    rows = [f"{0.1 * k},0.76,5,{value}" for k, value in enumerate(rest)]
-    if there:
-        assert_allclose(read("place_mm,depth_mm,sed,at_rest", *rows).at_rest, rest)
-    else:
-        with raises(TableError, "too_little_noise", fewest=3):
-            read("place_mm,depth_mm,sed,at_rest", *rows)
 
 
 # --- pressures ---

@@ -5,7 +5,6 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
 from numba.core.event import Event, EventStatus, broadcast
 
@@ -84,12 +83,6 @@ def test_what_nobody_used_for_a_day_is_removed(modules: Path, unused_s: int, kep
     assert mine.stat().st_mtime > used_s + 3_600  # it is used now
 
 
-def test_numba_keeps_its_own_settings(modules: Path) -> None:
-    before = compiling._config.CACHE_DIR
-    compiling.compiled(doubled)
-    assert before == compiling._config.CACHE_DIR
-
-
 def test_a_compilation_is_told_of_once(caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch) -> None:
     warmup.make_ready.cache_clear()
 
@@ -103,21 +96,6 @@ def test_a_compilation_is_told_of_once(caplog: pytest.LogCaptureFixture, monkeyp
         warmup.make_ready()
     assert [record.name for record in caplog.records] == [warmup.__name__]
     warmup.make_ready.cache_clear()
-
-
-def test_what_is_ready_is_not_told_of(caplog: pytest.LogCaptureFixture, finger: Fingertip) -> None:
-    """A finger has made it ready; pressing one compiles nothing else."""
-    warmup.make_ready.cache_clear()
-    with caplog.at_level(logging.INFO, "sim"):
-        warmup.make_ready()
-    assert not caplog.messages
-
-
-def test_the_few_nodes_are_pressed() -> None:
-    patch = warmup._few_nodes()
-    assert len(patch) == 15
-    assert np.linalg.eigvalsh(patch.compliance).min() > 0
-    assert np.ptp(patch.x) == pytest.approx(0.8)
 
 
 EVERY_KIND = [

@@ -13,9 +13,9 @@ from sim.contact.planes import ContactRegion, FrozenPlanes, Gathered
 from sim.contact.points import PARTS, ContactPoints, ContactPose, Survey
 from sim.contact.profiles import Bar, SinusoidalStep
 from sim.contact.shapes import parse_shape
-from sim.contact.solver import ContactState, PassedState, solve_contact
+from sim.contact.solver import PassedState, solve_contact
 from sim.models.fingertip import Fingertip
-from sim.models.pressing import PlacedIndentor, Pressing
+from sim.models.pressing import PlacedIndentor
 
 Array = NDArray[np.float64]
 
@@ -58,15 +58,6 @@ def by_definition(points: ContactPoints, patch: Patch) -> Array:
     return np.einsum("ki,aibj,lj->akbl", p, patch.compliance.reshape(m, n, m, n), p)
 
 
-def test_what_is_gathered_is_the_patchs_own_whatever_came_before(patch: Patch) -> None:
-    m, n = len(patch.axes), len(patch)
-    gathered, whole = Gathered(patch), patch.compliance.reshape(m, n, m, n)
-    for nodes in ([4, 9], [4, 9], [9], [2, 4, 9, 11], [0, 11, 23], [1, 5], list(range(n)), [3, 4]):
-        part = whole[:, nodes][:, :, :, nodes]
-        at = gathered.numbers(np.array(nodes))
-        assert np.array_equal(gathered.store[:, at][:, :, :, at], part), nodes
-
-
 @pytest.mark.parametrize("points", [NODES, MIXED, EVERY_NODE], ids=["nodes", "mixed", "all nodes"])
 def test_points_move_one_another_as_their_nodes_do(patch: Patch, points: ContactPoints) -> None:
     region, whole = ContactRegion(Gathered(patch), points), by_definition(points, patch)
@@ -94,14 +85,6 @@ def test_planes_are_as_compliant_as_their_normals_say(patch: Patch) -> None:
     assert slack.min() > -1e-9 * scale
     moved = np.einsum("akbl,bl->ak", whole, planes.normal * solution.multipliers)
     np.testing.assert_allclose(solution.u, moved, atol=1e-12 * np.abs(moved).max(), rtol=0)
-
-
-def test_a_plane_that_is_level_only_here_turns_too() -> None:
-    patch = make_patch((X, Y))
-    pose = ContactPose(parse_shape("cylinder:9"), (float(patch.x[7]),), -0.1, 0.1)
-    planes = FrozenPlanes(pose, ContactRegion(Gathered(patch), NODES), np.zeros((2, len(NODES))), False)
-    assert planes.slope[0, 1] == 0  # node 7 lies under the cylinder's lowest line
-    assert planes.curved.all()
 
 
 @pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
@@ -134,16 +117,6 @@ def test_a_survey_finds_what_lies_within_the_indentor() -> None:
     assert not len(nodes_only.between)
 
 
-def test_points_among_and_joined_with_others() -> None:
-    other = ContactPoints(np.array([0, 7, 30]), np.array([4, 99]))
-    assert MIXED.among(other).tolist() == [False, True, False, False, False, False, True, False, False]
-    assert other.among(ContactPoints.none()).tolist() == [False] * 5
-    both = MIXED.joined(other)
-    assert both.nodes.tolist() == [0, 1, 7, 8, 13, 20, 30]
-    assert both.between.tolist() == [3, 4, 17, 40, 99]
-    assert len(ContactPoints.none().joined(ContactPoints.none())) == 0
-
-
 # --- on the finger ---
 
 
@@ -169,10 +142,3 @@ def test_a_state_on_the_way_is_the_same_contact(placed: PlacedIndentor) -> None:
     onward = [solve_contact(patch, deeper, start, between_nodes=True) for start in (passed, whole)]
     assert onward[0].passes == onward[1].passes
     np.testing.assert_allclose(onward[0].force, onward[1].force, rtol=0, atol=1e-14)
-
-
-def test_an_answer_is_assessed_as_a_whole_however_loosely_it_is_asked_for(placed: PlacedIndentor) -> None:
-    pressing = Pressing(placed, between_nodes=True, target=1e-4)
-    state = pressing.solve(0.3, None)
-    assert type(state) is ContactState
-    assert {type(kept) for kept in pressing._pressed.values()} == {PassedState}

@@ -118,17 +118,6 @@ def test_let_go_it_recovers_as_in_many_small_steps() -> None:
     assert stress.memory.released(200.0).borne == pytest.approx(0.0, abs=1e-12)
 
 
-def test_what_is_remembered_is_of_any_shape_and_of_each_entry_alone() -> None:
-    grid, alone = Memory.none(SERIES, (2, 3)), [Stress() for _ in range(6)]
-    for k, step_s in enumerate((0.0, 0.1, 3.0, 0.2)):
-        p = np.arange(6.0).reshape(2, 3) * (k + 1)
-        ahead = grid.ahead(step_s)
-        forces = ahead.stiffness * (p - ahead.carried)
-        grid = grid.after(ahead, p)
-        expected = [one.after(step_s, value) for one, value in zip(alone, p.ravel(), strict=True)]
-        assert forces.ravel() == pytest.approx(expected, rel=1e-13)
-
-
 @pytest.mark.parametrize("terms", [[(1.0, 1.0)], [(0.6, 1.0), (0.4, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [(0.0, 1.0)]])
 def test_what_is_no_series(terms: list[tuple[float, float]]) -> None:
     with raises(ArgumentError, "bad_series"):
@@ -268,11 +257,3 @@ def test_between_samples_the_last_one_stands_and_before_the_first_nothing() -> N
     clock.wait_s(1.0)
     assert force.force_n(0.51) == force.force_n(0.5) == pytest.approx(5.0)
     assert force.force_n(-1.0) == 0.0
-
-
-def test_a_long_day_keeps_only_the_last_samples() -> None:
-    clock = VirtualClock()
-    force = recorded(clock, [])
-    clock.wait_s(100.0)
-    assert force.force_n(95.0) > 0
-    assert len(force._forces) <= 257

@@ -1,7 +1,6 @@
 """A finger that relaxes, under a stage and in a process of its own."""
 
 import math
-from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -14,8 +13,8 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import PressedFinger, RelaxingPlant, RelaxingPress
-from sim.serve.force_process import Going, Leg, TrajectoryForces, TrajectoryProcess, TrajectoryUpdate
-from sim.serve.prefetch import STALE_S, TrajectoryPrefetcher
+from sim.serve.force_process import Going, Leg, TrajectoryProcess, TrajectoryUpdate
+from sim.serve.prefetch import TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
 from tests.error_codes import raises
 from tests.waiting import until
@@ -119,24 +118,6 @@ def alone(skin: Fingertip, way: tuple[Leg, ...]) -> list[float]:
     return [press.moved_to(leg.pose, leg.step_s) for leg in way]
 
 
-def test_what_was_planned_and_came_so_is_not_solved_again(skin: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    solved: list[Pose] = []
-    moved_to = RelaxingPress.moved_to
-
-    def counted(self: RelaxingPress, pose: Pose, step_s: float) -> float:
-        solved.append(pose)
-        return moved_to(self, pose, step_s)
-
-    way = legs(skin, 0.1, 0.2, 0.3, 0.35)
-    expected = alone(skin, way)
-    monkeypatch.setattr(RelaxingPress, "moved_to", counted)
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    assert going(TrajectoryUpdate(way[:1], way[1:3])).forces_n == pytest.approx(expected[:3])
-    assert going(TrajectoryUpdate(way[1:2], way[2:4])).forces_n == pytest.approx(expected[1:])
-    assert going(TrajectoryUpdate(way[2:], ())).forces_n == pytest.approx(expected[2:])
-    assert solved == [leg.pose for leg in way]
-
-
 def test_what_was_planned_and_came_otherwise_is_forgotten(skin: Fingertip) -> None:
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
     going(TrajectoryUpdate(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
@@ -154,133 +135,6 @@ def test_what_has_no_answer_is_told_and_not_remembered(skin: Fingertip) -> None:
     assert "DOI 2.5 mm: must be more than 0 and at most 2 mm" in answer.problem
     assert answer.forces_n[2] == pytest.approx(alone(skin, (way[0], way[2]))[1], rel=1e-6)
     assert going(TrajectoryUpdate(legs(skin, 0.2))).problem == ""
-
-
-class OnTheSpot:
-    """Stands in for the process: answers at once, or when a test says so; remembers what it was asked."""
-
-    def __init__(self) -> None:
-        self.asked: list[TrajectoryUpdate] = []
-        self.ended = False
-
-    def ask(self, way: TrajectoryUpdate) -> None:
-        self.asked.append(way)
-
-    def answer(self) -> TrajectoryForces:
-        if self.ended:
-            raise EOFError
-        way = self.asked[-1]
-        return TrajectoryForces(tuple(-leg.pose.above_apex_mm for leg in (*way.gone, *way.planned)), 0.01)
-
-    def fileno(self) -> int:
-        return 0
-
-    def close(self) -> None:
-        self.ended = True
-
-
-class StillClock(WallScheduler):
-    """A loop whose time a test sets; files are not watched."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 0.0
-        self.answers: Callable[[], None] = lambda: None
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def watch(self, file: object, on_readable: Callable[[], None]) -> None:
-        self.answers = on_readable
-
-    def unwatch(self, file: object) -> None:
-        """There is nothing to unwatch."""
-
-    def go(self, to_s: float) -> None:
-        self.now_s = to_s
-        self._run_due()
-
-
-class Rig:
-    """TrajectoryPrefetcher on a clock that stands still, the stage's plan as a test sets it."""
-
-    def __init__(self) -> None:
-        self.clock, self.process, self.told = StillClock(), OnTheSpot(), list[str]()
-        self.plan: Callable[[float], float] = lambda t_s: 1.0
-        carriage = Carriage(
-            lambda t_s: (0, 0, round(1e6 * self.plan(t_s))), Screws(z_steps_per_mm=1e6), Placement(0, 0)
-        )
-        self.ahead = TrajectoryPrefetcher(self.clock, carriage, self.process, PERIOD_S, self.told.append)  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def rig() -> Iterator[Rig]:
-    rig = Rig()
-    yield rig
-    rig.clock.close()
-
-
-def test_each_instant_is_gone_once_and_two_are_planned(rig: Rig) -> None:
-    rig.plan = lambda t_s: 1.0 - t_s
-    for k in range(1, 4):
-        rig.clock.go(k * PERIOD_S)
-        rig.clock.answers()
-    assert [len(way.gone) for way in rig.process.asked] == [1, 1, 1, 1]
-    assert [len(way.planned) for way in rig.process.asked] == [0, 2, 2, 2]
-    assert [way.gone[0].step_s for way in rig.process.asked] == pytest.approx([0.0, *[PERIOD_S] * 3])
-    assert rig.ahead.force_n(3 * PERIOD_S) == pytest.approx(-(1.0 - 0.15))
-    assert rig.ahead.force_n(3.5 * PERIOD_S) == pytest.approx(-(1.0 - 0.175)), "between two, linear in time"
-    assert rig.ahead.fresh(5 * PERIOD_S)
-    assert not rig.ahead.fresh(5.1 * PERIOD_S)
-
-
-def test_who_is_behind_goes_to_now_by_the_last_turn(rig: Rig) -> None:
-    """At rest or evenly on the way one step does, and each step costs a contact."""
-    rig.plan = lambda t_s: 1.0 - min(max(t_s - 5 * PERIOD_S, 0.0), 5 * PERIOD_S)
-    rig.clock.go(22 * PERIOD_S)
-    [*_, way] = rig.process.asked
-    assert [leg.step_s for leg in way.gone] == pytest.approx([10 * PERIOD_S, 12 * PERIOD_S])
-    rig.clock.answers()
-    assert rig.ahead.fresh(22 * PERIOD_S)
-    assert not rig.ahead.fresh(17 * PERIOD_S), "skipped"
-    rig.clock.go(40 * PERIOD_S)
-    [*_, way] = rig.process.asked
-    assert [leg.step_s for leg in way.gone] == pytest.approx([PERIOD_S, PERIOD_S, 16 * PERIOD_S]), "two were planned"
-
-
-def test_who_takes_long_plans_for_when_the_answer_comes(rig: Rig) -> None:
-    rig.plan = lambda t_s: 1.0 - t_s
-    rig.clock.go(PERIOD_S)
-    for now, planned in ((4, 7), (7, 10)):
-        rig.clock.go(now * PERIOD_S)
-        rig.clock.answers()
-        [*_, way] = rig.process.asked
-        assert [1.0 - leg.pose.above_apex_mm for leg in way.planned] == pytest.approx([planned * PERIOD_S], abs=1e-5)
-    assert rig.ahead.fresh(7 * PERIOD_S), "it has just come"
-    assert [leg.step_s for leg in way.gone] == pytest.approx([3 * PERIOD_S]), "as it was planned"
-
-
-def test_a_plan_that_changed_makes_an_instant_unknown_until_it_is_solved_anew(rig: Rig) -> None:
-    rig.clock.go(PERIOD_S)
-    rig.clock.answers()
-    assert rig.ahead.fresh(2 * PERIOD_S)
-    rig.plan = lambda t_s: 1.0 if t_s < 1.5 * PERIOD_S else 0.5
-    assert not rig.ahead.fresh(2 * PERIOD_S)
-    assert rig.ahead.force_n(2 * PERIOD_S) == -1.0, "the last one"
-    assert rig.ahead.statistics.late == 1
-    assert math.isnan(rig.ahead.force_n(PERIOD_S + STALE_S + 0.01)), "too old to be an answer"
-    rig.clock.go(2 * PERIOD_S)
-    rig.clock.answers()
-    assert rig.ahead.force_n(2 * PERIOD_S) == -0.5
-
-
-def test_a_process_that_has_gone_is_told_and_ends_the_loop(rig: Rig) -> None:
-    rig.clock.go(PERIOD_S)
-    rig.process.ended = True
-    rig.clock.answers()
-    assert (rig.ahead.ended, rig.told) == (True, ["the process of the virtual finger ended"])
-    rig.clock.go(9 * PERIOD_S)
-    assert len(rig.process.asked) == 2, "nobody is asked any more"
 
 
 def test_in_real_time_a_hold_relaxes(finger: Fingertip) -> None:

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from sim.coding.operators import centred
 from sim.coding.pressure import SectionSkin, contact_pressure, frictionless
 from sim.coding.section import SampledSection, Sampling, sampled_section
-from sim.coding.shape_class import CLASSES, ShapeEstimate, classify_shape, edges_mm
+from sim.coding.shape_class import classify_shape, edges_mm
 from sim.config import FingertipConfig
 
 Array = NDArray[np.float64]
@@ -67,48 +67,6 @@ def test_skin_that_is_hollow_or_nearly_flat_is_no_cylinder() -> None:
     flat = classify_shape(_lying_on(5.0 + ENDS**2 / 100), _within(-0.9, 0.9))  # 100 mm in diameter
     assert flat.cost["cylinder"] == np.inf
     assert flat.name == "bar"
-
-
-def test_skin_at_the_ends_of_a_contact_is_left_out() -> None:
-    height = np.full(40, 5.0)
-    height[:14], height[26:] = 4.0, 4.0
-    pressure = _within(-1.1, 1.1)  # samples 13 … 25, the outer two at each end bent or next to it
-    found = classify_shape(_lying_on(height), pressure)
-    assert found.name == "bar"
-    assert found.cost["bar"] == pytest.approx(np.log(9))
-
-
-def test_of_a_small_contact_less_is_left_out_and_costs_are_told() -> None:
-    found = classify_shape(_lying_on(np.where(ENDS < 0, 5.0, 5.02)), _within(-0.3, 0.3))  # three samples: one is left
-    assert isinstance(found, ShapeEstimate)
-    assert set(found.cost) == set(CLASSES)
-    assert found.cost["cylinder"] == np.inf
-    assert found.cost["bar"] == pytest.approx(np.log(2))
-
-
-@pytest.mark.parametrize(("share", "in_contact"), [(0.2, True), (0.1, False)])
-def test_a_contact_is_where_pressure_is_more_than_0_15_of_the_median(share: float, *, in_contact: bool) -> None:
-    pressure = _within(-1.0, 1.0)  # samples 14 … 24, all 100
-    pressure[13] = 100.0 * share
-    first, _ = edges_mm(_lying_on(np.full(40, 5.0)), pressure)
-    # where none of the outer three stands out, their middle
-    assert first == pytest.approx(PLACES[14 if in_contact else 15] - 0.085, abs=1e-6)
-
-
-@pytest.mark.parametrize(("diameter", "round_enough"), [(19.0, True), (21.0, False)])
-def test_a_cylinder_is_at_most_20_mm_wide(diameter: float, *, round_enough: bool) -> None:
-    on = np.sqrt((diameter / 2) ** 2 - ENDS**2)
-    found = classify_shape(_lying_on(15.0 - on), _within(-1.5, 1.5))
-    assert np.isfinite(found.cost["cylinder"]) == round_enough
-
-
-def test_a_cost_is_squares_over_7_micrometres_and_the_log_of_places_for_each_number() -> None:
-    found = classify_shape(_lying_on(5.0 + 0.01 * ENDS), _within(-1.0, 1.0))  # 11 samples, 7 of them inside
-    squares = 1e-4 * ((PLACES[16:23] - PLACES[16:23].mean()) ** 2).sum()
-    assert found.cost["bar"] == pytest.approx(squares / 0.007**2 + np.log(7))
-    assert classify_shape(_lying_on(np.full(40, 5.0)), _within(-1.0, 1.0)).cost["step"] == pytest.approx(
-        3 * np.log(7)
-    )
 
 
 @pytest.fixture(scope="module")

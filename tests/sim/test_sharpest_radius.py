@@ -13,7 +13,6 @@ from sim.contact.profiles import (
     Cylinder,
     Grating,
     IndentorProfile,
-    Plane,
     SinusoidalStep,
     Wedge,
     measured_radius_mm,
@@ -61,33 +60,6 @@ def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
     smooth = MeasuredProfile.from_arrays(np.linspace(-2, 2, 41), 0.1 * np.linspace(-2, 2, 41) ** 2, linear=linear)
     assert measured_radius_mm(smooth) == smooth.sharpest_radius_mm == 0.0
     assert Indentor.along(smooth).sharp
-
-
-@pytest.mark.parametrize("profile", [Bar(3.0, 0.0), Wedge(45.0, 0.0), Grating(0.5, 1.2, 0.0)])
-def test_an_edge_has_none(profile: IndentorProfile) -> None:
-    assert measured_radius_mm(profile) == 0.0
-
-
-def test_a_plane_has_no_end_of_it() -> None:
-    assert measured_radius_mm(Plane()) == np.inf
-    assert not Indentor.along(Plane()).sharp
-
-
-def test_only_what_is_convex_counts() -> None:
-    """A groove with a rounded floor between flanks that lean: convex nowhere within 2 mm."""
-
-    @dataclass(frozen=True)
-    class Hollow(IndentorProfile):
-        name = "hollow"
-        sharpest_radius_mm = np.inf
-
-        def evaluate(self, s_mm: Array) -> tuple[Array, Array, Array]:
-            root = np.sqrt(0.01 + s_mm**2)
-            return -root, -s_mm / root, -0.01 / root**3
-
-    assert measured_radius_mm(Hollow()) == np.inf
-    upside_down = Said(Hollow(), np.inf)
-    assert not Indentor.along(upside_down).sharp
 
 
 @pytest.mark.parametrize(("said", "truly"), [(np.inf, 0.05), (3.0, 0.05), (0.5, 0.05), (0.6, 0.4)])

@@ -5,11 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding import sheet
 from sim.coding.bayes import ModelError
 from sim.coding.decoder_results import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.operators import at_receptors, centred, weighted
+from sim.coding.operators import at_receptors, centred
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import sed_of
 from sim.coding.shape_class import SOLIDS, classify_solid, contact, extent_mm
@@ -20,12 +19,10 @@ from sim.coding.sheet import (
     SkinOver,
     decode_sheet,
     hats,
-    pressed_skin,
     sheet_operator,
 )
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Y, Z
-from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -182,14 +179,6 @@ def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> N
     assert_allclose(operator.sed(pressure), held.sed(pressure))
 
 
-def test_some_receptors_and_weighted_ones(operator: SheetOperator) -> None:
-    pressure = np.random.default_rng(4).uniform(0, 100, 169)
-    some = np.arange(81) % 2 == 0
-    assert_allclose(at_receptors(operator, some).sed(pressure), operator.sed(pressure)[some])
-    weight = np.linspace(1, 2, 81)
-    assert_allclose(weighted(operator, weight).sed(pressure), weight * operator.sed(pressure))
-
-
 def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: PressedSkin, operator: SheetOperator) -> None:
     """Receptors lie in the dermis, a tenth as stiff as the epidermis that pressures are told by."""
     assert_allclose(felt.model.columns.young_ratio, 0.1)
@@ -203,22 +192,6 @@ def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: PressedSkin
     strain = felt.model.strain(force)
     expected = measures_from_strain(strain, Elastic(1e3, 0.48))["sed"]
     assert_allclose((parts[..., 0] ** 2).sum(axis=0), expected)
-
-
-def test_a_place_without_skin_about_it_is_refused(felt: PressedSkin) -> None:
-    with raises(ModelRangeError, "pressure_beside_patch", x_mm=-3.5):
-        sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
-    assert sheet_operator(felt, Grid(centred(4, 0.3), GRID.z_mm), "incompressible").parts.shape[0] == 6
-
-
-def test_it_is_read_from_the_cache_with_any_receptors(tmp_path: object, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path))
-    config = FingertipConfig(mesh=coarse_mesh(0.6, 0.6, round_patch_mm=1.5))
-    points = np.array([[0.0, 4.0, PLANE], [0.3, 4.1, PLANE + 0.4]])
-    made, read = (pressed_skin(config, points, np.full(2, np.nan)) for _ in range(2))
-    assert_allclose(made.model.receptors.position_mm, points)
-    assert_allclose(made.model.strain_per_force, read.model.strain_per_force, rtol=0, atol=0)
-    assert made.model.patch.axes == (X, Z, Y)
 
 
 # --- the decoder ---
@@ -263,13 +236,6 @@ def test_silent_receptors_and_known_model_errors(
     heard = rate > 0
     left = (operator.sed(found.pressure) - readings.sed)[heard] / sd
     assert found.misfit == pytest.approx(float(left @ left))
-
-
-def test_the_prior_is_of_neighbours_both_ways_and_a_little_of_each() -> None:
-    rows = sheet._differences((2, 3))
-    pressure = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
-    along_x, along_z = 7.0**2 + 14.0**2 + 28.0**2, 1.0 + 2.0**2 + 8.0**2 + 16.0**2
-    assert ((rows @ pressure) ** 2).sum() == pytest.approx(along_x + along_z + 0.1 * (pressure**2).sum())
 
 
 def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
@@ -331,26 +297,3 @@ def test_costs_are_squares_over_20_micrometres_and_the_log_of_places_for_each_nu
     assert found.cost["bar"] == pytest.approx(1e-4 * ((x - x.mean()) ** 2).sum() / 0.02**2 + np.log(len(x)))
     flat = classify_solid(lying_on(np.zeros((13, 13)), 0.0), DISC)
     assert flat.cost["step"] == pytest.approx(3 * np.log(len(x)))
-
-
-def test_a_contact_is_where_pressure_is_a_quarter_of_the_highest_beside_two_others() -> None:
-    skin, pressure = lying_on(XX), np.zeros((13, 13))
-    pressure[4:7, 4:7] = 1.0
-    pressure[7, 4:7] = [0.24, 0.26, 0.26]
-    pressure[10, 10] = 1.0  # alone
-    pressure[4, 7] = 1.0  # beside one
-    inside = contact(skin, pressure.ravel()).reshape(13, 13)
-    expected = np.zeros((13, 13), bool)
-    expected[4:7, 4:7] = True
-    expected[7, 5:7] = True
-    np.testing.assert_array_equal(inside, expected)
-    alone = np.zeros(169)
-    alone[5] = 1.0
-    np.testing.assert_array_equal(contact(skin, alone), alone > 0)
-
-
-def test_an_even_square_is_as_wide_as_its_places_are() -> None:
-    pressure = np.zeros((13, 13))
-    pressure[3:7, 5:11] = 2.0
-    x, z = extent_mm(lying_on(XX), pressure.ravel())
-    assert (x, z) == (pytest.approx(0.3 * np.sqrt(4**2 - 1)), pytest.approx(0.3 * np.sqrt(6**2 - 1)))

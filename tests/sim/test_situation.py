@@ -1,14 +1,10 @@
 """What a scene needs, read off the undeformed skin; and models without receptors."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
-from sim.benchmark import of_level
-from sim.cheapest_model import DEPTHS_MM, FAMILIES, Cell, Situation, cell_of, cells_of, choose, family_of
-from sim.config import FingertipConfig, MeshSpec
-from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.cheapest_model import Situation, choose
+from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
@@ -18,17 +14,9 @@ from sim.models.finger_3d import build_finger
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
-SCENE = Situation("bar:3", ALONG, True, 0.2, 0.25, (1.0, 1.0))
-
 
 def situation(shape: str, doi_mm: float | None, x_mm: float = 0.0, z_mm: float | None = None) -> Situation:
     return Situation.of(parse_shape(shape), x_mm, z_mm, doi_mm, FingertipConfig())
-
-
-def test_families_are_told_by_slope_and_sharpness() -> None:
-    shapes = ("cylinder:9", "bar:3.0", "cylinder:9,across", "line", "sphere:5", "flat:1.0")
-    assert tuple(family_of(parse_shape(shape)) for shape in shapes) == FAMILIES
-    assert situation("bar:3.0", 0.3).family == "along, sharp"
 
 
 def test_the_patch_grows_with_depth_and_place() -> None:
@@ -77,25 +65,6 @@ def test_places_that_a_shape_cannot_have_are_refused() -> None:
         choose("bar:3.0")
     with raises(ModelRangeError, "not_one_target", doi_mm=0.3, force_gwt=2.0):
         choose("bar:3.0", doi_mm=0.3, force_gwt=2.0)
-
-
-def test_cells_hold_their_upper_ends() -> None:
-    at = replace(SCENE, depth_mm=0.3, place_mm=0.5)
-    assert cell_of(at) == Cell("along, sharp", 0.3, 0.5)
-    assert cell_of(replace(at, depth_mm=0.31, place_mm=0.51)) == Cell("along, sharp", 0.7, 1.8)
-    assert cell_of(replace(at, depth_mm=None)) is None
-    assert [cell.depth_mm for cell in cells_of(replace(at, depth_mm=None))] == list(DEPTHS_MM)
-
-
-def test_a_level_on_a_share_of_the_patch() -> None:
-    small = of_level("finger", "coarse", ALONG, 0.65).mesh
-    assert (small.spacing_mm, small.axial_mm, small.patch_x_mm, small.patch_z_mm) == (0.28, 0.473, 2.145, 2.275)
-    assert of_level("finger", "default", ALONG, 1.0).mesh == MeshSpec()
-    assert of_level("finger", "default", BOTH, 1.0).mesh == MeshSpec()
-    for axes in (ACROSS, BOTH):
-        assert of_level("finger", "coarse", axes, 1.0).mesh.axial_mm == 0.27
-        fine = of_level("finger", "fine", axes, 1.0).mesh
-        assert (fine.spacing_mm, fine.axial_mm, fine.epidermis_elements) == (0.125, 0.126, 3)
 
 
 # --- a model without receptors ---

@@ -1,6 +1,5 @@
 """A finger that stiffens: what its quick answers are made of, and that a finger that does not is what it was."""
 
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +8,6 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from rig.plan.config import load_config
-from sim.carriage import Pose
 from sim.config import FingertipConfig, Tissue
 from sim.contact.first_contact import first_touch
 from sim.contact.shapes import parse_shape
@@ -20,14 +18,11 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.result import IndentationResult
-from sim.models.small_strain_error import small_strain
 from sim.models.stiffening import (
     ENERGY,
     FORCE,
-    FORCE_ERROR,
     LINEAR_TISSUE,
     ROOFS,
-    SED_ERROR,
     DimensionlessPress,
     Energy,
     ForceFactor,
@@ -47,7 +42,6 @@ from sim.models.stiffening import (
     young_below,
 )
 from sim.models.viscoelastic import InTime
-from sim.plant import RelaxingPress
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -110,21 +104,6 @@ def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
     assert (stress > strain).all()
 
 
-def test_a_shallow_press_leaves_a_receptor_what_it_has_and_where_nothing_is_nothing_breaks() -> None:
-    shallow = DimensionlessPress(1e-6, 1e-5, 1.2, 0.0, 1e-6, 1.2)
-    factors = strain_and_stress(0.3, shallow, ReceptorPress(np.array([1e-6]), np.ones(1), np.array([1e-9])))
-    assert_allclose(factors, 1.0, atol=1e-4)
-    nothing = ReceptorPress(np.array([0.2]), np.ones(1), np.zeros(1))
-    assert np.isfinite(strain_and_stress(0.3, PRESS, nothing)).all()
-
-
-def test_what_linear_tissue_misses_under_a_deep_press_does_not_hang_on_what_it_had() -> None:
-    """A stiff skin's linear dip in the middle fills up: what comes on top is the same."""
-    felt = ReceptorPress(np.full(2, 0.24), np.ones(2), np.array([0.05, 0.1]))
-    dip, beside = ENERGY.geometric(PRESS, felt)
-    assert 0 < beside - dip < 2 * 0.05
-
-
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
     factors = [force_factor(a, PRESS) for a in (1e-9, 0.3, 1.0, 3.0)]
     assert (np.diff(factors) > 0).all()
@@ -132,12 +111,6 @@ def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
 
 
 # --- where an indentor overlaps the skin ---
-
-
-def test_volume_grows_past_each_gap() -> None:
-    two = Overlap(np.array([0.0, 0.5]), np.zeros((2, 2)), np.array([2.0, 3.0]))
-    assert two.volume_mm3(0.75) == pytest.approx(1.5 + 0.75)
-    assert two.volume_mm3(0.5) == 1.0
 
 
 def _parabola(half_mm: float) -> Overlap:
@@ -352,24 +325,6 @@ def test_depth_counts_from_the_touch_whatever_the_reference(stiff: Fingertip) ->
     assert from_apex.force_n == pytest.approx(from_touch.force_n, rel=1e-6)
 
 
-def test_what_is_pickled_answers_the_same(stiff: Fingertip) -> None:
-    found = stiff.indent("cylinder:9", 0.2, doi_mm=0.3)
-    again = pickle.loads(pickle.dumps(found))
-    assert again.force_n == found.force_n
-    assert_allclose(again.receptor_measures["sed"], found.receptor_measures["sed"])
-    assert_allclose(again.nodal_pressure_pseudo, found.nodal_pressure_pseudo)
-
-
-def test_an_answer_says_what_it_is_off_at_finite_strain(linear: Fingertip, stiff: Fingertip) -> None:
-    assert stiff.indent("cylinder:9", doi_mm=0.3).small_strain.note == (
-        f"finite strain, stiffening 0.4: force within {100 * FORCE_ERROR:g} %, "
-        f"highest SED within {100 * SED_ERROR:g} % on the eight fingers that were compared"
-    )
-    assert linear.indent("cylinder:9", doi_mm=0.3).small_strain == small_strain("finger", 0.3)
-    assert small_strain("finger", 0.3, 0.4).force == (-FORCE_ERROR, FORCE_ERROR)
-    assert small_strain("finger", 0.3, 0.4).sed == (-SED_ERROR, SED_ERROR)
-
-
 # --- how deep, and the human-sized finger ---
 
 
@@ -392,14 +347,6 @@ def test_the_human_sized_finger_is_pressed_to_three() -> None:
 class _Bare:
     def __init__(self, told: FingertipConfig, surface: FingertipSurface) -> None:
         self.config, self.surface = told, surface
-
-
-def test_stiffened_measures_need_no_field_of_the_linear_twin() -> None:
-    twin = {name: np.array([1.0, 2.0]) for name in (*STRAINS, *STRESSES)}
-    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]), 0.1, 1.2)
-    found = strained.measures(twin, np.array([0.1, 1.0]), 0.48)
-    assert set(found) == set(twin)
-    assert (found["sed"] != twin["sed"]).all()
 
 
 def test_a_receptor_is_as_soft_as_its_layer_beside_all_below_the_epidermis() -> None:
@@ -427,18 +374,3 @@ def test_what_was_borne_when_the_tissue_was_softer_relaxes_as_that(stiff: Finger
     assert press.strain() == pytest.approx(deep.receptor_strain, abs=1e-7)
     assert deep.strained.force > 1.05 * shallow.strained.force, "it stiffens between the two"
     assert press.to_depth(60.0, 0.8).force_n == pytest.approx(0.6 * deep.force_n, rel=1e-6)
-
-
-def test_a_force_is_held_where_a_depth_would_give_it(stiff: Fingertip) -> None:
-    """By depth and by force the same way: to the tolerance of the search for a force."""
-    by_depth, by_force = (InTime(stiff, "flat", SERIES) for _ in range(2))
-    for step_s, doi_mm in ((0.05, 0.4), (0.3, 0.5), (0.3, 0.45)):
-        force_gwt = by_depth.to_depth(step_s, doi_mm).force_gwt
-        assert by_force.to_force(step_s, force_gwt).doi_mm == pytest.approx(doi_mm, abs=1e-5)
-
-
-def test_under_a_stage_it_is_the_librarys(stiff: Fingertip) -> None:
-    press, library = RelaxingPress(stiff, "flat", TERMS), InTime(stiff, "flat", SERIES)
-    for step_s, doi_mm in ((0.05, 0.4), (0.3, 0.8), (0.3, 0.7), (0.5, 0.7)):
-        pose = Pose(0.0, stiff.touch_height_mm("flat", 0.0) - stiff.apex_height_mm - doi_mm)
-        assert press.moved_to(pose, step_s) == pytest.approx(library.to_depth(step_s, doi_mm).force_n, rel=1e-5)

@@ -3,17 +3,15 @@
 import pickle
 from collections.abc import Callable
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig.compare.stimuli import answers_key
 from sim.coding.point_loaded_finger import LoadedFinger, Site
 from sim.coding.point_spread import MovedResponse, PointSpread, judged, receptor_sheet, spreads
 from sim.coding.raju_table_6_1 import deformed_by
 from sim.coding.readings_file import pa_per_pseudo
-from sim.config import E_EPIDERMIS_MPA, FingertipConfig, Tissue
+from sim.config import FingertipConfig, Tissue
 from sim.errors import ModelRangeError
 from sim.finger.mesh import build_mesh
 from sim.finger.surface import FingertipSurface
@@ -84,14 +82,6 @@ def test_a_number_follows_the_scale(name: str) -> None:
     assert number(STIFF) == pytest.approx(number(1.0) * STIFF**power, rel=1e-6)
 
 
-def test_what_knows_the_calibrated_modulus_is_the_configuration_alone() -> None:
-    root = Path(__file__).parents[2]
-    users = [path for package in ("sim", "rig") for path in (root / package).rglob("*.py")]
-    knowing = {path.relative_to(root).as_posix() for path in users if "E_EPIDERMIS_MPA" in path.read_text("utf-8")}
-    assert knowing == {"sim/config.py"}
-    assert Tissue().e_epidermis_mpa == E_EPIDERMIS_MPA
-
-
 def test_no_model_is_built_for_a_scale() -> None:
     def made_of(**tissue: float) -> list[object]:
         told = FingertipConfig(mesh=MESH, tissue=Tissue(**tissue))  # type: ignore[arg-type]
@@ -107,10 +97,6 @@ def test_fingers_of_two_scales_are_interpolated_between_the_same_builds() -> Non
     assert node_tissues(Tissue(stiffness=STIFF, stiffening=0.5)) == node_tissues(Tissue())
     families = {FingerWithReceptors(config(s), ReceptorPlaces.of((0.0,), 0.76, None)).family for s in (1.0, STIFF)}
     assert len(families) == 1
-
-
-def test_answers_are_kept_by_scale() -> None:
-    assert answers_key(finger(1.0), "asked") != answers_key(finger(STIFF), "asked")
 
 
 REFUSED: dict[str, Callable[[FingertipConfig], object]] = {

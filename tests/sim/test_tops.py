@@ -8,7 +8,6 @@ import pytest
 from sim.config import Geometry
 from sim.finger.surface import FingertipSurface
 from sim.models.cache import keep_tops
-from sim.models.fingertip import Fingertip
 
 
 @pytest.fixture
@@ -40,16 +39,3 @@ def test_from_the_cache_they_are_the_same_to_the_last_bit(
     assert np.array_equal(kept(at), found(at), equal_nan=True)
     assert np.isnan(kept(at[0]))  # beyond its ends there is no skin
     assert np.array_equal(kept.derivative()(at[10:-10]), found.derivative()(at[10:-10]), equal_nan=True)
-
-
-def test_another_finger_has_its_own(empty_cache: Path) -> None:
-    one, other = (FingertipSurface.fit(Geometry(nail_depth_ratio=ratio)) for ratio in (0.7, 0.8))
-    keep_tops(one)
-    keep_tops(other)
-    assert len(list(empty_cache.glob("*.skin"))) == 2
-
-
-def test_a_finger_that_is_loaded_has_them(finger: Fingertip, not_found_anew: None) -> None:
-    again = Fingertip.load()
-    assert again.apex_height_mm == finger.apex_height_mm
-    assert again.surface.crest.x[0] == finger.surface.crest.x[0]

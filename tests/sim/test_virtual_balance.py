@@ -105,16 +105,6 @@ def test_a_conversation(name: str) -> None:
         assert host.say(command, *wait_s) == reply, command  # type: ignore[arg-type]
 
 
-def test_samples_are_taken_on_the_grid_and_only_when_asked() -> None:
-    host = Host(lambda t_s: t_s * GRAM_N)
-    host.clock.wait_s(100.0)
-    assert host.asked == []
-    host.say(b"SI\r\n")
-    assert sorted(host.asked) == pytest.approx([99.9, 99.95, 100.0])
-    host.say(b"SI\r\n")
-    assert len(host.asked) <= 4
-
-
 def test_sir_repeats_every_sample_until_at() -> None:
     host = Host(lambda t_s: 10 * t_s * GRAM_N)
     host.clock.wait_s(1.0)
@@ -124,11 +114,6 @@ def test_sir_repeats_every_sample_until_at() -> None:
     assert [b - a for a, b in pairwise(grams[1:])] == pytest.approx([0.5] * (len(grams) - 2))
     assert host.say(b"@\r\n", 0.2).endswith(b'I4 A "0123456789"\r\n')
     assert host.say(b"", 1.0) == b""
-
-
-def test_a_mute_balance(host: Host) -> None:
-    host.balance.mute = True
-    assert host.say(b"SI\r\n", 1.0) == b""
 
 
 def test_it_says_what_it_is_and_what_it_can(host: Host) -> None:

@@ -1,7 +1,5 @@
 """Whole pressure profiles: forces that lean as the skin does, and pressures of presses on a finer mesh read back."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -11,8 +9,7 @@ from sim.coding import bayes
 from sim.coding.bayes import ModelError, Profile, decode_profile
 from sim.coding.decoder_results import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.model_averaging import Mixture
-from sim.coding.operators import at_receptors, centred, influence, weighted
+from sim.coding.operators import at_receptors, centred
 from sim.coding.pressure import Frictionless, contact_pressure, frictionless
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
@@ -68,13 +65,6 @@ def test_normal_pressures_say_how_all_forces_lean(
     assert np.linalg.norm(upright.sed(true) - sed) / np.linalg.norm(sed) > 2.5 * most
 
 
-def test_under_a_flat_bar_forces_go_straight_down(section: SampledSection, operator: Frictionless) -> None:
-    true, _ = _pressed(section, "bar:3.0")
-    normal = operator.skin.normal
-    inside = np.flatnonzero(true > 300)[2:-2]
-    assert_allclose(operator.skin.lean(true)[inside], (normal[:, 0] / normal[:, 1])[inside], atol=0.02)
-
-
 def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Frictionless) -> None:
     press = section.finger.indent("bar:3.0", 0.0, doi_mm=0.67)
     borne = contact_pressure(section, press)
@@ -84,45 +74,6 @@ def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Fricti
     assert np.ptp(y[inside]) < 0.02  # flat
     assert y[inside].mean() == pytest.approx(operator.skin.at_rest_mm[1].max() - 0.67, abs=0.03)
     assert_allclose(operator.skin.pressed(0 * true, 0 * true), operator.skin.at_rest_mm)
-
-
-def test_skin_that_is_not_pressed_does_not_lean(section: SampledSection, operator: Frictionless) -> None:
-    # chords of 170 µm on a skin of 3.5 mm radius, between nodes as far apart
-    assert np.abs(operator.skin.lean(np.zeros(39))).max() < 0.01
-    upright = influence(section, PLACES, np.full(39, 0.17), "finite")
-    assert_allclose(operator.parts, upright.parts[:, :, :39])
-    assert_allclose(operator.lateral, upright.parts[:, :, 39:])
-
-
-def test_a_lean_is_lateral_over_normal_pressure(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    leaning, lean = operator.leaning(pressure), operator.skin.lean(pressure)
-    assert_allclose(leaning.parts, operator.parts + lean * operator.lateral)
-    assert_allclose(operator.sed(pressure), leaning.sed(pressure))
-    assert_allclose(operator.slope(pressure), leaning.slope(pressure))
-    weight = np.arange(49.0)
-    assert_allclose(operator.pulled_back(pressure, weight), leaning.pulled_back(pressure, weight))
-    assert np.abs(operator.skin.lean(1e6 * pressure)).max() <= 1.0
-    assert leaning.leaning(pressure) is leaning
-    assert not leaning.unsure(pressure).any()
-
-
-def test_what_is_not_known_of_leans_is_a_share_of_what_leans_would_do(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    unsure = operator.unsure(pressure)
-    assert_allclose(unsure, unsure.T)
-    assert_allclose(operator.unsure(2 * pressure).trace() / unsure.trace(), 16, rtol=0.2)  # SED is quadratic
-    alone = np.where(np.arange(39) == 19, 1.0, 0.0)
-    by_lean = 2 * np.einsum("cm,cm->m", operator.leaning(alone).parts[:, :, 19], operator.lateral[:, :, 19])
-    assert_allclose(operator.unsure(alone), 0.15**2 * np.outer(by_lean, by_lean))
-
-
-def test_receptors_are_weighed_and_chosen_with_all_that_they_feel(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    every_third = at_receptors(operator, slice(0, None, 3))
-    assert_allclose(every_third.sed(pressure), operator.sed(pressure)[::3])
-    assert len(every_third.receptor_mm) == 17
-    assert_allclose(weighted(operator, np.full(49, 4.0)).sed(pressure), 4 * operator.sed(pressure))
 
 
 def test_samples_beside_the_patch_are_refused(section: SampledSection) -> None:
@@ -159,43 +110,10 @@ def bar(operator: Frictionless) -> tuple[Array, Readings, Profile]:
     return true, readings, decode_profile(operator, readings)
 
 
-def test_few_pressures_are_smooth_and_many_lie_within_contacts(
-    operator: Frictionless, bar: tuple[Array, Readings, Profile]
-) -> None:
-    _, readings, within = bar
-    assert within.mixture is not None
-    assert (within.pressure[np.abs(PLACES) > 1.5] < 1.0).all()
-    same = decode_profile(operator, readings, prior="contacts")
-    assert (same.pressure == within.pressure).all()
-    upright = operator.leaning(np.zeros(39))
-    few = replace(upright, parts=upright.parts[:, :, 16:23], place_mm=PLACES[16:23])
-    assert decode_profile(few, readings).mixture is None
-    eight = replace(upright, parts=upright.parts[:, :, 16:24], place_mm=PLACES[16:24])
-    assert decode_profile(eight, readings).mixture is not None
-
-
-def test_the_band_is_of_the_mixture_and_widens_with_sd(bar: tuple[Array, Readings, Profile]) -> None:
-    _, _, found = bar
-    assert isinstance(found.mixture, Mixture)
-    low, high = found.band(1.0)
-    assert_allclose(low, np.minimum(found.pressure, found.mixture.quantile(0.158655)), atol=1e-3)
-    assert_allclose(high, np.maximum(found.pressure, found.mixture.quantile(0.841345)), rtol=1e-4, atol=1e-3)
-    assert_allclose(found.sd, found.mixture.moments()[1])
-    wider = replace(found, sd=2 * found.sd).band(1.0)
-    assert_allclose(wider[1] - found.pressure, 2 * (high - found.pressure), atol=1e-9)
-    assert (wider[0] >= 0).all()
-
-
 def test_a_wrong_model_widens_the_band(operator: Frictionless, bar: tuple[Array, Readings, Profile]) -> None:
     _, readings, default = bar
     wrong = decode_profile(operator, readings, ModelError(0.3))
     assert wrong.sd.sum() > 1.5 * default.sd.sum()
-
-
-def test_the_models_error_is_alike_over_a_length(operator: Frictionless) -> None:
-    two = replace(operator, receptor_mm=np.array([0.0, 2.0]))
-    together = 2 * np.exp(-0.5)
-    assert_allclose(ModelError(0.1, 2.0).covariance(two, np.array([10.0, 20.0])), [[1, together], [together, 4]])
 
 
 def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Frictionless) -> None:
