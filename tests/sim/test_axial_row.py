@@ -119,17 +119,3 @@ def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
     low, high = found.profile.band()
     inside = true > 0.05 * true.max()
     assert ((low <= true) & (true <= high))[inside].mean() > 0.7
-
-
-def test_the_skin_moves_as_its_nodes_do(row: ReceptorRow) -> None:
-    """Mixtures of few nodes, by rows of the compliance; against all of it."""
-    patch, felt = row.skin.model.patch, row.skin
-    rng = np.random.default_rng(0)
-    direction, share, seen = rng.normal(size=(3, len(patch))), rng.random((len(patch), 2)), np.zeros((len(patch), 2))
-    seen[[3, 40, 41], [0, 1, 1]] = (1.0, 0.25, 0.75)
-    force = direction[[0, 1]][:, :, None] * (patch.area_mm2[:, None] * share) / PSEUDO_E_EPIDERMIS
-    moved = (patch.compliance @ force.reshape(-1, 2)).reshape(2, len(patch), 2)
-    expected = np.stack([moved[:, 3], 0.25 * moved[:, 40] + 0.75 * moved[:, 41]], axis=1)
-    found = felt.moved(direction, share, seen)
-    assert_allclose(found[:2], expected)
-    assert not found[2].any()

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from sim.config import FingertipConfig
-from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.contact.indentor import ALONG
 from sim.models import condensed
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -31,9 +31,6 @@ def mapped(config: FingertipConfig) -> object:
 
 BUILDS: dict[str, tuple[Build, int]] = {
     "a finger": (Fingertip.load, 1),
-    "one that is not kept": (lambda config: load("finger", config, cached=False), 1),
-    "for shapes across it": (lambda config: Fingertip.load(config, slopes=ACROSS), 1),
-    "for round shapes": (lambda config: Fingertip.load(config, slopes=BOTH), 1),
     "a larger patch": (lambda config: Fingertip.load(config).model_for(ALONG, (2.0, 1.5)), 2),
     "a section": (lambda config: load("section", config), 1),
     "strain everywhere": (mapped, 2),

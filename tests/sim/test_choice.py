@@ -138,13 +138,6 @@ def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth_mm", "promised"), [(0.3, 0.03), (0.301, 0.06), (0.7, 0.06), (0.701, 0.04), (1.35, 0.04)]
-)
-def test_depth_counts(depth_mm: float, promised: float) -> None:
-    assert chosen(0.07, scene=replace(SCENE, depth_mm=depth_mm)).promised == pytest.approx(promised)
-
-
-@pytest.mark.parametrize(
     "scene",
     [
         replace(SCENE, depth_mm=1.36),
@@ -183,19 +176,6 @@ def test_no_level_promises_more_than_a_finer_one() -> None:
     for rungs in bundled().largest.values():
         for coarser, finer in ((COARSE, DEFAULT), (DEFAULT, FINE)):
             assert all(rungs[coarser][quantity] >= rungs[finer][quantity] for quantity in QUANTITIES)
-
-
-def test_a_finer_level_and_a_larger_patch_cost_more() -> None:
-    table = bundled()
-    for (rung, axes, share, sharp), cost in table.costs.items():
-        assert min(cost.build_s, cost.press_s, cost.memory_mb) > 0 <= cost.receptors_s
-        if rung == FINE:
-            for level in (DEFAULT, COARSE, HALFSPACE):
-                cheaper = table.costs[level, axes, share, sharp]
-                assert (cheaper.build_s, cheaper.memory_mb) < (cost.build_s, cost.memory_mb)
-        if share < SHARES[-1] and rung.model == "finger":
-            whole = table.costs[rung, axes, SHARES[-1], sharp]
-            assert (cost.build_s, cost.memory_mb) < (whole.build_s, whole.memory_mb)
 
 
 def test_every_scene_that_was_measured_has_a_choice() -> None:

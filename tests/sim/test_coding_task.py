@@ -1,13 +1,11 @@
 """Tasks of encoding and decoding, on an operator of a few numbers: what is heard, explained, assumed, begun with."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor, ModelError
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import PressureRange
@@ -17,8 +15,6 @@ from sim.coding.receptor_readings import sd_at_rest
 from sim.coding.section import Sampling
 from sim.coding.task import (
     NO_NOISE,
-    DecodeResult,
-    DecoderName,
     DecodeTask,
     EncodeTask,
     Observation,
@@ -80,25 +76,6 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
             assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
 
 
-def test_a_share_of_sed_may_be_wrong_too() -> None:
-    off = SED * 1.4
-    assert observation(off).unexplained(PRESSURE)
-    assert observation(off).unexplained(PRESSURE, share=0.05)
-    assert not observation(off).unexplained(PRESSURE, share=0.3)
-    assert not observation(off, noise=None).unexplained(PRESSURE)
-
-
-def test_silent_receptors_need_no_explanation() -> None:
-    rate = SED.copy()
-    rate[0] = 0.0  # below its threshold, however far
-    given = observation(rate, receptor=through(1.0, 0.0))
-    assert not given.unexplained(np.append(30.0, PRESSURE[1:]))
-    assert DecodeResult(given, np.append(30.0, PRESSURE[1:]), True, 0.0).left_of_sed == 0.0
-    off = SED[1:] - 4.0
-    found = DecodeResult(given, np.full(M, 2.0), True, 0.0)
-    assert found.left_of_sed == pytest.approx(np.sqrt(np.mean(off**2)))
-
-
 def test_nothing_above_its_noise_is_refused() -> None:
     with raises(CodingError, "all_noise"):
         decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
@@ -142,24 +119,6 @@ def test_a_search_begins_and_ends_by_the_readings_size() -> None:
     low = decode_observation(observation(), "univariate", SearchOptions(None, (0.0, 2.0)))
     assert_allclose(low.path[0], np.full(M, 2.0))  # within its range
     assert low.problems[0] == "7 of 8 pressures are at the upper end of the range, 2"
-
-
-def test_a_start_lies_within_the_range() -> None:
-    for start in ((0.5,), (9.5,)):
-        with raises(CodingError, "outside_range", start="start", bounds="bounds", low=1.0, high=9.0):
-            decode_observation(observation(), "grid", SearchOptions(start, (1.0, 9.0)))
-    with raises(CodingError, "wrong_count", start="start", numbers=3, expected=8):
-        decode_observation(observation(), "grid", SearchOptions((1.0, 2.0, 3.0), (1.0, 9.0)))
-    assert_allclose(
-        decode_observation(observation(), "grid", SearchOptions((9.0,), (1.0, 9.0))).path[0], np.full(M, 9.0)
-    )
-
-
-@pytest.mark.parametrize("decoder", ["table", "bayes"])
-def test_milliseconds_are_those_of_the_decoder(decoder: DecoderName, monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter((5.0, 5.25))
-    monkeypatch.setattr(task_module, "time", SimpleNamespace(perf_counter=lambda: next(times)))
-    assert decode_observation(two_pressures(), decoder, SearchOptions()).ms == 250.0
 
 
 # --- bayes ---

@@ -57,13 +57,10 @@ def residual_by_definition(finger: Fingertip, pose: ContactPose, state: ContactS
 
 SCENES = [
     ("step:1", -1.63, 0.73),
-    ("step:1", -0.75, 0.4),
     ("step:3", -1.0, 0.6),
-    ("step:5", -1.2, 0.9),
     ("bar:3.0", 0.0, 1.33),
     ("bar:1.5", 0.3, 0.67),
     ("cylinder:3", -0.4, 1.0),
-    ("cylinder:9", 0.0, 0.33),
 ]
 
 
@@ -149,7 +146,7 @@ def sampled_skin(skin: FingertipSurface) -> tuple[Array, Array]:
     return x, np.max([skin.height(x, at) for at in z], axis=0)
 
 
-@pytest.mark.parametrize("shape", ["bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5"])
+@pytest.mark.parametrize("shape", ["bar:1.5", "cylinder:9", "step:1", "step:5"])
 def test_first_touch_is_the_lowest_of_all_points(
     skin: FingertipSurface, sampled_skin: tuple[Array, Array], shape: str
 ) -> None:

@@ -62,15 +62,6 @@ def test_the_place_above_a_point_is_where_it_was_put_from(place: float, depth: f
     assert line.above(x_mm, depth) == pytest.approx(place, abs=1e-5)  # linear in a table of 2001 places
 
 
-def test_beside_the_pulp_nothing_is_above() -> None:
-    line = skin_of(COARSE)
-    low, high = line.below(line.angles(line.reach_mm), 0.7)[:, 0]
-    for x in (low - 0.01, high + 0.01, np.nan):
-        with raises(ModelRangeError, "x_beside_pulp", low_mm=float(low), high_mm=float(high)):
-            line.above(x, 0.7)
-    assert line.above(high - 1e-9, 0.7) == pytest.approx(line.reach_mm[1], abs=1e-3)
-
-
 def test_receptors_in_two_layers_are_refused() -> None:
     with raises(ModelRangeError, "several_layers", depths="0.2 … 0.76"):
         receptor_section(COARSE, np.array([0.0, 1.0]), np.array([0.76, 0.2]))

@@ -1,6 +1,5 @@
 """`from sim import …`: a handful of names, found when first used, with types that hold without plugins."""
 
-import ast
 import subprocess
 import sys
 from collections.abc import Sequence
@@ -21,16 +20,6 @@ def test_every_name_is_there() -> None:
         assert getattr(sim, name) is not None
     with pytest.raises(AttributeError, match="module 'sim' has no attribute 'Fingertop'"):
         sim.__getattr__("Fingertop")
-
-
-def test_what_a_type_checker_sees_is_what_there_is() -> None:
-    tree = ast.parse((ROOT / "sim" / "__init__.py").read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module)[:4] == "sim."]
-    seen = {alias.name: node.module for node in imports for alias in node.names}
-    assert seen == sim._HOME
-    assert sorted([*seen, "__version__"]) == sorted(sim.__all__)
-    for name, home in seen.items():
-        assert getattr(sim, name) is getattr(sys.modules[str(home)], name)
 
 
 def test_the_door_itself_weighs_nothing() -> None:

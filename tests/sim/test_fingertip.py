@@ -73,20 +73,18 @@ def same(value: float) -> Any:
     [
         *(
             ("bar:3", 0.0, {"doi_mm": doi}, "doi_outside", {"doi_mm": same(doi), "deepest_mm": 2.0})
-            for doi in (0.0, -0.5, 2.001, math.nan, math.inf)
+            for doi in (0.0, 2.001, math.nan)
         ),
         ("bar:3", math.nan, {"doi_mm": 0.5}, "x_outside", {"x_mm": same(math.nan)}),
-        ("bar:3", -math.inf, {"doi_mm": 0.5}, "x_outside", {"x_mm": -math.inf}),
         ("bar:3", 0.0, {}, "not_one_target", {}),
         ("bar:3", 0.0, {"doi_mm": 0.5, "force_gwt": 2.0}, "not_one_target", {}),
         *(
             ("bar:3", 0.0, {"force_gwt": force}, "force_not_positive", {"force_gwt": same(force)})
-            for force in (0.0, -1.0, math.nan, math.inf)
+            for force in (0.0, math.nan)
         ),
         ("bar:3", 1.5, {"force_gwt": 500.0}, "at_rim", {"indentor": "bar:3", "at_x_mm": 1.5}),
         ("sphere:1", 0.0, {"force_gwt": 500.0}, "force_out_of_reach", {"force_gwt": 500.0, "deepest_mm": 2.0}),
         ("bar:3", 3.0, {"doi_mm": 2.0}, "at_rim", {"indentor": "bar:3", "at_x_mm": 3.0}),
-        ("cylinder:9", -2.5, {"doi_mm": 2.0}, "at_rim", {"indentor": "cylinder:9", "at_x_mm": -2.5}),
         (
             *("bar:1.5", 5.0, {"doi_mm": 0.2}, "touch_beside_patch"),
             {"indentor": "bar:1.5", "at_x_mm": 5.0, "axis": "x"},

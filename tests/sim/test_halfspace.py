@@ -99,9 +99,6 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
         (HOMOGENEOUS, 1.0),  # one modulus, which needs no fit
         ({**HOMOGENEOUS, "stiffness": 0.5, "epidermis_mm": 0.2}, 0.5),
         ({"e_fat": 0.02}, None),
-        ({"e_dermis": 0.2}, None),
-        ({"epidermis_mm": 0.3}, None),
-        ({"poisson": 0.3}, None),
         ({"bone_fraction": 0.4}, None),
     ],
 )

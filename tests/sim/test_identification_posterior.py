@@ -109,24 +109,6 @@ def test_more_presses_leave_less() -> None:
     assert widths[0] > widths[1] > widths[2]
 
 
-def test_noise_is_told_from_knowledge() -> None:
-    """A cell twenty times as noisy leaves more."""
-    chance = np.random.default_rng(5)
-    truth = PRIOR.draws(1, chance)[0]
-    half = []
-    for noise_gwt in (0.01, 0.2):
-        given = [
-            pressed(FORESEEN, truth, nominal_trajectory(*one, PACE, SHARES), chance, noise_gwt) for one in PRESSES
-        ]
-        learned = learn(FORESEEN, given, nothing_learned(PRIOR, chance, 600), chance)
-        half.append(band(held_gwt(FORESEEN, learned.draws, GOAL, PACE), 0.0).half)
-    assert half[1] > 1.2 * half[0]
-
-
-def test_the_same_seed_learns_the_same() -> None:
-    assert (_identify(3)[2].draws == _identified(3)[2].draws).all()
-
-
 # --- which press comes next ---
 
 
@@ -154,17 +136,6 @@ def test_no_press_is_chosen_where_the_skin_may_not_be_found() -> None:
     assert Chooser(FORESEEN, (PressAt("cylinder:9", 1.2, 0.67),), PACE).choose(known, 1e3, menu).x_mm == 1.2
     aside = Chooser(FORESEEN, (GOAL,), PACE, SkinSearch(0.05, 0.1)).choose(known, 1e3, menu[2:])
     assert aside.x_mm == 1.2
-
-
-def test_a_shape_that_is_felt_sooner_comes_before_one_that_a_soft_finger_may_hide() -> None:
-    """A plate bears more than a ball at the same depth: more of these soft fingers are felt within the search."""
-    known = nothing_learned(PRIOR, np.random.default_rng(1), 800)
-    soft = replace(known, draws=known.draws.copy())
-    soft.draws[:, PRIOR.index("ln_stiffness")] -= 2.0
-    menu = [PressAt(shape, 0.0, 0.3) for shape in ("sphere:4", "flat:3")]
-    goal = PressAt("sphere:4", 0.0, 0.3)
-    assert Chooser(FORESEEN, (goal,), PACE).choose(soft, 1e3, menu) == goal
-    assert Chooser(FORESEEN, (goal,), PACE, SkinSearch(0.5, 0.1)).choose(soft, 1e3, menu).indentor == "flat:3"
 
 
 def test_the_press_that_is_wanted_tells_most_of_itself() -> None:

@@ -57,16 +57,6 @@ def test_skin_is_counted_by_its_length_and_across_by_x(skin: FingertipSurface) -
     assert_allclose(SkinLine(skin, PLANE, "cartesian").places([-3.0, 2.0]), [-3.0, 2.0])
 
 
-def test_the_line_ends_before_the_sides(line: SkinLine) -> None:
-    low, high = line.reach_mm
-    (left, right), _ = line.surface.section(np.array([np.pi - 0.3, 0.3]), PLANE)
-    assert_allclose(line.places([left, right]), [low, high], atol=1e-6)
-    for beside in (low - 0.01, high + 0.01, np.nan):
-        with raises(ModelRangeError, "place_beside_pulp", low_mm=low, high_mm=high):
-            line.angles([0.0, beside])
-    assert len(line.angles([low, high])) == 2
-
-
 def test_axes_along_the_skin_turn_the_tensor_and_keep_its_invariants(skin: FingertipSurface) -> None:
     line = SkinLine(skin, PLANE, "skin")
     angle = line.angles([-2.5, 0.0, 3.0])
@@ -170,14 +160,6 @@ def test_of_a_symmetric_finger_h_and_g_are_even_and_f_is_odd(axes: str) -> None:
     for even in (h, g):
         assert_allclose(even, even[::-1], atol=1e-3 * np.abs(even).max())  # the mesh's nail is not quite even
     assert_allclose(f, -f[::-1], atol=1e-3 * np.abs(f).max())
-
-
-def test_the_spectrum_of_a_wave_is_where_its_period_says() -> None:
-    sampling = Sampling(spacing_mm=0.2, half_length=10)
-    wave = np.cos(2 * np.pi * sampling.place_mm / 1.4)  # three periods of 1.4 mm in 21 samples
-    frequency, amplitude = ImpulseResponses(np.stack([wave] * 3), sampling, Elastic(1.0, 0.3)).spectra()
-    assert frequency[3] == pytest.approx(1 / 1.4)
-    assert_allclose(amplitude, np.eye(11)[3] * 10.5 * np.ones((3, 1)), atol=1e-9)
 
 
 def test_shifting_misses_nothing_in_the_middle_and_more_away_from_it(section: SampledSection) -> None:

@@ -44,7 +44,7 @@ def check(w: Array, q: Array, solution: LcpSolution | None) -> None:
     )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(st.integers(1, 30), st.integers(0, 2**32 - 1), st.floats(0.01, 1.0), st.booleans())
 def test_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -> None:
     rng = np.random.default_rng(seed)
@@ -54,7 +54,7 @@ def test_random_definite_problems(n: int, seed: int, shift: float, warm: bool) -
     check(w, q, solve(w, q, rng.random(n) < 0.5 if warm else q < 0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(st.integers(1, 7), st.integers(0, 2**32 - 1))
 def test_the_solution_is_the_one_of_all_active_sets(n: int, seed: int) -> None:
     # A definite W has exactly one solution: found here by trying all 2ⁿ sets.

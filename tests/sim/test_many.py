@@ -79,17 +79,6 @@ def test_processes_give_the_same_in_the_same_order(coarse: Fingertip, mixed: Ind
     assert len({id(result.model) for result in bars}) == 1  # what they keep of the model is kept once
 
 
-def test_depths_at_a_place_share_the_way_down(coarse: Fingertip, work: dict[str, int]) -> None:
-    for depth in (0.25, 0.27, 0.29):
-        coarse.indent("bar:1", 0.2, doi_mm=depth)
-    alone = work["contacts"]
-    indent_many(coarse, "bar:1", 0.2, doi_mm=[0.25, 0.27, 0.29])
-    together = work["contacts"] - alone
-    assert together < alone
-    indent_many(coarse, "bar:1", 0.2, doi_mm=[0.25, 0.27, 0.29])
-    assert work["contacts"] - alone - together == together  # and nothing is kept from call to call
-
-
 def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = IndentationOutcome(None, "not asked")
     monkeypatch.setattr(many_indentations, "_press", lambda *_: nothing)

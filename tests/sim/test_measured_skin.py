@@ -61,19 +61,12 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
     ("text", "code", "fields"),
     [
         ("", "no_table", {"columns": "a,b"}),
-        ("# a,b\n", "no_table", {"columns": "a,b"}),
         ("a,c\n1,2\n", "column_count", {"line": 1, "count": 0, "column": "b", "columns": "a,b"}),
-        ("#\na,b,b\n1,2,3\n", "column_count", {"line": 2, "count": 2, "column": "b", "columns": "a,b"}),
         ("a,b\n1,2\n1,two\n", "not_a_number", {"line": 3, "column": "b", "cell": "two"}),
-        ("a,b\n1,\n", "not_a_number", {"line": 2, "column": "b", "cell": ""}),
-        ("a,b\n1\n", "row_length", {"line": 2, "cells": 1, "expected": 2, "header_line": 1}),
         # decimal commas
         ("#\na,b\n1,2\n1,5,2,5\n", "row_length", {"line": 4, "cells": 4, "expected": 2, "header_line": 2}),
         ("a,b\n1,2\n\nnan,2\n", "not_a_number", {"line": 4, "column": "a", "cell": "nan"}),
-        ("a,b\n1,inf\n", "not_a_number", {"line": 2, "column": "b", "cell": "inf"}),
         ("#\na,b\n\n", "no_rows", {"line": 2}),
-        ("a|b\n1|2\n", "column_count", {"line": 1, "count": 0, "column": "a", "columns": "a,b"}),
-        ("a,b\n1,2\n1,\0\n", "not_a_number", {"line": 3, "column": "b", "cell": "\0"}),
     ],
 )
 def test_a_bad_table_is_refused_by_file_line_and_column(
@@ -105,15 +98,9 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
         (PUBLISHED[:11], "11 points; must be 12 to 10000"),
         (np.tile(PUBLISHED, (500, 1)), "12000 points; must be 12 to 10000"),
         (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm; the largest span must be 2 to 60 mm"),
-        (PUBLISHED / 10, "the points span 0.445 × 0.286 × 0.744 mm; the largest"),
-        (PUBLISHED * 1000, "the points span 4.44e+03 × 2.86e+03 × 7.44e+03 mm; the largest"),
         (
             PUBLISHED - [0, 0, -3],
             "z spans 7.07 to 14.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED - [0, 0, 5],
-            "z spans -0.93 to 6.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
         ),
         (
             PUBLISHED[:18],
@@ -146,21 +133,15 @@ def test_points_that_cannot_hold_a_pulp_are_refused(points: np.ndarray, expected
             "half_width_mm is 2.0 times height_mm (median); a finger's is at most 1.8 times: check that it is half",
         ),
         (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: z_mm must rise from row to row"),
-        (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: z_mm must rise"),
         (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275 mm; it must be in millimeters"),
         (
             lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]],
             "z_mm spans 0 to 13 mm; it must span 0, the proximal edge, to length_mm",
         ),
         (
-            lambda rows: [[1.0, 3.5, 3.0, 0.0], *rows[1:]],
-            "z_mm spans 1 to 12.75 mm; it must span 0, the proximal edge",
-        ),
-        (
             lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]],
             "half_width_mm = 0 at z_mm = 12.75: must be more than 0 mm",
         ),
-        (lambda rows: [*rows[:4], [12.75, 1.0, -1.0, 0.0]], "height_mm = -1 at z_mm = 12.75: must be more than 0 mm"),
     ],
 )
 def test_sections_that_are_no_finger_are_refused(

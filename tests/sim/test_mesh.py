@@ -189,12 +189,6 @@ def test_a_folded_mesh_is_refused_by_element(
     assert moved in good.hexes[number]
 
 
-def test_layers_that_reach_the_bone_are_refused(skin: FingertipSurface) -> None:
-    config = FingertipConfig(tissue=Tissue(epidermis_mm=0.9, dermis_mm=1.9, bone_fraction=0.5))
-    with raises(MeshError, "no_fat", skin_mm=2.8):
-        build_mesh(config, skin)
-
-
 def test_a_patch_longer_than_the_finger_is_refused(skin: FingertipSurface) -> None:
     config = FingertipConfig(mesh=MeshSpec(patch_z_mm=4.5), receptor_plane_from_tip_mm=4.0)
     with raises(MeshError, "patch_leaves_finger", patch_z_mm=4.5):

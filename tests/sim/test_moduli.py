@@ -86,7 +86,7 @@ def test_any_compliance_stays_positive_definite() -> None:
 # --- what is summed ---
 
 
-@pytest.mark.parametrize("n", [1, 255, 256, 257, 700])
+@pytest.mark.parametrize("n", [1, 256, 257])
 def test_a_packed_matrix_comes_back(n: int, rng: np.random.Generator) -> None:
     matrix = rng.standard_normal((n, n))
     matrix += matrix.T
@@ -126,7 +126,7 @@ def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
     return Fingertip.load(finger, exact=exact, **PLACES.as_options())
 
 
-@pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.64, 0.32), (0.588, 0.25)])
+@pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.588, 0.25)])
 def test_it_is_near_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
     near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
     ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)
@@ -209,13 +209,8 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (asked(*NINE), [True] * 9),
         (asked(*NINE[:8]), [False] * 8),
-        (asked(*NINE[:8], NINE[0]), [False] * 9),  # one of them twice
         (asked(*NINE[:8], (0.1, 0.5)), [False] * 9),  # one beyond the range
-        (asked(*NINE, (0.1, 0.5)), [True] * 9 + [False]),
         (asked(*NINE[:4]) + asked(*NINE[4:], epidermis_mm=0.3), [False] * 9),
-        (asked(*NINE) + asked(NINE[0], epidermis_mm=0.3), [True] * 9 + [False]),
-        ([one._replace(places=ReceptorPlaces()) for one in asked(*NINE[:4])] + asked(*NINE[4:]), [False] * 9),
-        ([], []),
     ],
 )
 def test_nine_of_a_family_are_worth_it(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:

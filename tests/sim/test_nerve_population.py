@@ -1,7 +1,6 @@
 """Afferents drawn over the pad, what a population answers, and the staircase of a stage."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -112,19 +111,6 @@ def test_places_found_together_are_those_found_one_by_one() -> None:
                 found.append(np.full(3, np.nan))
         assert 10 < np.isfinite(together[:, 0]).sum() < 50
         assert_allclose(together, found, atol=1e-9, rtol=0)
-
-
-def test_afferents_with_different_numbers_of_end_organs_share_a_signal(flat: Fingertip) -> None:
-    """An afferent with one is as it is alone: its organ is repeated, and the strongest stays."""
-    many = draw(flat, "2xRA@0", 2)
-    mixed = AfferentPopulation([replace(many[0], organs_mm=((0.0, 0.0),)), many[1]])
-    assert [len(one) for one in mixed.organs] == [1, BUILT_IN["RA"].organs]
-    assert len(set(mixed.organs_of([0, 1])[0].tolist())) == 1
-    stimulus = Stimulus.ramp(0.4, 4.0, 0.3)
-    together = mixed.response(flat, "cylinder:9", stimulus).spikes
-    for k, one in enumerate(mixed):
-        (alone,) = AfferentPopulation([one]).response(flat, "cylinder:9", stimulus).spikes
-        assert np.array_equal(alone, together[k])
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])

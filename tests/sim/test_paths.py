@@ -87,9 +87,6 @@ def test_bearing_at_an_edge_is_flagged_though_nothing_snapped(
     [
         (False, (), 0.0),
         (True, (0.9, 0.95), 0.1),
-        (True, (1.25, 0.75), 0.4),
-        (False, (0.5,), 0.5),
-        (True, (1.0,), 0.0),
     ],
 )
 def test_spread(depends: IndentationResult, snapped: bool, others: tuple[float, ...], spread: float) -> None:

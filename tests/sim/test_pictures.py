@@ -16,9 +16,6 @@ from tests.sim.coarse_mesh import coarse_mesh
 
 SCENES = {
     "bar:3": (0.2, None),
-    "step:1": (-1.63, None),
-    "wedge:60": (0.0, None),
-    "line": (0.0, 7.2),
     "sphere:2": (0.3, 7.2),
 }
 

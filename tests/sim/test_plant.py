@@ -54,15 +54,6 @@ def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriag
     assert plant.contact_solves == 0
 
 
-def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -> None:
-    """A stage homes far from the finger, farther than the model knows a skin."""
-    plant = plant_of(finger, carriage)
-    for x, z in ((-1.0, -1.0), (-1.0, -30.0), (-59.0, -39.0)):
-        carriage.command(x, z)
-        assert plant.pose_at(0.0).doi_mm == float("-inf")
-        assert plant.force_n(0.0) == 0.0
-
-
 @pytest.mark.parametrize("along_mm", [-6.9, 5.9])
 def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_mm: float) -> None:
     # The receptor plane is 6.893 mm from one end and 5.857 mm from the other.

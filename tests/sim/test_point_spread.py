@@ -111,28 +111,6 @@ def test_beside_the_pulp_there_is_no_skin(loaded: LoadedFinger) -> None:
         loaded.foot_mm(PointLoad(5.0, 6.9))
 
 
-def test_a_load_is_where_it_is_said_or_at_the_nearest_node(loaded: LoadedFinger) -> None:
-    place, node = loaded.foot_mm(PointLoad(0.1, 6.8)), loaded.foot_mm(PointLoad(0.1, 6.8, at_node=True))
-    assert (place[0], place[2]) == (pytest.approx(0.1), 6.8)
-    skin = loaded.interior.mesh.nodes.reshape(*loaded.interior.mesh.grid, 3)[:, :, 0].reshape(-1, 3)
-    away = np.linalg.norm(skin - place, axis=1)
-    assert_allclose(node, skin[away.argmin()])
-    assert away.min() > 0.05
-
-
-@pytest.mark.parametrize("at_node", [False, True])
-def test_the_nodes_around_a_place_take_all_of_a_force(loaded: LoadedFinger, at_node: bool) -> None:
-    load = PointLoad(0.6, 6.8, at_node=at_node)
-    nodes = loaded.interior.mesh.nodes
-    for direction, towards in (("normal", -loaded.normals(loaded.foot_mm(load))), ("vertical", [0.0, -1.0, 0.0])):
-        force = loaded._under(load._replace(direction=direction))  # type: ignore[arg-type]
-        assert_allclose(force.sum(axis=0), towards, atol=1e-12)
-        there = np.linalg.norm(force, axis=1)
-        assert (there > 1e-9).sum() == (1 if at_node else 4)
-        centre = there @ nodes / there.sum()
-        assert_allclose(centre[[0, 2]], loaded.foot_mm(load)[[0, 2]], atol=0.02)  # between nodes the skin is curved
-
-
 def test_loads_are_reciprocal(loaded: LoadedFinger) -> None:
     a, b = PointLoad(0.6, 6.8), PointLoad(-1.0, 8.0, "vertical")
     moved = loaded.moved([a, b])

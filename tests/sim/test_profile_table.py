@@ -79,15 +79,6 @@ def test_the_entry_that_explains_readings_is_found_with_its_size(monkeypatch: py
     assert_allclose(found.sd, 0.1 * found.mean)
 
 
-def test_a_readings_own_variance_counts(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "ENOUGH", 1.0)
-    said, deaf = np.array([3.0, 1, 0, 4, 4]), np.array([1e-4, 1e-4, 1e-4, 1e6, 1e6])
-    found, _ = _table(*THREE).weighed(said, deaf, 5.0)
-    assert found.moments()[0].argmax() == 1
-    found, _ = _table(*THREE).weighed(np.array([9.0, 9, 1, 4, 4]), deaf[::-1], 5.0)
-    assert found.moments()[0].argmax() == 2
-
-
 def test_where_too_few_entries_explain_readings_their_likelihood_is_weakened(monkeypatch: pytest.MonkeyPatch) -> None:
     said, size = 400 * np.array(THREE[1]), 400 * float(np.linalg.norm(THREE[1]))
     loud = _table(*THREE).weighed(said, np.full(5, 1e9), size)

@@ -58,7 +58,7 @@ def test_what_cannot_be_kept_is_compiled_all_the_same(modules: Path, monkeypatch
     assert vars(made)["_cache"].cache_path is None  # numba would have taken a folder of its own choice
 
 
-@pytest.mark.parametrize("changed", LOOPS)
+@pytest.mark.parametrize("changed", LOOPS[::4])
 def test_a_change_of_any_module_begins_anew(modules: Path, changed: str) -> None:
     before = compiling._folder()
     compiling._folder.cache_clear()

@@ -12,7 +12,6 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,
     DEFAULT_X_MM,
-    ReceptorError,
     ReceptorSet,
     blended,
     located,
@@ -20,7 +19,6 @@ from sim.measures.receptors import (
     strain_operator,
 )
 from sim.models.fingertip import Fingertip
-from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893
@@ -52,11 +50,6 @@ def test_ten_receptors_760_micrometres_deep(skin: FingertipSurface, placed: Rece
         found = minimize(squared, start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-16})
         assert np.sqrt(found.fun) == pytest.approx(0.76, abs=1e-7)
         assert point[1] < skin.height(point[0], PLANE_MM)
-
-
-def test_a_receptor_beside_the_finger_is_refused(skin: FingertipSurface) -> None:
-    with raises(ReceptorError, "nowhere", x_mm=9.0, depth_mm=0.76):
-        place_receptors(skin, np.array([9.0]), 0.76, PLANE_MM)
 
 
 def test_receptors_lie_in_the_dermis(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
@@ -142,11 +135,6 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
     zero = 0 * px
     exact = np.stack([0.01 * py, 0.02 * (py - 4), 0.01 * (py - 4), 0.01 * px, 0.01 * (pz - 7), zero], axis=1)
     np.testing.assert_allclose(strain, exact, rtol=0, atol=0.01 * np.abs(exact).max())
-
-
-def test_a_receptor_at_an_end_of_the_finger_is_refused(default_mesh: FingerMesh) -> None:
-    with raises(ReceptorError, "outside_finger", z_mm=0.01):
-        strain_operator(default_mesh, np.array([[0.0, 1.5, 0.01]]))
 
 
 def test_measures_take_the_layer_of_each_receptor(finger: Fingertip) -> None:

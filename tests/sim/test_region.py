@@ -102,21 +102,6 @@ def test_a_survey_holds_for_other_heights(profile: Bar | SinusoidalStep, lower_m
     assert len(anew.between) or not lower_mm
 
 
-def test_a_survey_finds_what_lies_within_the_indentor() -> None:
-    patch = make_patch((X, Y))
-    pose = ContactPose(parse_shape("bar:0.4"), (0.4,), -0.01, 0.1)
-    found, depth = Survey.of(pose, patch, np.zeros((2, len(patch))), between=True).penetrated
-    p = shares(found, patch)
-    gap = pose.gap((p @ patch.x)[None], p @ patch.y)
-    assert len(found.nodes)
-    assert len(found.between)
-    assert (gap.height_mm < 0).all()
-    np.testing.assert_allclose(depth, -gap.height_mm / np.sqrt(1 + gap.slope[0] ** 2), rtol=1e-12)
-    nodes_only, _ = Survey.of(pose, patch, np.zeros((2, len(patch))), between=False).penetrated
-    assert np.array_equal(nodes_only.nodes, found.nodes)
-    assert not len(nodes_only.between)
-
-
 # --- on the finger ---
 
 

@@ -29,8 +29,8 @@ from sim.models.result import IndentationResult, PointLoadResult, median_of_four
 
 Result = IndentationResult | PointLoadResult
 LARGEST_BYTES = 100_000
-ROUND_SHAPES = ("sphere:2", "flat:1")
-SHAPES = ("bar:3", "cylinder:9", "step:1", "grating:0.5,1", "wedge:60", "profile", "line", *ROUND_SHAPES, "point")
+ROUND_SHAPES = ("sphere:2",)
+SHAPES = ("bar:3", "grating:0.5,1", "profile", "line", *ROUND_SHAPES, "point")
 
 
 @pytest.fixture(scope="session", params=SHAPES)
@@ -235,30 +235,6 @@ def test_profiles() -> None:
     assert down == pytest.approx(0.01 * np.array([_node(0.0, row) for row in range(3)]))
 
 
-def test_places_that_touch() -> None:
-    here, moved = _by_hand(FEW).touching_mm
-    assert here.tolist() == [-0.5, 0.25, 0.75]  # of the receptor plane
-    assert moved == pytest.approx(here + 0.001 * np.array([_node(x) for x in here]))
-
-
-def test_places_between_nodes_that_touch() -> None:
-    """The first of three between two neighbours, a quarter of the way; the third between others; one beside."""
-    result = _by_hand(FEW)
-    segments = result.model.patch.segments
-    first, last = (int(np.flatnonzero((segments == pair).all(axis=1))[0]) for pair in ([6, 7], [9, 10]))
-    points = ContactPoints(np.array([_node(-1.0)]), np.array([0, 3 * first, 3 * last + 2]))
-    state = replace(result.state, points=points, multiplier=np.array([0.1, 0.1, 0.1, 0.1]))
-    here, moved = replace(result, state=state).touching_mm
-    x6, x7, x9, x10 = (SIDE[::-1][node - 6] for node in (6, 7, 9, 10))
-    expected = np.array([x6 + 0.25 * (x7 - x6), x9 + 0.75 * (x10 - x9), -1.0])
-    at_node = np.array([6.25, 9.75, _node(-1.0)])
-    order = np.argsort(expected)
-    assert here == pytest.approx(expected[order])
-    assert moved == pytest.approx((expected + 0.001 * at_node)[order])
-    none = replace(state, multiplier=np.array([0.0, 0.0, 0.1, 0.0]))
-    assert replace(result, state=none).touching_mm[0] == pytest.approx([expected[0]])
-
-
 @pytest.mark.parametrize(
     ("touching", "regions"),
     [
@@ -289,24 +265,6 @@ def test_regions_open_between_nodes_under_a_smooth_shape() -> None:
     ((low, high),) = _opening({-1.0: 0.16**1.5, -0.5: 0.04**1.5, 0.75: 0.04**1.5, 1.5: 0.16**1.5})
     assert high == pytest.approx(0.75 - 0.75 * 0.04 / 0.12)
     assert low == pytest.approx(-0.5 + 0.5 * 0.04 / 0.12)
-
-
-@pytest.mark.parametrize("far", [0.04, 0.03])
-def test_a_gap_that_does_not_open_ends_at_the_last_place(far: float) -> None:
-    ((_, high),) = _opening({0.75: 0.04**1.5, 1.5: far**1.5})
-    assert high == 0.25
-
-
-def test_receptors() -> None:
-    result = _by_hand(FEW)
-    assert result.receptor_strain.tolist() == (1e-3 * np.arange(12.0).reshape(2, 6)).tolist()
-    measures = result.receptor_measures
-    assert measures["e22"] == pytest.approx([1e-3, 7e-3])
-    mu, volume = 1e3 / 2.96, np.array([3e-3, 21e-3])  # of E = 1000 and ten times that
-    s11 = 2 * mu * np.array([0.0, 6e-3]) + 2 * mu * 0.48 / 0.04 * volume
-    assert measures["s11"] == pytest.approx(s11 * [1, 10])
-    assert result.as_json()["receptors"]["x_mm"] == [-0.5, 0.5]
-    assert result.as_json()["receptors"]["s11"] == measures["s11"].tolist()
 
 
 def test_the_sources_filter() -> None:

@@ -5,12 +5,11 @@ import pytest
 from numpy.testing import assert_allclose
 
 from sim.benchmark import nested
-from sim.config import Contact, FingertipConfig
+from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
-from sim.models.pressing import RimError
 from sim.models.section import prismatic
 from tests.error_codes import raises
 
@@ -56,9 +55,3 @@ def test_it_converges_with_the_mesh() -> None:
 def test_round_shapes_are_refused(section: Fingertip) -> None:
     with raises(ModelRangeError, "not_prismatic"):
         section.indent("sphere:5", 0.0, doi_mm=0.2)
-
-
-def test_its_contact_may_not_leave_its_patch() -> None:
-    narrow = load("section", FingertipConfig(mesh=nested(2, patch_x_mm=0.6), contact=Contact(patch_gb=0)))
-    with raises(RimError, "at_rim"):
-        narrow.indent("cylinder:9", 0.0, doi_mm=0.8)

@@ -41,11 +41,11 @@ class Said:
 @pytest.mark.parametrize(
     "profile",
     [
-        *(Bar(width, radius) for width in (0.2, 1.5, 20.0) for radius in (0.001, 0.01, 0.05, 0.1)),
-        *(Cylinder(d) for d in (0.5, 0.99, 1.0, 1.01, 9.0, 50.0)),
+        *(Bar(width, radius) for width in (0.2, 20.0) for radius in (0.001, 0.1)),
+        *(Cylinder(d) for d in (0.5, 0.99, 1.01, 50.0)),
         *(SinusoidalStep(n) for n in "135"),
-        *(Wedge(angle) for angle in (5.0, 30.0, 60.0, 85.0, 89.0)),
-        *(Wedge(angle, 1.0) for angle in (30.0, 60.0)),
+        *(Wedge(angle) for angle in (5.0, 60.0, 89.0)),
+        *(Wedge(angle, 1.0) for angle in (60.0,)),
         *(Grating(*sizes) for sizes in ((0.5, 1.2), (0.15, 0.2), (10.0, 20.0))),
         Grating(1.0, 3.0, 0.2),
     ],

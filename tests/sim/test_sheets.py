@@ -5,9 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
-from sim.coding.bayes import ModelError
 from sim.coding.decoder_results import DecodingError, decoding_errors
-from sim.coding.encoding import Receptor, noise_sd
+from sim.coding.encoding import noise_sd
 from sim.coding.operators import at_receptors, centred
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import sed_of
@@ -22,7 +21,7 @@ from sim.coding.sheet import (
     sheet_operator,
 )
 from sim.config import FingertipConfig
-from sim.contact.patch import X, Y, Z
+from sim.contact.patch import X, Z
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -117,21 +116,6 @@ def test_pressures_are_straight_between_places_and_none_beside_them() -> None:
     assert_allclose(share, [[0, 0.375, 0.375], [0, 0.125, 0.125]])
 
 
-def test_what_is_straight_between_places_is_found_again_and_nothing_falls_below_zero() -> None:
-    rng = np.random.default_rng(2)
-    at = np.stack([rng.uniform(-1.8, 1.8, 400), np.zeros(400), PLANE + rng.uniform(-1.8, 1.8, 400)], axis=1)
-    at[1:170, [X, Z]] = GRID.place_mm
-    true = rng.uniform(0, 10, 169)
-    share = GRID.shares(at[:, X], at[:, Z])
-    assert_allclose(GRID.nearest(at, rng.uniform(0.5, 2, 400), share @ true), true, atol=1e-6)
-    assert_allclose(GRID.nearest(at, np.ones(400), -(share @ true)), 0.0, atol=1e-9)
-    with_one_off = share @ true
-    with_one_off[0] += 100.0
-    for area in (1e-6, 1.0):  # what stands on no area counts for nothing
-        areas = np.where(np.arange(400) == 0, area, 1.0)
-        assert np.allclose(GRID.nearest(at, areas, with_one_off), true, atol=1e-2) == (area < 1)
-
-
 # --- the operator ---
 
 
@@ -142,22 +126,6 @@ def test_pressures_that_lean_as_the_skin_does_give_a_presss_sed(
     assert missed(operator.sed(true), sed) < 0.03
     upright = operator.leaning(np.zeros(169))
     assert missed(upright.sed(true), sed) > 0.06
-
-
-def test_leans_are_those_of_the_forces(felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
-    force, patch = forces(sphere), sphere.model.patch
-    across, outward, along = felt.frames(patch.x, patch.position_mm[:, Z])
-    strong = np.linalg.norm(force, axis=0) > 0.6 * np.linalg.norm(force, axis=0).max()
-    lean = operator.skin.lean(borne(felt, sphere))
-    share = GRID.shares(patch.x, patch.position_mm[:, Z])
-    for k, axis in enumerate((across, along)):
-        true = (force * axis).sum(axis=0)[strong] / -(force * outward).sum(axis=0)[strong]
-        assert np.abs(true).max() > 0.2
-        assert_allclose((share @ lean[k])[strong], true, atol=0.1)
-    steep = SkinOver(
-        GRID, operator.skin.at_rest_mm * [[1], [9], [1]], 0 * operator.skin.moved_mm, operator.skin.frames
-    )
-    assert np.abs(steep.lean(np.zeros(169))).max() == 1.0
 
 
 def test_the_skin_lies_on_the_sphere(felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult) -> None:
@@ -177,21 +145,6 @@ def test_slopes_and_gradients_are_those_of_its_sed(operator: SheetOperator) -> N
     weight = rng.normal(size=81)
     assert_allclose(operator.pulled_back(pressure, weight), weight @ operator.slope(pressure))
     assert_allclose(operator.sed(pressure), held.sed(pressure))
-
-
-def test_softer_tissue_feels_less_energy_under_the_same_strain(felt: PressedSkin, operator: SheetOperator) -> None:
-    """Receptors lie in the dermis, a tenth as stiff as the epidermis that pressures are told by."""
-    assert_allclose(felt.model.columns.young_ratio, 0.1)
-    one = np.zeros((len(felt.nodes_mm), 1))
-    one[100] = 1.0
-    down = np.zeros((3, len(one)))
-    down[Y] = -1.0
-    parts = felt.parts(down, one, "finite")
-    force = np.zeros((3, len(one)))
-    force[2, 100] = -felt.model.patch.area_mm2[100] / 1e4  # axes are x, z, y
-    strain = felt.model.strain(force)
-    expected = measures_from_strain(strain, Elastic(1e3, 0.48))["sed"]
-    assert_allclose((parts[..., 0] ** 2).sum(axis=0), expected)
 
 
 # --- the decoder ---
@@ -217,25 +170,6 @@ def test_a_sphere_is_read_back(
     assert felt_as.name == "sphere"
     assert felt_as.size_mm == pytest.approx(4.0, rel=0.25)
     assert_allclose(felt_as.extent_mm, extent_mm(operator.skin, true), atol=0.25)
-
-
-def test_silent_receptors_and_known_model_errors(
-    felt: PressedSkin, operator: SheetOperator, sphere: IndentationResult
-) -> None:
-    true, sed = borne(felt, sphere), sphere.receptor_measures["sed"]
-    receptor = Receptor(2.0, 0.1 * float(sed.max()))
-    sd = noise_sd(sed, 30.0)
-    rate = receptor.rate(sed + sd * np.random.default_rng(1).normal(size=81))
-    assert (rate == 0).sum() > 20
-    readings = Readings.of_rates(rate, receptor, sd)
-    found = decode_sheet(operator, readings, GRID.shape)
-    assert decoding_errors(true, found.pressure).relative_l2 < 0.4
-    sure, unsure = (decode_sheet(operator, readings, GRID.shape, ModelError(share)) for share in (0.001, 0.2))
-    assert np.median(sure.sd) < np.median(found.sd) < np.median(unsure.sd)
-    assert sure.misfit < found.misfit < unsure.misfit
-    heard = rate > 0
-    left = (operator.sed(found.pressure) - readings.sed)[heard] / sd
-    assert found.misfit == pytest.approx(float(left @ left))
 
 
 def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
@@ -278,22 +212,3 @@ def test_flat_skin_is_a_bar_and_a_flank_a_step() -> None:
     step = classify_solid(lying_on(0.25 * (1 - np.cos(np.pi * s))), DISC)
     assert step.name == "step"
     assert step.size_mm == pytest.approx(1.3, rel=0.2)
-
-
-def test_hollow_skin_and_skin_too_wide_are_not_round() -> None:
-    hollow = classify_solid(lying_on(-0.2 * ((XX - 0.3) ** 2 + (ZZ - PLANE) ** 2)), DISC)
-    assert hollow.cost["sphere"] == hollow.cost["cylinder"] == np.inf
-    wide = classify_solid(lying_on((XX - 0.3) ** 2 / 21.0), DISC)
-    assert wide.cost["cylinder"] == np.inf
-    few = np.zeros(169)
-    few[[80, 81]] = 1.0
-    assert classify_solid(lying_on((XX - 0.3) ** 2), few).cost["sphere"] == np.inf
-
-
-def test_costs_are_squares_over_20_micrometres_and_the_log_of_places_for_each_number() -> None:
-    found = classify_solid(lying_on(0.01 * XX, 0.0), DISC)
-    inside = contact(lying_on(XX), DISC)
-    x = XX.ravel()[inside]
-    assert found.cost["bar"] == pytest.approx(1e-4 * ((x - x.mean()) ** 2).sum() / 0.02**2 + np.log(len(x)))
-    flat = classify_solid(lying_on(np.zeros((13, 13)), 0.0), DISC)
-    assert flat.cost["step"] == pytest.approx(3 * np.log(len(x)))

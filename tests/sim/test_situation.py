@@ -8,8 +8,8 @@ from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
-from sim.measures.receptors import NOWHERE, ReceptorPlaces, ReceptorSet
-from sim.models.catalogue import MODELS, load
+from sim.measures.receptors import NOWHERE, ReceptorSet
+from sim.models.catalogue import load
 from sim.models.finger_3d import build_finger
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
@@ -33,13 +33,6 @@ def test_reach_is_how_far_the_indentor_lies_below_the_skin_and_a_margin() -> Non
     # A sphere of 5 mm on a pad of some 3.6 × 3.4 mm: √(2 · 0.2 / (1/5 + 1/R)) is 0.92 mm across and 0.90 mm along.
     assert shallow.reach_mm == pytest.approx((0.9 * 0.92 + 0.3, 0.9 * 0.90 + 0.5), abs=0.25)
     assert situation("sphere:5", 1e-6).reach_mm == (0.0, 0.0)
-
-
-def test_place_is_where_the_skin_is_first_touched() -> None:
-    assert situation("bar:3.0", 0.3).place_mm < 0.3  # the apex is at x = −0.14
-    assert situation("cylinder:3", 0.3, 1.5).place_mm == pytest.approx(1.05, abs=0.3)
-    off = situation("sphere:5", 0.3, 0.8, 6.893 + 0.8)
-    assert off.place_mm == pytest.approx(np.hypot(0.8, 0.8) * 3.5 / 8.5, abs=0.15)
 
 
 def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
@@ -82,16 +75,3 @@ def test_a_finger_without_receptors_presses_the_same() -> None:
     assert len(other.receptor_measures["sed"]) == 0 != len(one.receptor_measures["sed"])
     assert other.as_json()["receptors"]["sed"] == []
     assert len(other.receptor_table()["ep1"]) == 0
-
-
-@pytest.mark.parametrize("model", ["halfspace", "section"])
-def test_simple_models_without_receptors_press_the_same(model: str) -> None:
-    assert model in ("halfspace", "section")
-    config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
-    name = next(name for name in MODELS if name == model)
-    one, other = (
-        load(name, config, **places.as_options()).indent("bar:3.0", doi_mm=0.3)
-        for places in (ReceptorPlaces((0.0,)), NOWHERE)
-    )
-    assert one.force_n == pytest.approx(other.force_n, rel=1e-12)
-    assert other.receptor_strain.shape == (0, 6)

@@ -19,7 +19,6 @@ from sim.benchmark import (
     from_levels,
     measure,
     nested,
-    reference_s,
     rows,
     stored,
 )
@@ -144,7 +143,3 @@ def test_the_nail_is_held_at_the_same_place_on_every_nested_mesh(skin: Fingertip
         assert mesh.z_mm[1:][rows_held].min() == pytest.approx(5.0, abs=1e-5)
         turned = np.degrees((mesh.phi[columns] + 1.5 * np.pi) % (2 * np.pi) - np.pi)
         assert (turned.min(), turned.max()) == pytest.approx((-70.0, 70.0), abs=1e-6)
-
-
-def test_the_unit_of_time_is__of_a_solution_that_is_right() -> None:
-    assert reference_s() > 0  # or an ArithmeticError

@@ -19,7 +19,6 @@ from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.result import IndentationResult
 from sim.models.stiffening import (
-    ENERGY,
     FORCE,
     LINEAR_TISSUE,
     ROOFS,
@@ -29,7 +28,6 @@ from sim.models.stiffening import (
     Overlap,
     ReceptorPress,
     Squeezed,
-    Stiffened,
     Under,
     force_factor,
     log_energy,
@@ -48,7 +46,6 @@ from tests.sim.coarse_mesh import coarse_mesh
 MESH = coarse_mesh(0.4, 0.4, patch_x_mm=2.5, patch_z_mm=2.5, round_patch_mm=2.5)
 HUMAN = Path(__file__).parents[2] / "examples" / "human_finger" / "finger.toml"
 PRESS = DimensionlessPress(0.25, 1.21, 4.0, 0.5, 0.2, 2.25)
-FELT = ReceptorPress(np.array([0.25, 0.1]), np.array([1.0, 0.3]), np.array([0.1, 0.02]))
 
 
 def config(stiffening: float = 0.0) -> FingertipConfig:
@@ -93,15 +90,6 @@ def test_each_number_of_the_energy_counts_where_it_should() -> None:
     assert_allclose(numbers.strained(PRESS, felt), [strain, 0.0], atol=1e-15)
     stiffer = np.sqrt([1 + 0.6 * strain, 1.0])
     assert_allclose(np.exp(log_energy(numbers, 0.6, PRESS, felt)), np.array(expected) / felt.linear * stiffer)
-
-
-def test_factors_are_made_with_the_numbers_that_were_fitted() -> None:
-    """Energy is stress times strain; without stiffening both have its root."""
-    assert force_factor(0.6, PRESS) == pytest.approx(np.exp(log_force(FORCE, 0.6, PRESS)))
-    strain, stress = strain_and_stress(0.6, PRESS, FELT)
-    assert_allclose(strain * stress, np.exp(log_energy(ENERGY, 0.6, PRESS, FELT)))
-    assert_allclose(strain**2, np.exp(log_energy(ENERGY, 0.0, PRESS, FELT)))
-    assert (stress > strain).all()
 
 
 def test_force_grows_with_stiffening_and_a_shallow_press_is_linear() -> None:
@@ -177,17 +165,6 @@ def test_what_lies_under_an_edge_feels_half_of_it(skin: FingertipSurface, x_mm: 
     found = squeezed(bar, (0.0,), touch, np.array([[x_mm, y - 0.75, z]]), skin, Tissue().bone_fraction)
     whole = (1.0 - (touch.height_mm - y)) / found.thickness_mm[0]
     assert found.strain(1.0)[0] == pytest.approx(under * whole, abs=0.05 * whole)
-
-
-def test_under_a_ball_it_is_felt_both_ways(skin: FingertipSurface) -> None:
-    """The mean of x² under a triangle of half-width h is h² / 6: a paraboloid lies h² / 6 R higher over a square."""
-    ball, z = parse_shape("sphere:6"), skin.apex.position_mm[2]
-    touch = first_touch(ball, (0.0, z), skin)
-    y = float(skin.section(skin.angle_at(0.0, z), z)[1])
-    found = squeezed(ball, (0.0, z), touch, np.array([[0.0, y - 0.6, z]]), skin, Tissue().bone_fraction)
-    radius_mm = 0.1**2 / 2 / float(ball.evaluate(np.array([[0.1], [0.0]])).height_mm[0])
-    raised = float(found.gap_mm[0] @ found.weight) - (touch.height_mm - y)
-    assert raised == pytest.approx(0.6**2 / 6 / radius_mm, rel=0.05)
 
 
 def test_a_press_counts_from_first_touch_in_the_tissues_thickness(skin: FingertipSurface) -> None:
@@ -347,15 +324,6 @@ def test_the_human_sized_finger_is_pressed_to_three() -> None:
 class _Bare:
     def __init__(self, told: FingertipConfig, surface: FingertipSurface) -> None:
         self.config, self.surface = told, surface
-
-
-def test_a_receptor_is_as_soft_as_its_layer_beside_all_below_the_epidermis() -> None:
-    """And what it has of energy counts in its own shear modulus: 2 SED / μ, small strain's Ī₁ − 3."""
-    strained = Stiffened(0.4, PRESS, np.array([0.2, 0.1]), 0.06, 1.2)
-    felt = strained.at_receptors(np.array([30.0, 30.0]), np.array([0.2, 1.0]), 0.48)
-    assert_allclose(felt.soft, [0.3, 0.06])
-    assert_allclose(felt.linear, 2 * 30.0 / (1e4 * np.array([0.2, 1.0]) / (2 * 1.48)))
-    assert felt.squeeze is strained.squeeze
 
 
 # --- and relaxes ---

@@ -114,21 +114,3 @@ def test_sir_repeats_every_sample_until_at() -> None:
     assert [b - a for a, b in pairwise(grams[1:])] == pytest.approx([0.5] * (len(grams) - 2))
     assert host.say(b"@\r\n", 0.2).endswith(b'I4 A "0123456789"\r\n')
     assert host.say(b"", 1.0) == b""
-
-
-def test_it_says_what_it_is_and_what_it_can(host: Host) -> None:
-    """MT-SICS manual, level 0: I0 lists commands with their level, I1 levels and versions, I2 type, I3 software."""
-    assert host.say(b"I1\r\n", 0.2) == b'I1 A "01" "2.30" "2.20" "" ""\r\n'
-    assert host.say(b"I2\r\n", 0.2) == b'I2 A "virtual-balance 200.00 g"\r\n'
-    assert host.say(b"I3\r\n", 0.2) == b'I3 A "1.00"\r\n'
-    assert host.say(b"I4\r\n", 0.2) == b'I4 A "0123456789"\r\n'
-    lines = host.say(b"I0\r\n", 1.0).decode().splitlines()
-    assert lines[0] == 'I0 B 0 "@"'
-    assert [line[3] for line in lines] == ["B"] * (len(lines) - 1) + ["A"]
-    listed = {line.split('"')[1]: int(line[5]) for line in lines}
-    assert listed == {
-        "@": 0, "I0": 0, "I1": 0, "I2": 0, "I3": 0, "I4": 0, "S": 0, "SI": 0, "SIR": 0, "Z": 0, "ZI": 0,
-        "T": 1, "TA": 1, "TAC": 1, "TI": 1,
-    }  # fmt: skip
-    for command in listed:
-        assert host.say(command.encode() + b"\r\n", 5.0) not in (b"", b"ES\r\n"), command
