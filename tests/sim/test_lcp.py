@@ -3,7 +3,6 @@
 import itertools
 
 import numpy as np
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
@@ -114,11 +113,3 @@ def test_more_points_than_the_skin_has_freedoms() -> None:
 def test_a_matrix_that_is_not_definite_has_no_answer() -> None:
     w = np.array([[1.0, 2.0], [2.0, 1.0]])
     assert solve(w, np.array([-1.0, -1.0]), np.array([True, True])) is None
-
-
-@pytest.mark.parametrize("start", list(itertools.product([False, True], repeat=3)))
-def test_murty_example_from_every_start(start: tuple[bool, ...]) -> None:
-    # The triangle of ones and twos on which Murty (1978) makes pivoting exponential, here squared to be definite.
-    m = np.array([[1.0, 0, 0], [2, 1, 0], [2, 2, 1]])
-    w, q = m @ m.T, np.array([-1.0, -1.0, -1.0])
-    check(w, q, solve(w, q, np.array(start)))

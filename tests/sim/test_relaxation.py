@@ -44,13 +44,6 @@ class Stress:
 # --- the series ---
 
 
-def test_g_is_as_written_out_for_any_shape() -> None:
-    t_s = np.array([[0.0, 0.1], [2.0, 300.0]])
-    assert SERIES.relaxed(t_s) == pytest.approx(np.vectorize(relaxed)(t_s), rel=1e-14)
-    assert SERIES.relaxed(0.0) == 1.0
-    assert SERIES.lasting == pytest.approx(0.55, rel=1e-15)
-
-
 @pytest.mark.parametrize("step_s", [0.001, 0.05, 0.7])
 def test_a_sudden_strain_relaxes_as_g(step_s: float) -> None:
     """Exact at any step: nothing moves after the first instant."""
@@ -249,11 +242,3 @@ def test_the_past_counts_whether_or_not_anybody_asked() -> None:
     assert asked == legs_after([])
     assert [t_s for t_s, _ in asked] == pytest.approx([0.05 * k for k in range(1, 121)])
     assert {step_s for _, step_s in asked} == {0.05}
-
-
-def test_between_samples_the_last_one_stands_and_before_the_first_nothing() -> None:
-    clock = VirtualClock()
-    force = recorded(clock, [])
-    clock.wait_s(1.0)
-    assert force.force_n(0.51) == force.force_n(0.5) == pytest.approx(5.0)
-    assert force.force_n(-1.0) == 0.0
