@@ -195,13 +195,6 @@ def test_fields_have_the_shape_of_the_points(small: Fingertip, results: list[Ind
     assert one.measures["sed"].shape == ()
 
 
-def test_a_press_that_was_read_back(small: Fingertip, results: list[IndentationResult]) -> None:
-    back = pickle.loads(pickle.dumps(results[0]))
-    points = small.points_below([0.0, 1.0], 0.5)
-    here, there = (small.fields(result, points).strain for result in (results[0], back))
-    np.testing.assert_allclose(here, there, rtol=0, atol=1e-15)
-
-
 # --- what there is ---
 
 

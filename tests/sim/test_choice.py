@@ -84,13 +84,6 @@ def test_on_another_finger_only_levels_of_the_finger_are_promised_and_it_is_said
     assert choose("cylinder:9", doi_mm=0.2, aim=section, config=OTHERS[name]).model == "finger"
 
 
-@pytest.mark.parametrize("finger", [None, FingertipConfig(tissue=Tissue(stiffness=2.0))])
-def test_stiffness_scales_all_models_alike(finger: FingertipConfig | None) -> None:
-    found = choose("sphere:8", doi_mm=0.05, aim=Aim(tolerance=0.3), config=finger)
-    assert found.model == "halfspace"
-    assert "not measured" not in found.why
-
-
 @pytest.mark.parametrize(
     ("tolerance", "rung"),
     [
@@ -156,12 +149,6 @@ def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
 def test_where_nothing_was_measured_nothing_is_promised(scene: Situation) -> None:
     with raises(NoModelError, "not_measured", shape="bar:3"):
         chosen(0.5, scene=scene)
-
-
-def test_where_none_holds_the_best_is_named() -> None:
-    best = {"model": "finger", "level": "fine", "expected_percent": 0.6}
-    with raises(NoModelError, "no_model", aim="0.1 % of force, sed", shape="bar:3", **best):
-        chosen(0.001, "force", "sed")
 
 
 def test_what_is_chosen_is_loaded_with_its_outputs() -> None:

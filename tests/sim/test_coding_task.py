@@ -76,11 +76,6 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
             assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
 
 
-def test_nothing_above_its_noise_is_refused() -> None:
-    with raises(CodingError, "all_noise"):
-        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
-
-
 # --- noise ---
 
 SAID = Encoded(SED, 2.0 * SED, 0.25, 0.01)

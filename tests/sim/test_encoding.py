@@ -74,25 +74,6 @@ def test_influence_gives_what_the_press_gives(section: SampledSection, shape: st
     assert_allclose(operator.receptor_mm, section.sampling.place_mm)
 
 
-def test_what_is_borne_is_the_presss_pressure_and_force(section: SampledSection) -> None:
-    found = section.finger.indent("cylinder:3", 0.3, doi_mm=0.5)
-    borne = contact_pressure(section, found)
-    patch, force = section.finger.model.patch, found.state.force
-    assert (np.diff(borne.place_mm) > 0).all()
-    assert_allclose(np.hypot(borne.normal, borne.lateral), (1e4 * np.hypot(*force) / patch.area_mm2)[::-1])
-    angle = section.line.angles(borne.place_mm)
-    normal = section.line.normals(angle)
-    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    vector = borne.lateral[:, None] * tangent - borne.normal[:, None] * normal
-    assert_allclose((vector * borne.width_mm[:, None]).sum(axis=0), 1e4 * force.sum(axis=1), rtol=1e-9, atol=1e-9)
-    assert borne.lateral_share == pytest.approx(
-        (np.abs(borne.lateral) * borne.width_mm).sum() / (borne.normal * borne.width_mm).sum()
-    )
-    assert_allclose(borne.stacked, [*borne.normal, *borne.lateral])
-    between = borne.place_mm[:2].mean()
-    assert_allclose(borne.at(np.array([borne.place_mm[0], between])), [borne.normal[0], borne.normal[:2].mean()])
-
-
 def test_where_nothing_depends_on_the_place_influence_is_convolution(section: SampledSection) -> None:
     """One load in the middle: the two operators are the same there, and only there."""
     responses = impulse_responses(section)

@@ -40,15 +40,6 @@ def line(request: pytest.FixtureRequest, skin: FingertipSurface) -> SkinLine:
 # --- the skin as a line ---
 
 
-def test_places_and_x_are_each_others_inverse(line: SkinLine) -> None:
-    x = np.array([-3.0, -1.0, 0.0, 0.5, 2.5])
-    there = line.places(x)
-    # a spline through 2001 places: its own error, far below a node's spacing
-    assert_allclose(line.surface.section(line.angles(there), PLANE)[0], x, atol=1e-9)
-    assert there[2] == pytest.approx(0.0, abs=1e-9)
-    assert (np.diff(there) > 0).all()
-
-
 def test_skin_is_counted_by_its_length_and_across_by_x(skin: FingertipSurface) -> None:
     x = np.linspace(-3.0, 2.0, 200001)
     chord = np.hypot(np.diff(x), np.diff(skin.height(x, PLANE))).sum()  # of so many chords: right to 1e-9

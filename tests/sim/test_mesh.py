@@ -224,12 +224,6 @@ def test_a_cube_and_a_box() -> None:
     assert quality(CUBE * [2.0, 3.0, 0.5]) == pytest.approx((1.0, 6.0), rel=1e-15)
 
 
-def test_a_sheared_cube() -> None:
-    # Sheared by 60° in one plane: det = 1, one edge 1 / cos 60° = 2 long: cos 60° = 1/2 at every corner.
-    sheared = CUBE + np.tan(np.pi / 3) * CUBE[:, [2]] * [1, 0, 0]
-    assert quality(sheared) == pytest.approx((0.5, 2.0), rel=1e-14)
-
-
 def test_flat_and_folded_corners() -> None:
     flat, folded = CUBE.copy(), CUBE.copy()
     flat[6] = 0.67  # its three neighbours' plane passes through (2/3, 2/3, 2/3)

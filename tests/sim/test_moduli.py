@@ -21,8 +21,6 @@ from sim.models.interpolation import (
     forget_kept,
     make_node,
     nodes_for,
-    packed,
-    unpacked,
     worth_interpolating,
 )
 from sim.models.interpolation_weights import (
@@ -84,18 +82,6 @@ def test_any_compliance_stays_positive_definite() -> None:
 
 
 # --- what is summed ---
-
-
-@pytest.mark.parametrize("n", [1, 256, 257])
-def test_a_packed_matrix_comes_back(n: int, rng: np.random.Generator) -> None:
-    matrix = rng.standard_normal((n, n))
-    matrix += matrix.T
-    entries = packed(matrix)
-    assert entries.dtype == np.float32
-    assert len(entries) <= n * (n + 256) / 2 + 256 * 256
-    back = unpacked(entries, n)
-    assert (back == back.T).all()
-    np.testing.assert_allclose(back, matrix, rtol=1e-6)
 
 
 # --- fingers ---

@@ -12,7 +12,7 @@ from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
-from sim.plant import PressedFinger, RelaxingPlant, RelaxingPress
+from sim.plant import RelaxingPlant, RelaxingPress
 from sim.serve.force_process import Going, Leg, TrajectoryProcess, TrajectoryUpdate
 from sim.serve.prefetch import TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
@@ -53,13 +53,6 @@ def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(skin
 
     assert again(0.05)[1] == 0.0
     assert again(0.05) == pytest.approx(again(-0.1), rel=1e-9)
-
-
-def test_what_relaxes_slowly_is_elastic_at_first(skin: Fingertip) -> None:
-    slow, elastic = RelaxingPress(skin, SHAPE, [PronyTerm(0.5, 1e7)]), PressedFinger(skin, SHAPE)
-    for doi_mm in DEPTHS_MM:
-        pose = deep(skin, doi_mm)
-        assert slow.moved_to(pose, 0.1) == pytest.approx(elastic.force_n(pose), rel=1e-5)
 
 
 def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Fingertip) -> None:

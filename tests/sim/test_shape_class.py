@@ -55,12 +55,6 @@ def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
     assert found.size_mm == pytest.approx(half_wave, rel=0.1)
 
 
-def test_skin_on_two_levels_without_the_flank_is_a_step_of_some_length() -> None:
-    found = classify_shape(_lying_on(np.where(ENDS < 0.1, 5.0, 5.5)), _within(-1.5, -0.2) + _within(0.6, 2.0))
-    assert found.name == "step"
-    assert found.cost["step"] < 0.01 * found.cost["bar"]
-
-
 def test_skin_that_is_hollow_or_nearly_flat_is_no_cylinder() -> None:
     hollow = classify_shape(_lying_on(5.0 - 0.2 * ENDS**2), _within(-0.9, 0.9))
     assert hollow.cost["cylinder"] == np.inf

@@ -202,13 +202,3 @@ def test_round_skin_is_a_sphere_or_a_cylinder_of_that_diameter(diameter: float) 
         assert found.name == name
         assert found.size_mm == pytest.approx(diameter, rel=0.03)
         assert set(found.cost) == set(SOLIDS)
-
-
-def test_flat_skin_is_a_bar_and_a_flank_a_step() -> None:
-    flat = classify_solid(lying_on(np.zeros((13, 13))), DISC)
-    assert flat.name == "bar"
-    assert flat.size_mm == flat.extent_mm[0]
-    s = np.clip((XX + 0.6) / 1.3, 0.0, 1.0)
-    step = classify_solid(lying_on(0.25 * (1 - np.cos(np.pi * s))), DISC)
-    assert step.name == "step"
-    assert step.size_mm == pytest.approx(1.3, rel=0.2)

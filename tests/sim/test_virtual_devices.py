@@ -151,14 +151,6 @@ def test_each_direction_serialises_its_chunks() -> None:
     assert heard[-1] == (pytest.approx(1.01), b"d")
 
 
-def test_a_cable_that_ends_nowhere_swallows_bytes() -> None:
-    clock = VirtualClock()
-    line = SerialLine(clock, 9600)
-    line.host_write(b"?")
-    clock.wait_s(1.0)
-    assert line.host_read() == b""
-
-
 def test_baud_must_be_positive() -> None:
     with raises(ArgumentError, "bad_baud", baud=0):
         SerialLine(VirtualClock(), 0)
@@ -169,10 +161,6 @@ def test_baud_must_be_positive() -> None:
 
 def ramp(t_s: float) -> float:
     return 0.1 * t_s
-
-
-def test_an_ideal_cell_is_the_force_itself() -> None:
-    assert load_cell(ramp, sample_period_s=0.05) is ramp
 
 
 def test_latency_is_the_force_of_a_while_ago() -> None:
@@ -274,15 +262,6 @@ def test_the_deadline_ends_a_wait_and_later_events_stay() -> None:
     assert clock.monotonic_s() == 1.5
     clock.wait_s(0.5)
     assert heard == [1]
-
-
-def test_ties_run_in_the_order_they_were_made() -> None:
-    clock = VirtualClock()
-    heard: list[int] = []
-    for number in range(20):
-        clock.call_at(1.0, lambda number=number: heard.append(number))
-    clock.wait_s(1.0)
-    assert heard == list(range(20))
 
 
 def test_a_wait_that_nothing_can_end_is_an_error() -> None:

@@ -12,11 +12,6 @@ import pytest
 from sim.workers import here_and_in_processes, in_processes
 
 
-def test_answers_come_in_the_order_of_the_items() -> None:
-    assert list(in_processes(abs, [-3, 1, -2], 2)) == [3, 1, 2]
-    assert multiprocessing.active_children() == []
-
-
 def _blocked(_: int) -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
