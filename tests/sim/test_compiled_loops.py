@@ -55,9 +55,6 @@ def test_by_how_much_equilibrium_is_missed(
     assert found[1] == pytest.approx(depth, rel=1e-12)
 
 
-# --- profiles ---
-
-
 # --- segments ---
 
 

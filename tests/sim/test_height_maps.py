@@ -2,7 +2,6 @@
 
 from copy import copy
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -10,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from sim.contact.height_map import MOST_POINTS, STEEPEST_OF_A_MAP, HeightMap, HeightMapError
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
 from sim.contact.indentor import BOTH, Prismatic
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import STEEPEST_SLOPE
-from sim.contact.shapes import ShapeError, parse_shape, shape_size
+from sim.contact.shapes import ShapeError, parse_shape
 from sim.errors import ArgumentError
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -273,7 +272,6 @@ MIDDLE_TOUCHES = {  # whether the middle touches first, in a file or array of ra
 
 def a_dot(folder: Path) -> None:
     np.save(folder / "dot.npy", DOT)
-    np.savetxt(folder / "rows.csv", DOT, delimiter=",")
     at = np.linspace(-1, 1, 21)
     rows = [f"{x:.1f},{z:.1f},{DOT[k, i]}" for k, z in enumerate(at) for i, x in enumerate(at)]
     (folder / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *rows]), encoding="utf-8")
@@ -291,8 +289,6 @@ def test_the_side_that_is_up_is_said_or_asked_for(tmp_path: Path, name: str) -> 
         return
     middle, corner = parse_shape(shape).evaluate(np.array([[0.0, 0.9], [0.0, 0.9]])).height_mm
     assert (middle < corner) == touches
-    assert shape_size(shape) in ("the highest touches first", "the lowest touches first", "dark is raised",
-                                 "light is raised")  # fmt: skip
 
 
 def test_arrays_ask_which_side_is_up() -> None:
@@ -330,32 +326,20 @@ def with_one(value: float) -> Array:
 
 
 EVEN = 0.1 * np.arange(6)
-STEEP = pytest.approx(89.4, abs=0.5)
+REFUSED_ARRAYS = [
+    (EVEN, EVEN, with_one(np.nan), "missing_height"),
+    (EVEN, EVEN, grid(5), "heights_unlike_grid"),
+    (EVEN[:3], EVEN, grid(6, 3), "too_small"),
+    (EVEN[::-1], EVEN, grid(), "axis_not_rising"),
+    (EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), "uneven_spacing"),
+    (EVEN, EVEN, with_one(9.0), "too_steep"),
+    (EVEN, EVEN, with_one(0.5), "swings_below"),
+]
 
 
-@pytest.mark.parametrize(
-    ("x", "z", "height", "code", "fields"),
-    [
-        (EVEN, EVEN, with_one(np.nan), "missing_height", {"x_mm": 0.4, "z_mm": 0.2, "missing": 1, "points": 36}),
-        (EVEN, EVEN, grid(5), "heights_unlike_grid", {"shape": (5, 6), "n_x": 6, "n_z": 6, "expected": (6, 6)}),
-        (EVEN[:3], EVEN, grid(6, 3), "too_small", {"columns": 3, "rows": 6, "least": 4}),
-        (EVEN[::-1], EVEN, grid(), "axis_not_rising", {"axis": "x"}),
-        (
-            *(EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), "uneven_spacing"),
-            {"axis": "z", "from_mm": 0.2, "to_mm": 0.35, "step_mm": 0.1},
-        ),
-        (
-            EVEN,
-            EVEN,
-            with_one(9.0),
-            "too_steep",
-            {"slope_deg": STEEP, "most": STEEPEST_OF_A_MAP},
-        ),
-        (EVEN, EVEN, with_one(0.5), "swings_below", {"below_mm": pytest.approx(0.24, abs=0.005), "relief_mm": 0.5}),
-    ],
-)
-def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str, fields: dict[str, Any]) -> None:
-    with raises(HeightMapError, code, name="mine", **fields) as caught:
+@pytest.mark.parametrize(("x", "z", "height", "code"), REFUSED_ARRAYS)
+def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str) -> None:
+    with raises(HeightMapError, code, name="mine") as caught:
         HeightMap.from_arrays(x, z, height, raised="low", name="mine")
     assert "\n" not in str(caught.value)
 

@@ -87,14 +87,6 @@ def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch
     assert _asked(grid) == [("bar:1", x, None, doi, None) for x in (0.0, 1.0) for doi in (0.1, 0.2)]
     shapes = indent_many(coarse, [bar, own, "line"], z_mm=[np.nan, np.nan, 7.0], force_gwt=2)
     assert _asked(shapes) == [(bar, 0, None, None, 2), (own, 0, None, None, 2), ("line", 0, 7.0, None, 2)]
-    assert _asked(indent_many(coarse, bar, doi_mm=0.1)) == [(bar, 0, None, 0.1, None)]
-    either: Any = np.array(["a", "b"])
-    assert _asked(indent_many(coarse, either, 1, doi_mm=[0.1, np.nan], force_gwt=[np.nan, 3])) == [
-        ("a", 1, None, 0.1, None),
-        ("b", 1, None, None, 3),
-    ]
-    assert _asked(indent_many(coarse, (bar, own), doi_mm=0.1)) == [(one, 0, None, 0.1, None) for one in (bar, own)]
-    assert _asked(indent_many(coarse, [bar], doi_mm=0.1)) == [(bar, 0, None, 0.1, None)]
     with pytest.raises(ValueError, match="shape"):
         indent_many(coarse, ["bar:1", "bar:2"], [0, 0, 0], doi_mm=0.1)
 
@@ -112,7 +104,6 @@ def test_what_cannot_be_pressed_is_a_row_with_its_reason(coarse: Fingertip) -> N
     assert [bool(problem) for problem in found.problems] == [False, True, True, True, True]
     assert found.results == list(found)
     assert found.table()["regions"].tolist()[1:] == [0] * 4
-    assert repr(found) == "<5 indentations, 4 with a problem>"
     table = found.table()
     assert np.isnan(table["force_gwt"]).tolist() == [False, True, True, True, True]
     assert table["problem"].tolist() == found.problems

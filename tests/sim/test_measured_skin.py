@@ -92,68 +92,38 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
 # --- what will do ---
 
 
-@pytest.mark.parametrize(
-    ("points", "expected"),
-    [
-        (PUBLISHED[:11], "11 points; must be 12 to 10000"),
-        (np.tile(PUBLISHED, (500, 1)), "12000 points; must be 12 to 10000"),
-        (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm; the largest span must be 2 to 60 mm"),
-        (
-            PUBLISHED - [0, 0, -3],
-            "z spans 7.07 to 14.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED[:18],
-            "z spans 4.07 to 9.00 mm; points must cover at least 6.38 mm of z, half of length_mm = 12.75 mm",
-        ),
-        (
-            np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)),
-            "no points from z = 5.21 to 9.75 mm; gaps must not exceed 3.19 mm, a quarter of length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED - [-3, 0, 0],
-            "x spans 0.47 to 4.92 mm; points must lie on both sides of the midline x = 0, to at least 0.64 mm",
-        ),
-        (
-            PUBLISHED - [0, 4.839, 0],
-            "highest y = 0.00 mm; y must point from the bone's axis to the skin of the pulp",
-        ),
-    ],
-)
+NO_PULP = [
+    (PUBLISHED[:11], "11 points"),
+    (np.tile(PUBLISHED, (500, 1)), "12000 points"),
+    (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm"),
+    (PUBLISHED - [0, 0, -3], "z spans 7.07 to 14.51 mm"),
+    (PUBLISHED[:18], "z spans 4.07 to 9.00 mm"),
+    (np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)), "no points from z = 5.21 to 9.75 mm"),
+    (PUBLISHED - [-3, 0, 0], "x spans 0.47 to 4.92 mm"),
+    (PUBLISHED - [0, 4.839, 0], "highest y = 0.00 mm"),
+]
+NO_FINGER = [
+    (SECTIONS[:4], "4 sections"),
+    ([[z, 2 * half, height, lean] for z, half, height, lean in SECTIONS], "half_width_mm is 2.0 times"),
+    ([*SECTIONS[:2], *SECTIONS[1:]], "z_mm = 3 after 3"),
+    ((np.array(SECTIONS) / 1000).tolist(), "z_mm ends at 0.01275 mm"),
+    ([*SECTIONS, [13.0, 0.9, 0.9, 0.0]], "z_mm spans 0 to 13 mm"),
+    ([*SECTIONS[:4], [12.75, 0.0, 1.0, 0.0]], "half_width_mm = 0 at z_mm = 12.75"),
+]
+
+
+@pytest.mark.parametrize(("points", "expected"), NO_PULP)
 def test_points_that_cannot_hold_a_pulp_are_refused(points: np.ndarray, expected: str) -> None:
     assert complaint(points=points.tolist()).startswith(expected)
 
 
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        (lambda rows: rows[:4], "4 sections; at least 5 are required"),
-        (
-            lambda rows: [[z, 2 * half, height, lean] for z, half, height, lean in rows],  # full widths
-            "half_width_mm is 2.0 times height_mm (median); a finger's is at most 1.8 times: check that it is half",
-        ),
-        (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: z_mm must rise from row to row"),
-        (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275 mm; it must be in millimeters"),
-        (
-            lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]],
-            "z_mm spans 0 to 13 mm; it must span 0, the proximal edge, to length_mm",
-        ),
-        (
-            lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]],
-            "half_width_mm = 0 at z_mm = 12.75: must be more than 0 mm",
-        ),
-    ],
-)
-def test_sections_that_are_no_finger_are_refused(
-    change: Callable[[list[list[float]]], object], expected: str
-) -> None:
-    assert complaint(sections=change(SECTIONS)).startswith(expected)
+@pytest.mark.parametrize(("sections", "expected"), NO_FINGER)
+def test_sections_that_are_no_finger_are_refused(sections: list[list[float]], expected: str) -> None:
+    assert complaint(sections=sections).startswith(expected)
 
 
 def test_points_and_sections_exclude_each_other() -> None:
-    assert (
-        complaint(points=PUBLISHED.tolist(), sections=SECTIONS) == "points and sections cannot be combined; keep one"
-    )
+    assert complaint(points=PUBLISHED.tolist(), sections=SECTIONS).startswith("points and sections")
 
 
 @pytest.mark.parametrize(

@@ -81,9 +81,6 @@ def test_any_compliance_stays_positive_definite() -> None:
     assert other.error > 2 * DERMIS.error
 
 
-# --- what is summed ---
-
-
 # --- fingers ---
 
 

@@ -63,9 +63,6 @@ def test_a_force_is_held_against_other_paths_to_its_depth(finger: Fingertip, dep
     assert forced.other_forces_n == pytest.approx(depends.other_forces_n, rel=1e-5)
 
 
-# --- why: an equilibrium that is unstable ---
-
-
 # --- why: edges ---
 
 

@@ -48,9 +48,6 @@ def seven() -> PressureLikelihood:
     return linearised(slope, slope @ true + rng.normal(size=5), np.eye(5), 40.0)
 
 
-# --- one contact ---
-
-
 # --- evidence and posterior ---
 
 
