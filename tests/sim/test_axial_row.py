@@ -80,21 +80,6 @@ def test_pressures_of_a_press_give_its_sed_under_the_right_length_only(
     assert missed[1.0] > 3 * missed[2.0]
 
 
-def test_pressures_are_those_of_the_receptor_plane_wherever_the_shape_is_highest(row: ReceptorRow) -> None:
-    plane = np.array(CONFIG.receptor_plane_mm)
-    told = {centre: AxialShape(2.0, centre) for centre in (float(plane), float(plane) + 0.8)}
-    there, beyond = (row.under(shape, ENDS, "finite") for shape in told.values())
-    beside = told[float(plane) + 0.8]
-    assert_allclose(beside.at(plane), np.sqrt(1 - 0.4**2))
-    assert_allclose(
-        beside.over(float(plane), plane + np.array([0.0, 0.8, 2.0])),
-        [1, 1 / np.sqrt(1 - 0.4**2), 0.8 / beside.at(plane)],
-    )
-    even = np.full(26, 100.0)
-    under_it = 14  # the receptor below the middle feels what is borne about the plane, which is told to be alike
-    assert beyond.sed(even)[under_it] == pytest.approx(there.sed(even)[under_it], rel=0.25)
-
-
 def test_the_skin_of_the_plane_lies_on_the_cylinder(row: ReceptorRow, cylinder: IndentationResult) -> None:
     true = means(row, cylinder)
     skin = row.under(AxialShape(1.5, CENTRE), ENDS, "finite").skin

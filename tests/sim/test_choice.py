@@ -182,7 +182,7 @@ def test_every_scene_that_was_measured_has_a_choice() -> None:
             assert tight.promised <= 0.05
 
 
-# --- What a scene needs, read off the undeformed skin; and models without receptors ---
+# --- what a scene needs, read off the undeformed skin ---
 
 
 def situation(shape: str, doi_mm: float | None, x_mm: float = 0.0, z_mm: float | None = None) -> Situation:

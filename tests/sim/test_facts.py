@@ -33,6 +33,7 @@ class InPlane:
 
     @classmethod
     def of(cls, result: IndentationResult) -> "InPlane":
+        assert result.state.residual <= 1e-8, (result, result.state.residual)
         x, pressure = result.pressure_profile
         touching, moved = result.touching_mm
         return cls(x, result.skin_profile[0] - result.x_mm, pressure, touching, moved - result.x_mm)

@@ -123,15 +123,6 @@ def test_a_homogeneous_finger_has_hertzs_force() -> None:
     assert found.force_n == pytest.approx(hertz_n, rel=0.06)
 
 
-@pytest.mark.parametrize("shape", ["sphere:5", "line"])
-def test_it_takes_every_kind_of_shape(shape: str) -> None:
-    indentor = parse_shape(shape)
-    model = load("halfspace", FingertipConfig(mesh=coarse_mesh(0.3, 0.4)), slopes=indentor.axes)
-    result = model.indent(indentor, 0.0, doi_mm=0.2)
-    assert result.state.converged
-    assert result.as_json()["solver"]["model"] == "halfspace"
-
-
 def test_at_small_depth_it_is_the_finger_within_a_fifth(finger: Fingertip) -> None:
     # A homogeneous body cannot be a layered one; its modulus was set for DOI 0.4 (sim/halfspace.py).
     halfspace, shape = load("halfspace"), Indentor.along(parse_shape("cylinder:9").profile)

@@ -46,7 +46,21 @@ FAMILIES: dict[str, tuple[Indentor, float]] = {
     "kink": (Indentor.along(KINK), 0.1),
     "dots": (DOTS, 0.1),
 }
-every_family = pytest.mark.parametrize("family", FAMILIES)
+QUICK = (
+    "bar:1.5",
+    "cylinder:3",
+    "wedge:89",
+    "sphere:2",
+    "cone:60",
+    "line",
+    "grating at an angle",
+    "step:1",
+    "kink",
+    "dots",
+)
+every_family = pytest.mark.parametrize(
+    "family", [pytest.param(name, marks=() if name in QUICK else pytest.mark.study) for name in FAMILIES]
+)
 
 
 @pytest.fixture

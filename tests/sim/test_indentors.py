@@ -244,7 +244,7 @@ def test_a_sphere_touches_the_skin_that_is_there(
     assert finger.touch_height_mm(f"sphere:{radius_mm:g}", x_mm, z_mm=z_mm) == pytest.approx(highest, abs=5e-5)
 
 
-# --- A profile from arrays is the profile from a file, and what cannot be one is refused in one line ---
+# --- profiles from arrays ---
 
 NAN, IS_NAN = math.nan, pytest.approx(math.nan, nan_ok=True)
 OWN_X, OWN_HEIGHT = [-2.0, -0.5, 0.0, 0.7, 2.0], [1.0, 0.3, 0.2, 0.3, 1.2]
@@ -283,7 +283,7 @@ def test_what_is_no_profile_is_refused(
         MeasuredProfile.from_arrays(x, height)
 
 
-# --- How sharp a profile is: measured on it, not believed ---
+# --- how sharp a profile is: measured on it, not believed ---
 
 Array = NDArray[np.float64]
 

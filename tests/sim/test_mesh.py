@@ -206,7 +206,7 @@ def test_a_patch_longer_than_the_finger_is_refused(skin: FingertipSurface) -> No
         build_mesh(config, skin)
 
 
-# --- Scaled Jacobian and aspect ratio of single hexahedra whose values are known by hand, and of the finger ---
+# --- quality ---
 
 CUBE = np.array(
     [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float

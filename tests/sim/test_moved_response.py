@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding.point_loaded_finger import LoadedFinger, PointLoad, Site, energy_density
+from sim.coding.point_loaded_finger import LoadedFinger, PointLoad, Site
 from sim.coding.point_spread import MovedResponse, PointSpread, in_frames, receptor_sheet, spreads
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
@@ -26,23 +26,6 @@ def response(loaded: LoadedFinger) -> MovedResponse:
 
 def about(loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: float) -> PointSpread:
     return spreads(loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
-
-
-def test_strains_in_frames_are_the_same_tensor(loaded: LoadedFinger) -> None:
-    rng = np.random.default_rng(1)
-    strain = rng.normal(size=(2, 3, 6))
-    frames = loaded.frames(loaded.skin(np.array([0.0, 2.0, -2.5]), np.array([7.0, 5.0, 10.0])))
-    assert_allclose(in_frames(strain, np.tile(np.eye(3), (3, 1, 1))), strain)
-    turned = in_frames(strain, frames)
-    ratio = np.full(3, 0.1)
-    assert_allclose(energy_density(turned, ratio, 0.48), energy_density(strain, ratio, 0.48))
-    tensor = np.zeros((3, 3))
-    tensor[[0, 1, 2], [0, 1, 2]] = strain[0, 1, :3]
-    for k, (i, j) in enumerate(((0, 1), (1, 2), (0, 2))):
-        tensor[i, j] = tensor[j, i] = strain[0, 1, 3 + k] / 2
-    by_hand = frames[1] @ tensor @ frames[1].T
-    assert_allclose(turned[0, 1, :3], np.diag(by_hand))
-    assert_allclose(turned[0, 1, 3:], [2 * by_hand[0, 1], 2 * by_hand[1, 2], 2 * by_hand[0, 2]])
 
 
 def test_where_it_was_measured_it_is_exact(loaded: LoadedFinger, response: MovedResponse) -> None:

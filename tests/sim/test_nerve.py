@@ -331,7 +331,7 @@ def test_a_stimulus_out_of_range_has_a_code(code: str, stimulus: Stimulus, step_
         skin("SA1").signal(stimulus, step_s)
 
 
-# --- The slowest press at which an afferent fires is that of its class: current and membrane, at constant speed ---
+# --- the slowest press at which an afferent fires ---
 
 DOI_MM, STEP_S = 0.5, 1e-4
 SPEEDS = {  # class and sensitivity, lowest and highest speed (mm/s); the measure is that of the reference SED at 1 mm

@@ -55,14 +55,6 @@ def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
     assert found.size_mm == pytest.approx(half_wave, rel=0.1)
 
 
-def test_skin_that_is_hollow_or_nearly_flat_is_no_cylinder() -> None:
-    hollow = classify_shape(_lying_on(5.0 - 0.2 * ENDS**2), _within(-0.9, 0.9))
-    assert hollow.cost["cylinder"] == np.inf
-    flat = classify_shape(_lying_on(5.0 + ENDS**2 / 100), _within(-0.9, 0.9))  # 100 mm in diameter
-    assert flat.cost["cylinder"] == np.inf
-    assert flat.name == "bar"
-
-
 @pytest.fixture(scope="module")
 def section() -> SampledSection:
     """What is pressed and what decodes."""

@@ -121,7 +121,7 @@ def test_sir_repeats_every_sample_until_at() -> None:
     assert host.say(b"", 1.0) == b""
 
 
-# --- The virtual cable: 10 bits a byte, one chunk after another ---
+# --- the cable ---
 
 
 def test_a_chunk_arrives_when_its_last_bit_has() -> None:
@@ -156,7 +156,7 @@ def test_baud_must_be_positive() -> None:
         SerialLine(VirtualClock(), 0)
 
 
-# --- Noise and latency of a load cell ---
+# --- the load cell ---
 
 
 def ramp(t_s: float) -> float:
@@ -199,7 +199,7 @@ def test_a_force_that_is_not_fresh_is_not_called_stable() -> None:
     assert heard == [b"S S", b"S D"]
 
 
-# --- The motion of one drive's axis: ramps of its own up and down, from any speed to rest ---
+# --- the axis of a drive ---
 
 UP, DOWN, CRUISE = 4000.0, 2500.0, 1000.0
 
@@ -240,7 +240,7 @@ def test_a_path_begun_in_motion_ends_at_its_target(target: float) -> None:
     assert min(changes) >= -0.01 * DOWN - 1e-9
 
 
-# --- The virtual clock acts at exact instants, in one order ---
+# --- the clock ---
 
 
 def test_time_jumps_to_the_event_that_makes_it_ready() -> None:

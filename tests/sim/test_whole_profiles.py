@@ -14,7 +14,6 @@ from sim.coding.pressure import Frictionless, contact_pressure, frictionless
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, MeshSpec
-from sim.errors import ModelRangeError
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
@@ -74,12 +73,6 @@ def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Fricti
     assert np.ptp(y[inside]) < 0.02  # flat
     assert y[inside].mean() == pytest.approx(operator.skin.at_rest_mm[1].max() - 0.67, abs=0.03)
     assert_allclose(operator.skin.pressed(0 * true, 0 * true), operator.skin.at_rest_mm)
-
-
-def test_samples_beside_the_patch_are_refused(section: SampledSection) -> None:
-    low_mm, high_mm = (pytest.approx(end, abs=0.005) for end in (-3.9, 4.09))
-    with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25, low_mm=low_mm, high_mm=high_mm):
-        frictionless(section, centred(51, 0.17), "finite")
 
 
 # --- read back ---

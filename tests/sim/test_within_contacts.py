@@ -170,7 +170,7 @@ def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seve
     assert both.mean.shape == (4, 7)
 
 
-# --- Imagined pressures, the table of their SED, and what it makes of readings: by itself, and beside a search ---
+# --- imagined pressures ---
 
 PLACES = centred(39, 0.17)
 
