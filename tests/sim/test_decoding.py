@@ -39,9 +39,9 @@ TRUE, START, WITHIN = np.array([20.0, 14.0]), np.array([10.0, 10.0]), PressureRa
 
 
 @pytest.fixture(scope="module")
-def two() -> ForwardOperator:
+def two(section: SampledSection) -> ForwardOperator:
     """Two samples by the project's own h, g, f and the source's Eq. 6.1."""
-    return convolution(impulse_responses(sampled_section(FingertipConfig(), Sampling())), 2, "incompressible")
+    return convolution(impulse_responses(section), 2, "incompressible")
 
 
 @pytest.fixture

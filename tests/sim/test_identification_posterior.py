@@ -7,7 +7,6 @@ from functools import cache
 import numpy as np
 import pytest
 
-import sim.identification.weighted_draws as drawn_module
 import tests.made_up_fingers as made_up_fingers
 from sim.identification.next_press import Chooser, PressAt, SkinSearch, held_gwt, highest_gwt
 from sim.identification.posterior import Learned, Surprise, learn, no_finger, nothing_learned
@@ -62,20 +61,6 @@ def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
         assert sd[PRIOR.index("height_mm")] < 0.1 * PRIOR.sd[PRIOR.index("height_mm")]
         assert sd[PRIOR.index("x_mm")] < 0.5 * PRIOR.sd[PRIOR.index("x_mm")]
     assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.4
-
-
-def test_draws_that_lie_where_the_posterior_has_nothing_are_moved_to_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Importance sampling alone puts all the weight on one of them."""
-    usual = _identified(3)[2]
-    monkeypatch.setattr(drawn_module, "_ROUNDS", 1)
-    monkeypatch.setattr(drawn_module, "_MOST_ROUNDS", 1)
-    monkeypatch.setattr(drawn_module, "_WIDER", 400.0)  # of the covariance of the only round
-    moved = _identify(3)[2]
-    assert not moved.collapsed
-    assert moved.effective > 0.5 * len(moved.draws)
-    sd = usual.draws.std(axis=0)
-    assert np.abs(moved.mean - usual.mean).max() < 0.35 * sd[np.argmax(np.abs(moved.mean - usual.mean))]
-    assert moved.draws.std(axis=0) == pytest.approx(sd, rel=0.25)
 
 
 @pytest.mark.parametrize("kind", KINDS, ids=lambda kind: "+".join(kind.zero) or "living")

@@ -23,11 +23,6 @@ UPRIGHT = FingertipConfig(
 
 
 @pytest.fixture(scope="module")
-def section() -> SampledSection:
-    return sampled_section(FingertipConfig(), Sampling())
-
-
-@pytest.fixture(scope="module")
 def responses(section: SampledSection) -> ImpulseResponses:
     return impulse_responses(section)
 

@@ -1,7 +1,7 @@
 """Afferents: filters and integrator against closed forms, and what each class does under a press and a vibration."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import cycle
 from typing import Any
 
@@ -12,7 +12,7 @@ from scipy.signal import butter, lsim
 
 from sim.errors import ArgumentError, ModelRangeError
 from sim.models.catalogue import load
-from sim.nerve.filters import FilterMemory, adapted, derivative_low_pass, fading
+from sim.nerve.filters import adapted, derivative_low_pass, fading
 from sim.nerve.firing_speed import LEAST_MM_S, MOST_MM_S, firing_speed_mm_s
 from sim.nerve.integrator import MOST_STEP_S, Membrane, after_current, spikes
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
@@ -164,13 +164,6 @@ def test_a_table_of_presses_gives_the_press_between_its_levels() -> None:
     np.testing.assert_allclose(signal.value[:, -1], found.value(depth_mm))
 
 
-def test_a_small_sine_follows_the_slope_at_the_preload() -> None:
-    table = skin("SA1")
-    signal = table.signal(vibrating(250.0, 0.1), 1e-4, 1.8)
-    moved = signal.value[0, 15_000:] - table.value(0.5)[0]
-    assert np.ptp(moved) / 2 == pytest.approx(1e-4 * float(table.value.derivative()(0.5)[0]), rel=1e-2)
-
-
 # --- classes ---
 
 PRESS = Stimulus.ramp(1.0, 30.0, 1.0, begins_s=0.1)
@@ -269,29 +262,6 @@ def test_the_strongest_end_organ_paces_an_afferent(name: str) -> None:
     assert [train.tolist() for train in several] == [train.tolist() for train in one]
     late = np.where(np.arange(signal.value.shape[1]) < 300, 0.0, 3 * signal.value)
     assert total(spikes_of(model, Signal(1e-3, np.stack([signal.value, late], axis=1)), gains, seeds)) > total(one)
-
-
-@dataclass(frozen=True)
-class Own:
-    """A class of one's own: the current is the measure."""
-
-    name: str = "own"
-    depth_mm: float = 0.75
-    membrane: Membrane = Membrane(0.01, 0.001, 0.0)  # noqa: RUF009  (immutable)
-    sites: int = 1
-    organs: int = 1
-    field_mm: float = 0.0
-
-    def measure(self, measures: dict[str, Array]) -> Array:
-        return measures["e33"]
-
-    def current(self, signal: Signal, sensitivity: Array, memory: FilterMemory | None = None) -> Array:
-        return sensitivity[:, None] * signal.value
-
-
-def test_a_class_of_ones_own_fires() -> None:
-    found = spikes_of(Own(), Signal(1e-3, np.full((1, 1001), 1.0)), [0.5, 2.0], [1, 2])
-    assert [len(one) for one in found] == [0, pytest.approx(1 / (0.001 + 0.01 * np.log(2)), abs=1)]
 
 
 # --- bad input ---

@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from sim.errors import ModelRangeError
-from sim.measures.receptors import ReceptorError, tissue_below
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.nerve.models import BUILT_IN
@@ -94,23 +92,6 @@ def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
     edge = draw(finger, f"8xRA@{math.floor(100 * pad.half_x_mm) / 100}", 1)
     assert edge.points_mm(finger).shape == (8 * BUILT_IN["RA"].organs, 3)
     assert max(one.x_mm + x_mm for one in edge for x_mm, _ in one.organs_mm) > pad.half_x_mm
-
-
-def test_places_found_together_are_those_found_one_by_one() -> None:
-    """Also which have no tissue: beside the skin, below the bone's surface, at an end."""
-    finger, rng = load("finger"), np.random.default_rng(5)
-    x, along = rng.uniform(-8, 8, 60), rng.uniform(-4, 4, 60)
-    z = finger.config.receptor_plane_mm + np.append(along[:-1], 100.0)
-    for depth in (0.6, 1.8):
-        together = tissue_below(finger.config, finger.surface, x, depth, z)
-        found = []
-        for k in range(len(x)):
-            try:
-                found.append(finger.points_below(x[k], depth, z[k]))
-            except ReceptorError:
-                found.append(np.full(3, np.nan))
-        assert 10 < np.isfinite(together[:, 0]).sum() < 50
-        assert_allclose(together, found, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])

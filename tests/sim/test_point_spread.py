@@ -14,8 +14,10 @@ from sim.coding.point_loaded_finger import (
 )
 from sim.coding.point_spread import (
     Judged,
+    MovedResponse,
     PointSpread,
     Sheet,
+    in_frames,
     judged,
     mean_over,
     receptor_sheet,
@@ -23,10 +25,12 @@ from sim.coding.point_spread import (
 )
 from sim.coding.power_law import PowerLaw, fitted
 from sim.config import FingertipConfig
+from sim.contact.patch import X, Z
 from sim.errors import ModelRangeError
 from sim.measures.receptors import depths_of
 from sim.models.condensed import point_force
 from tests.error_codes import raises
+from tests.sim.coarse_mesh import coarse_mesh
 
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
 
@@ -164,3 +168,56 @@ def test_a_force_between_nodes_is_shared_by_how_near_they_are() -> None:
     assert_allclose(point_force(z, phi, (1.0, 2.0)), [[0, 0], [0, 1], [0, 0]])
     assert_allclose(point_force(z, phi, (0.0, 0.0))[0], [1, 0])
     assert_allclose(point_force(z[:1], phi, (7.0, 0.5)), [[0.75, 0.25]])  # a section has one place along z
+
+
+# --- one response moved over the finger ---
+
+CONFIG = FingertipConfig(mesh=coarse_mesh(0.4, 0.4, round_patch_mm=2.0))
+PLANE_MM = CONFIG.receptor_plane_mm
+
+
+@pytest.fixture(scope="module")
+def coarse_loaded() -> LoadedFinger:
+    return LoadedFinger(CONFIG)
+
+
+@pytest.fixture(scope="module")
+def response(coarse_loaded: LoadedFinger) -> MovedResponse:
+    return MovedResponse.of(coarse_loaded, receptor_sheet(coarse_loaded, 0.4))
+
+
+def about(coarse_loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_mm: float) -> PointSpread:
+    return spreads(coarse_loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
+
+
+def test_where_it_was_measured_it_is_exact(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+    there = about(coarse_loaded, response, 0.0, PLANE_MM)
+    assert response.missed(there, 2.0) < 1e-9
+    assert response.missed(there, 2.0 * np.sqrt(1.1)) == pytest.approx(0.1)  # SED goes with the force's square
+
+
+def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
+    coarse_loaded: LoadedFinger, response: MovedResponse
+) -> None:
+    """A whole element along the finger, or a place on the tip's slope."""
+    near = response.missed(about(coarse_loaded, response, 0.0, PLANE_MM + 0.4), 2.0)
+    tip = response.missed(about(coarse_loaded, response, 0.0, 10.8), 2.0)
+    assert near < 0.15, near  # measured 0.12
+    assert tip > 1.5 * near, tip
+
+
+def test_it_is_moved_the_right_way(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+    """Its shear is odd: mirrored, or moved to the other side, it would have the other sign."""
+    load = PointLoad(0.4, PLANE_MM + 0.4)
+    near = about(coarse_loaded, response, load.x_mm, load.z_mm)
+    true = in_frames(
+        coarse_loaded.recovery(response.sheet.at_mm).strain(coarse_loaded.moved([load]))[0],
+        coarse_loaded.frames(response.sheet.skin_mm),
+    )
+    skin = response.sheet.skin_mm
+    kept = np.abs(skin - near.load_mm)[:, [X, Z]].max(axis=1) < 1.5
+    found = response.convolved(near.load_mm[None], np.ones(1), skin[kept])
+    for k in range(5):  # e13 is next to nothing
+        assert np.corrcoef(found[:, k], true[kept, k])[0, 1] > 0.9
+    two = response.convolved(np.stack([near.load_mm] * 2), np.array([1.0, 2.0]), skin[kept])
+    assert_allclose(two, 3 * found)

@@ -28,10 +28,8 @@ from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.model_averaging import Mixture, ProfileTable, cut_off, imagined, mixed, pooled, together
 from sim.coding.operators import ForwardOperator, centred
-from sim.coding.pressure import Frictionless, frictionless
+from sim.coding.pressure import Frictionless
 from sim.coding.receptor_readings import Readings
-from sim.coding.section import Sampling, sampled_section
-from sim.config import FingertipConfig
 
 Array = NDArray[np.float64]
 
@@ -173,12 +171,6 @@ def test_models_are_weighed_by_evidence_and_by_how_surely_they_are_positive(seve
 # --- imagined pressures ---
 
 PLACES = centred(39, 0.17)
-
-
-@pytest.fixture(scope="module")
-def operator() -> Frictionless:
-    """39 samples 170 µm apart."""
-    return frictionless(sampled_section(FingertipConfig(), Sampling()), centred(40, 0.17), "finite")
 
 
 def _said(operator: ForwardOperator, true: Array, snr_db: float, seed: int) -> Readings:
