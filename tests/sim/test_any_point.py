@@ -92,7 +92,7 @@ def whole(small: Fingertip, results: list[IndentationResult]) -> list[tuple[Arra
 ROUND_OFF = 1e-10
 
 
-def test_columns_are_what_the_whole_mesh_says(
+def test_strain_by_columns_equals_the_whole_solve(
     small: Fingertip, results: list[IndentationResult], whole: list[tuple[Array, Array]]
 ) -> None:
     for result, (points, strain) in zip(results, whole, strict=True):
@@ -102,7 +102,7 @@ def test_columns_are_what_the_whole_mesh_says(
         np.testing.assert_allclose(found.strain, strain, rtol=0, atol=ROUND_OFF * np.abs(strain).max())
 
 
-def test_many_points_are_what_the_whole_mesh_says(
+def test_strain_by_one_solve_equals_the_whole_solve(
     small: Fingertip,
     results: list[IndentationResult],
     whole: list[tuple[Array, Array]],
@@ -129,7 +129,9 @@ def test_presses_on_several_meshes_come_back_in_their_order(
     assert len(small._anywhere._interiors) == 1  # one factor at a time
 
 
-def test_the_receptors_are_one_such_set(small: Fingertip, results: list[IndentationResult]) -> None:
+def test_fields_at_the_receptors_equal_the_receptors_answers(
+    small: Fingertip, results: list[IndentationResult]
+) -> None:
     # The same adjoint solves by a factor with and without a Schur complement: equal to 1e-12.
     for result in results:
         found = small.fields(result, result.model.receptors.position_mm)
@@ -235,9 +237,7 @@ LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
         ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
     ],
 )
-def test_places_that_do_not_exist_are_told_what_does(
-    small: Fingertip, place: Any, code: str, fields: dict[str, Any]
-) -> None:
+def test_refusal_of_a_place_names_the_range(small: Fingertip, place: Any, code: str, fields: dict[str, Any]) -> None:
     with raises(ReceptorError, code, **fields):
         small.points_below(*place)
 

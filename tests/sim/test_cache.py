@@ -91,7 +91,7 @@ def test_any_single_flipped_bit_is_seen(folder: Path) -> None:
         assert make.get()[1] is False, f"byte {position}"
 
 
-def test_a_folder_that_cannot_be_had_is_said(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_unusable_cache_folder_is_refused_by_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     taken = folder / "a_file"
     folder.mkdir(exist_ok=True)
     taken.touch()

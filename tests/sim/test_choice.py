@@ -151,7 +151,7 @@ def test_where_nothing_was_measured_nothing_is_promised(scene: Situation) -> Non
         chosen(0.5, scene=scene)
 
 
-def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
+def test_chosen_model_is_loaded_with_the_outputs_asked_for() -> None:
     force = chosen(0.2)
     assert (force.model, force.load().model.receptors.position_mm.shape) == ("halfspace", (0, 3))
     strain = chosen(0.3, "sed").load(places=ReceptorPlaces((0.0, 0.5)))

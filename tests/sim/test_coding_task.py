@@ -50,7 +50,7 @@ def through(gain: float, threshold: float) -> FittedReceptor:
 # --- what is heard, and what is explained ---
 
 
-def test_what_is_heard_is_above_silence_or_above_noise() -> None:
+def test_receptor_responds_above_silence_or_noise() -> None:
     assert observation(np.zeros(M)).responding.all()
     rate = np.array([0.0, 0.1, 1.0, 1.5, 1.6, 2.0, 3.0, 0.0])
     receptor = through(2.0, 1.0)
@@ -81,7 +81,7 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
 SAID = Encoded(SED, 2.0 * SED, 0.25, 0.01)
 
 
-def test_noise_is_measured_told_or_assumed() -> None:
+def test_noise_is_measured_given_or_assumed() -> None:
     rest = 0.25 * np.random.default_rng((7, 1)).normal(size=M)
     measured = noise_of(SAID, None, Noise(20.0, "receptor", 7))
     assert_allclose(measured.sd, np.full(M, sd_at_rest(rest)))
@@ -131,7 +131,7 @@ def two_pressures(sd: float | np.ndarray = 1.0, gain: float = 1.0, at: NoisePlac
     return Observation(operator, gain * (sed + 5.0), FittedReceptor(Receptor(gain, -5.0)), noise, TRUE)
 
 
-def test_ours_goes_by_noise_told_before_or_after_the_receptor() -> None:
+def test_bayes_takes_noise_before_or_after_the_receptor() -> None:
     plain = decode_observation(two_pressures(), "bayes", SearchOptions())
     assert_allclose(plain.pressure, TRUE, rtol=0.05)
     assert plain.profile is not None
@@ -157,7 +157,7 @@ def test_noise_that_differs_weighs_readings(gain: float) -> None:
     assert table.problems[-1:] == table.observation.unexplained(table.pressure) != ()
 
 
-def test_ours_needs_to_know_the_noise() -> None:
+def test_bayes_without_noise_is_refused() -> None:
     silent = observation(noise=None)
     with raises(CodingError, "noise_unknown", readings="readings"):
         decode_observation(silent, "bayes", SearchOptions())

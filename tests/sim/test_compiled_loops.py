@@ -79,7 +79,7 @@ def definite(n: int) -> Array:
 
 
 @pytest.mark.parametrize("n", [0, 1, 2, 30])
-def test_what_a_factor_solves(n: int) -> None:
+def test_factor_solves_its_matrix(n: int) -> None:
     matrix, rng = definite(n), np.random.default_rng(3)
     factor = np.tril(matrix)  # the upper triangle is not looked at
     assert factors.factor_in_place(factor)
@@ -95,5 +95,5 @@ def test_what_a_factor_solves(n: int) -> None:
     np.testing.assert_allclose(lower.T @ back, b, atol=1e-10)
 
 
-def test_what_is_not_definite() -> None:
+def test_indefinite_matrix_has_no_factor() -> None:
     assert not factors.factor_in_place(np.array([[1.0, 2.0], [2.0, 1.0]]))

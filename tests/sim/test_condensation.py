@@ -70,7 +70,7 @@ def test_mkl_condenses_the_same(coarse_problem: FiniteElements) -> None:
 
 @pytest.mark.parametrize("leaf", [1, 2, 5])
 @pytest.mark.parametrize("axes", [1, 2])
-def test_it_is_cut_down_to_leaves_of_any_size(monkeypatch: pytest.MonkeyPatch, leaf: int, axes: int) -> None:
+def test_condensation_is_exact_with_leaves_of_any_size(monkeypatch: pytest.MonkeyPatch, leaf: int, axes: int) -> None:
     # 1e-12 as above; along the second axis, of places drawn by lot, what parts the halves may be most of one.
     monkeypatch.setattr(dissection, "_LEAF_PLACES", leaf)
     upper, kept, slab = block_tridiagonal()

@@ -109,7 +109,7 @@ def test_the_worked_example_first_overshoots_then_zigzags_to_the_answer(two: For
 
 
 @pytest.mark.parametrize(("step", "stuck"), [(3.0, [24.0, 9.0]), (0.01, [21.16, 12.83])])
-def test_on_a_grid_it_sticks_in_the_valley(two: ForwardOperator, step: float, stuck: list[float]) -> None:
+def test_grid_search_sticks_in_the_valley(two: ForwardOperator, step: float, stuck: list[float]) -> None:
     """SCIENCE: steps of 0.001 of the range stick at [21.4, 12.6] on a half-space."""
     found = grid_search(two, two.sed(TRUE), START, WITHIN, step)
     assert found.converged
@@ -184,7 +184,7 @@ def _profile(two: ForwardOperator, snr_db: float, seed: int, true: Array = TRUE)
     return decode_profile(two, Readings.of_sed(said.rate, said.noise_sd))
 
 
-def test_it_minimises_its_cost_as_scipy_does(small: ForwardOperator) -> None:
+def test_bayes_minimises_its_cost_as_scipy_does(small: ForwardOperator) -> None:
     true = np.array([2.0, 0.0, 1.0])
     reading = small.sed(true) + 0.3 * np.random.default_rng(1).normal(size=6)
     readings = Readings(reading, 0.3, np.array([False, True, False, False, False, False]))
@@ -225,7 +225,7 @@ def test_the_band_widens_with_noise_and_with_the_models_error(two: ForwardOperat
     assert_allclose(everywhere.sd / TRUE, 0.02, rtol=0.02)
 
 
-def test_its_band_covers_two_samples_as_often_as_it_says(two: ForwardOperator) -> None:
+def test_band_covers_two_samples_as_often_as_stated(two: ForwardOperator) -> None:
     rng, held = np.random.default_rng(6), []
     for seed in range(40):
         true = rng.uniform(5.0, 30.0, 2)
@@ -235,7 +235,7 @@ def test_its_band_covers_two_samples_as_often_as_it_says(two: ForwardOperator) -
     assert 0.8 <= np.mean(held) <= 1.0
 
 
-def test_it_is_better_than_the_univariate_search_where_noise_is_loud(
+def test_bayes_beats_the_univariate_search_in_loud_noise(
     two: ForwardOperator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Paired draws of U(0, 30)², to which neither is told, at 0 dB over M = 50 samples: mean of Eq. 6.8."""
@@ -277,7 +277,7 @@ def four() -> ForwardOperator:
 # --- receptors anywhere ---
 
 
-def test_receptors_anywhere_feel_what_even_ones_do(sampled: SampledSection, scattered: ReceptorSection) -> None:
+def test_scattered_receptors_equal_even_ones(sampled: SampledSection, scattered: ReceptorSection) -> None:
     assert_allclose(scattered.strain_per_node[:, 1], sampled.strain_per_node[:, 0])
     assert_allclose(scattered.place_mm, [1.1, -2.04, 0.4])
     assert scattered.material == sampled.material
@@ -288,7 +288,7 @@ def test_receptors_anywhere_feel_what_even_ones_do(sampled: SampledSection, scat
 
 
 @pytest.mark.parametrize(("place", "depth"), [(-3.0, 0.5), (0.0, 0.76), (2.0, 1.5), (5.7, 0.3)])
-def test_the_place_above_a_point_is_where_it_was_put_from(place: float, depth: float) -> None:
+def test_place_above_inverts_point_below(place: float, depth: float) -> None:
     line = skin_of(COARSE)
     x_mm = line.below(line.angles(place), depth)[0, 0]
     assert line.above(x_mm, depth) == pytest.approx(place, abs=1e-5)  # linear in a table of 2001 places

@@ -18,7 +18,7 @@ from tests.error_codes import raises
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_name_is_there() -> None:
+def test_every_public_name_is_importable() -> None:
     assert sim.__version__ == version("indentation-rig")
     assert set(sim.__all__) <= set(dir(sim))
     for name in sim.__all__:
@@ -27,7 +27,7 @@ def test_every_name_is_there() -> None:
         sim.__getattr__("Fingertop")
 
 
-def test_the_door_itself_weighs_nothing() -> None:
+def test_importing_sim_imports_no_library() -> None:
     code = "import sys, sim; dir(sim); assert not {'numpy', 'pydantic', 'sim.models'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 

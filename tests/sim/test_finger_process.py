@@ -51,7 +51,7 @@ def never_ends(finger: Fingertip) -> None:
     signal.sigwait({signal.SIGALRM})
 
 
-def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, finger: Fingertip) -> None:
+def test_finger_process_answers_to_the_bit_as_the_finger(process: FingerProcess, finger: Fingertip) -> None:
     for shape, doi_mm in (("bar:3.0", 0.4), ("step:1", 0.7)):
         here = asked(finger, force_gwt, shape, doi_mm=doi_mm)
         assert (
@@ -71,7 +71,7 @@ def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, f
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_what_is_raised_there_is_raised_here(process: FingerProcess, error: Exception) -> None:
+def test_error_in_the_process_is_raised_in_the_caller(process: FingerProcess, error: Exception) -> None:
     with pytest.raises(type(error)) as raised:
         process.ask(refused, error)
     assert raised.value.args == error.args
@@ -87,7 +87,7 @@ def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
     assert set(about["handlers"].values()) == {signal.SIG_IGN}
 
 
-def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
+def test_lost_process_is_reported_and_started_again(finger: Fingertip) -> None:
     with FingerProcess(finger.config) as process:
         first = process.pid
         with raises(FingerLostError, "finger_lost", how="exit code 3"):
@@ -100,7 +100,7 @@ def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
             process.ask(about_itself)
 
 
-def test_whoever_does_not_wait_for_an_answer_is_not_given_it_next(finger: Fingertip) -> None:
+def test_interrupted_question_never_answers_the_next(finger: Fingertip) -> None:
     def ctrl_c(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -120,9 +120,7 @@ def test_whoever_does_not_wait_for_an_answer_is_not_given_it_next(finger: Finger
         signal.signal(signal.SIGALRM, before)
 
 
-def test_a_finger_that_cannot_be_loaded_is_told_of_at_every_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unloadable_finger_is_an_error_at_every_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "file"))
     with FingerProcess(FingertipConfig()) as process:
@@ -131,7 +129,7 @@ def test_a_finger_that_cannot_be_loaded_is_told_of_at_every_question(
                 process.ask(about_itself)
 
 
-def test_one_that_was_closed_is_gone(finger: Fingertip) -> None:
+def test_closed_process_is_gone(finger: Fingertip) -> None:
     process = FingerProcess(finger.config)
     pid = process.pid
     process.close()
@@ -154,7 +152,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=lambda number: number.name)
-def test_it_ends_with_whoever_began_it_in_the_middle_of_a_question(number: signal.Signals) -> None:
+def test_process_ends_with_its_owner_during_a_question(number: signal.Signals) -> None:
     words = [sys.executable, "-c", OWNER]
     with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
         assert owner.stdout is not None

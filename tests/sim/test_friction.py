@@ -193,7 +193,7 @@ def test_order_matters_only_without_lifting(coarse_finger: Fingertip) -> None:
         ({"friction": 0.3, "other_paths": True}, "friction_with_other_paths"),
     ],
 )
-def test_refused(coarse_finger: Fingertip, options: dict[str, Any], code: str) -> None:
+def test_bad_friction_is_refused(coarse_finger: Fingertip, options: dict[str, Any], code: str) -> None:
     with pytest.raises(SimError) as caught:
         coarse_finger.indent("bar:3.0", doi_mm=0.3, **options)
     assert caught.value.code == code

@@ -102,9 +102,7 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
         ({"bone_fraction": 0.4}, None),
     ],
 )
-def test_its_modulus_is_that_of_the_fingers_own_layers_or_it_is_refused(
-    tissue: dict[str, float], ratio: float | None
-) -> None:
+def test_halfspace_modulus_is_that_of_the_layers_or_refused(tissue: dict[str, float], ratio: float | None) -> None:
     config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.3, 0.4))
     if ratio is None:
         with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):

@@ -193,7 +193,7 @@ def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingerti
 # -------------------------------------------------------------------------------------------------- from files
 
 
-def test_a_picture_is_as_one_looks_at_the_face(tmp_path: Path) -> None:
+def test_picture_shows_the_indentors_face(tmp_path: Path) -> None:
     pixels = np.full((40, 60), 255, np.uint8)
     pixels[:10, :30] = 0  # dark at the top left: towards the tip and −x
     Image.fromarray(pixels).save(tmp_path / "a.png")
@@ -280,7 +280,7 @@ def a_dot(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MIDDLE_TOUCHES)
-def test_the_side_that_is_up_is_said_or_asked_for(tmp_path: Path, name: str) -> None:
+def test_raised_side_is_given_or_asked_for(tmp_path: Path, name: str) -> None:
     a_dot(tmp_path)
     shape, touches = f"heightmap:{tmp_path / name}", MIDDLE_TOUCHES[name]
     if touches is None:

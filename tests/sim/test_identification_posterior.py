@@ -48,7 +48,7 @@ def _identified(seed: int, presses: Presses = PRESSES) -> tuple[np.ndarray, list
     return _kept(seed, presses)
 
 
-def test_what_was_learned_holds_the_truth_and_is_narrower() -> None:
+def test_posterior_holds_the_truth_and_is_narrower() -> None:
     off = []
     for seed in range(8):
         truth, given, learned = _identified(seed)
@@ -177,7 +177,7 @@ def test_a_mount_that_slips_is_recognised() -> None:
 
 
 @pytest.mark.parametrize(("off_sds", "flagged"), [(2.1, False), (2.2, True), (-2.2, True)])
-def test_layers_at_the_end_of_their_ranges_are_told(off_sds: float, flagged: bool) -> None:
+def test_layers_at_the_end_of_their_ranges_are_flagged(off_sds: float, flagged: bool) -> None:
     """Of both moduli: two squares, of which one in a hundred exceeds 9.21."""
     _, given, learned = _identified(1)
     moved = PRIOR.middle.copy()

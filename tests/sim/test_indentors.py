@@ -315,7 +315,7 @@ class Said:
         Grating(1.0, 3.0, 0.2),
     ],
 )
-def test_it_is_what_every_shape_of_ours_says(profile: IndentorProfile) -> None:
+def test_measured_radius_equals_the_stated_one(profile: IndentorProfile) -> None:
     assert measured_radius_mm(profile) == pytest.approx(profile.sharpest_radius_mm, rel=0.01)
     assert Indentor.along(profile).sharp == (profile.sharpest_radius_mm < SHARP_RADIUS_MM)  # and no warning
 

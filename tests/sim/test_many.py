@@ -50,7 +50,7 @@ def mixed(coarse: Fingertip) -> Indentations:
     return indent_many(coarse, **MIXED)  # type: ignore[arg-type]
 
 
-def test_each_is_as_if_it_were_the_only_one(coarse: Fingertip, mixed: Indentations) -> None:
+def test_each_of_many_presses_equals_a_press_alone(coarse: Fingertip, mixed: Indentations) -> None:
     for asked, found in zip(mixed.asked, mixed, strict=True):
         alone = coarse.indent(
             asked.shape, asked.x_mm, z_mm=asked.z_mm, doi_mm=asked.doi_mm, force_gwt=asked.force_gwt

@@ -221,7 +221,7 @@ def test_the_numbers_make_the_key_not_the_path(tmp_path: Path) -> None:
 # --- the shipped example ---
 
 
-def test_the_synthetic_example_is_what_it_says(skin: FingertipSurface) -> None:
+def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
     phi, z = np.meshgrid(np.radians(np.arange(30, 151, 15)), np.arange(4.0, 11.51, 0.75))
     points = 1.2 * np.stack([*skin.section(phi, z), z], -1).reshape(-1, 3)
     shipped = EXAMPLES / "synthetic_larger_finger_points.csv"

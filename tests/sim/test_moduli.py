@@ -110,7 +110,7 @@ def load(finger: FingertipConfig, *, exact: bool) -> Fingertip:
 
 
 @pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.04, 0.02), (0.64, 0.02), (0.588, 0.25)])
-def test_it_is_near_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
+def test_interpolated_finger_is_within_its_bounds_of_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> None:
     near, full = (load(config(e_dermis, e_fat), exact=exact) for exact in (False, True))
     ratio = eigh(near.model.patch.compliance, full.model.patch.compliance, eigvals_only=True)
     assert np.abs(ratio - 1).max() < largest_error()
@@ -125,7 +125,7 @@ def test_it_is_near_a_full_build(nodes: Path, e_dermis: float, e_fat: float) -> 
         assert found.force_n != right.force_n
 
 
-def test_at_a_node_it_is_the_full_build(nodes: Path) -> None:
+def test_interpolated_finger_at_a_node_is_the_full_build(nodes: Path) -> None:
     finger = config(float(DERMIS.nodes[1]), float(FAT.nodes[2]))
     near, full = (load(finger, exact=exact) for exact in (False, True))
     scale = np.abs(full.model.patch.compliance).max()
@@ -156,13 +156,13 @@ def test_a_larger_patch_and_other_points_are_the_fingers_own(nodes: Path) -> Non
 
 
 @pytest.mark.parametrize(("e_dermis", "e_fat"), [(0.03, 0.1), (0.1, 0.5)])
-def test_beyond_the_range_it_is_refused(e_dermis: float, e_fat: float) -> None:
+def test_moduli_beyond_the_range_are_refused(e_dermis: float, e_fat: float) -> None:
     known = {"dermis_low": 0.04, "dermis_high": 0.64, "fat_low": 0.02, "fat_high": 0.32}
     with raises(ModelRangeError, "not_interpolated", e_dermis=e_dermis, e_fat=e_fat, **known):
         load(config(e_dermis, e_fat), exact=False)
 
 
-def test_a_build_that_is_missing_is_made_and_told(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
+def test_missing_build_is_made_and_announced(nodes: Path, caplog: pytest.LogCaptureFixture) -> None:
     node = nodes_for(config(), PLACES)[6]
     node.files[0].unlink()
     with caplog.at_level(logging.INFO, "sim.models.interpolation"):
@@ -196,5 +196,5 @@ def nothing_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         (asked(*NINE[:4]) + asked(*NINE[4:], epidermis_mm=0.3), [False] * 9),
     ],
 )
-def test_nine_of_a_family_are_worth_it(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:
+def test_nine_fingers_of_a_family_are_interpolated(fingers: list[FingerWithReceptors], expected: list[bool]) -> None:
     assert worth_interpolating(fingers) == expected

@@ -190,7 +190,7 @@ def about(coarse_loaded: LoadedFinger, response: MovedResponse, x_mm: float, z_m
     return spreads(coarse_loaded, response.sheet, [Site(0, x_mm, z_mm, on_pulp=True)], 2.0, 1.5)[0]
 
 
-def test_where_it_was_measured_it_is_exact(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+def test_moved_response_is_exact_where_measured(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
     there = about(coarse_loaded, response, 0.0, PLANE_MM)
     assert response.missed(there, 2.0) < 1e-9
     assert response.missed(there, 2.0 * np.sqrt(1.1)) == pytest.approx(0.1)  # SED goes with the force's square
@@ -206,7 +206,7 @@ def test_moved_along_a_straight_finger_it_is_right_and_around_a_bend_it_is_not(
     assert tip > 1.5 * near, tip
 
 
-def test_it_is_moved_the_right_way(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
+def test_moved_response_keeps_its_orientation(coarse_loaded: LoadedFinger, response: MovedResponse) -> None:
     """Its shear is odd: mirrored, or moved to the other side, it would have the other sign."""
     load = PointLoad(0.4, PLANE_MM + 0.4)
     near = about(coarse_loaded, response, load.x_mm, load.z_mm)

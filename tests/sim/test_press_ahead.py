@@ -133,7 +133,7 @@ def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(following: Follo
     assert following.press.force_n(following.scheduler.monotonic_s()) == 0.0
 
 
-def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(following: Following) -> None:
+def test_dead_finger_process_stops_the_loop_and_is_reported_once(following: Following) -> None:
     """The last test with this process."""
     (process,) = multiprocessing.active_children()
     process.kill()

@@ -63,7 +63,7 @@ def test_elements_that_reach_over_three_rows_of_nodes_are_condensed(skin: Finger
     np.testing.assert_allclose(factor.compliance, direct, rtol=0, atol=1e-9 * np.abs(direct).max())
 
 
-def test_it_is_pressed_like_the_finger_of_half_as_large_elements() -> None:
+def test_quadratic_finger_presses_like_half_as_large_elements() -> None:
     # The same nodes with B-bar; 0.3 mm is coarse for both. Measured 0.6 % of force, 5 % of ep1.
     results = [load("finger", config, cached=False).indent("cylinder:9", doi_mm=0.3) for config in (CONFIG, HALF)]
     assert all(result.state.converged for result in results)

@@ -112,13 +112,13 @@ def test_let_go_it_recovers_as_in_many_small_steps() -> None:
 
 
 @pytest.mark.parametrize("terms", [[(1.0, 1.0)], [(0.6, 1.0), (0.4, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [(0.0, 1.0)]])
-def test_what_is_no_series(terms: list[tuple[float, float]]) -> None:
+def test_impossible_relaxation_series_are_refused(terms: list[tuple[float, float]]) -> None:
     with raises(ArgumentError, "bad_series"):
         Prony([PronyTerm(*term) for term in terms])
 
 
 @pytest.mark.parametrize("step_s", [-0.1, math.nan, math.inf])
-def test_time_goes_on(step_s: float) -> None:
+def test_impossible_steps_are_refused(step_s: float) -> None:
     with raises(ArgumentError, "bad_step"):
         Memory.none(SERIES).ahead(step_s)
 
@@ -134,7 +134,7 @@ def flat() -> Patch:
     return relaxing_contact.flat_skin(25)
 
 
-def test_a_ramp_and_a_hold_are_lee_and_radoks(flat: Patch) -> None:
+def test_ramp_and_hold_are_lee_and_radoks_solution(flat: Patch) -> None:
     """By steps of a twentieth of τ 0.04 % of the elastic force is left (docs/validation/tissue.md)."""
     way = relaxing_contact.up_and_held(STEPS)
     forces = relaxing_contact.pressed_along(flat, way) / relaxing_contact.elastic(flat)
@@ -143,7 +143,7 @@ def test_a_ramp_and_a_hold_are_lee_and_radoks(flat: Patch) -> None:
     assert expected[-1] < 0.7 * max(expected), "it relaxes"
 
 
-def test_on_the_way_back_it_is_tings(flat: Patch) -> None:
+def test_unloading_is_tings_solution(flat: Patch) -> None:
     """Less than the force alone would be, which goes on pulling back what contact has left."""
     way = relaxing_contact.up_and_down(STEPS)
     forces = relaxing_contact.pressed_along(flat, way)[STEPS:] / relaxing_contact.elastic(flat)

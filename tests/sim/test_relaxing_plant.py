@@ -37,7 +37,7 @@ def deep(skin: Fingertip, doi_mm: float) -> Pose:
 DEPTHS_MM = (-0.1, 0.1, 0.3, 0.3, 0.3, 0.1, -0.1, 0.2)
 
 
-def test_step_by_step_it_is_the_librarys(skin: Fingertip) -> None:
+def test_relaxing_press_of_a_bench_equals_the_librarys(skin: Fingertip) -> None:
     """To what contact is solved to: a bench asks for 1e-8, the library for 1e-10."""
     press, library = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0)), InTime(skin, SHAPE, Prony(TERMS))
     for doi_mm in DEPTHS_MM:
@@ -111,7 +111,7 @@ def alone(skin: Fingertip, way: tuple[Leg, ...]) -> list[float]:
     return [press.moved_to(leg.pose, leg.step_s) for leg in way]
 
 
-def test_what_was_planned_and_came_otherwise_is_forgotten(skin: Fingertip) -> None:
+def test_plan_that_did_not_come_is_forgotten(skin: Fingertip) -> None:
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
     going(TrajectoryUpdate(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
     came = legs(skin, 0.1, 0.15, 0.15)
@@ -120,7 +120,7 @@ def test_what_was_planned_and_came_otherwise_is_forgotten(skin: Fingertip) -> No
     assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(alone(skin, (*came[:2], later))[2:], rel=1e-6)
 
 
-def test_what_has_no_answer_is_told_and_not_remembered(skin: Fingertip) -> None:
+def test_leg_without_an_answer_is_reported_and_forgotten(skin: Fingertip) -> None:
     going = Going(RelaxingPress(skin, SHAPE, TERMS))
     way = (*legs(skin, 0.2), Leg(PERIOD_S, deep(skin, 2.5)), *legs(skin, 0.2))
     answer = going(TrajectoryUpdate(way))

@@ -205,7 +205,7 @@ def _by_hand(bearing: dict[int, float], shape: str = "bar:3", axes: tuple[int, .
 FEW = {_node(-0.5): 0.3, _node(0.25): 0.1, _node(0.75): 0.2, _node(0.0, row=2): 0.4}
 
 
-def test_numbers() -> None:
+def test_numbers_of_an_answer() -> None:
     result = _by_hand(FEW)
     area = result.model.patch.area_mm2
     assert result.force_gwt == pytest.approx(0.02 / 9.80665e-3)
@@ -218,7 +218,7 @@ def test_numbers() -> None:
     assert _by_hand({node: 2 * newton for node, newton in FEW.items()}).contact_area_mm2 == result.contact_area_mm2
 
 
-def test_profiles() -> None:
+def test_profiles_of_an_answer() -> None:
     result = _by_hand(FEW)
     nodes = [_node(x) for x in SIDE]
     assert result.plane == slice(6, 12)

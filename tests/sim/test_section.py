@@ -19,7 +19,7 @@ def section() -> Fingertip:
     return load("section")
 
 
-def test_its_skin_is_the_fingers_in_the_receptor_plane(skin: FingertipSurface) -> None:
+def test_section_skin_is_the_fingers_in_the_receptor_plane(skin: FingertipSurface) -> None:
     plane = FingertipConfig().receptor_plane_mm
     phi = np.linspace(0, np.pi, 50)
     for z_mm in (3.0, 6.0, 11.0):
@@ -44,7 +44,7 @@ def test_force_is_the_slope_of_energy(section: Fingertip) -> None:
     assert slope == pytest.approx(force, rel=2e-3)
 
 
-def test_it_converges_with_the_mesh() -> None:
+def test_section_converges_with_the_mesh() -> None:
     meshes = [load("section", FingertipConfig(mesh=nested(n))) for n in (2, 3, 8)]
     for shape, x_mm in (("cylinder:9", 0.0), ("bar:3.0", 0.04)):
         coarse, fine, finest = (mesh.indent(shape, x_mm, doi_mm=0.67) for mesh in meshes)

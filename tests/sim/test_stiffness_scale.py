@@ -110,7 +110,7 @@ REFUSED: dict[str, Callable[[FingertipConfig], object]] = {
 
 
 @pytest.mark.parametrize("name", REFUSED)
-def test_what_is_linear_alone_refuses_tissue_that_stiffens(name: str) -> None:
+def test_linear_models_refuse_stiffening_tissue(name: str) -> None:
     told = FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=0.25))
     with raises(ModelRangeError, "linear_alone", stiffening=0.25):
         REFUSED[name](told)
