@@ -34,6 +34,12 @@ def coarse_finger() -> Fingertip:
 
 
 @pytest.fixture(scope="session")
+def halfspace() -> Fingertip:
+    """The cheapest model, with the skin of the default finger."""
+    return load("halfspace")
+
+
+@pytest.fixture(scope="session")
 def coarse_problem(coarse_config: FingertipConfig, skin: FingertipSurface) -> FiniteElements:
     """The coarse finger's stiffness, not condensed."""
     return discretise(coarse_config, build_mesh(coarse_config, skin))

@@ -71,24 +71,18 @@ def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_pa
 # --- arguments that only a Python caller can get wrong ---
 
 
-@pytest.fixture(scope="module")
-def simple() -> Fingertip:
-    """The cheapest model."""
-    return load("halfspace")
-
-
 @pytest.mark.parametrize("name", ["x_mm", "z_mm", "doi_mm", "force_gwt"])
 @pytest.mark.parametrize("value", [np.array([0.2, 0.3]), "0.2"])
-def test_a_press_takes_one_number_of_each(simple: Fingertip, name: str, value: Any) -> None:
+def test_a_press_takes_one_number_of_each(halfspace: Fingertip, name: str, value: Any) -> None:
     given = {"x_mm": 0.0, name: value} | ({} if name in ("doi_mm", "force_gwt") else {"doi_mm": 0.2})
-    for call in (lambda: simple.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
+    for call in (lambda: halfspace.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
         with raises(ArgumentError, "not_a_number", name=name, kind=type(value).__name__):
             call()
 
 
 @pytest.mark.parametrize("value", [np.array(0.2), np.int64(1)])
-def test_a_number_is_one_of_any_kind(simple: Fingertip, value: Any) -> None:
-    assert simple.indent("sphere:4", doi_mm=value).force_gwt > 0
+def test_a_number_is_one_of_any_kind(halfspace: Fingertip, value: Any) -> None:
+    assert halfspace.indent("sphere:4", doi_mm=value).force_gwt > 0
 
 
 ARRAY: Any = np.zeros((5, 5))
@@ -96,23 +90,19 @@ PATH: Any = "finger.toml"
 TISSUE: Any = Tissue()
 
 
-def _pressed() -> Any:
-    return load("halfspace").indent("sphere:4", doi_mm=0.2)
-
-
 @pytest.mark.parametrize(
     ("call", "code", "kind"),
     [
-        (lambda: load("halfspace").indent(ARRAY, doi_mm=0.2), "no_indentor", "ndarray"),
-        (lambda: Fingertip.load(PATH), "no_finger_config", "str"),
-        (lambda: load("halfspace", TISSUE), "no_finger_config", "Tissue"),
-        (lambda: choose("bar:3.0", doi_mm=0.2, config=TISSUE), "no_finger_config", "Tissue"),
-        (lambda: to_pandas(_pressed()), "no_table", "IndentationResult"),
+        (lambda simple: simple.indent(ARRAY, doi_mm=0.2), "no_indentor", "ndarray"),
+        (lambda _: Fingertip.load(PATH), "no_finger_config", "str"),
+        (lambda _: load("halfspace", TISSUE), "no_finger_config", "Tissue"),
+        (lambda _: choose("bar:3.0", doi_mm=0.2, config=TISSUE), "no_finger_config", "Tissue"),
+        (lambda simple: to_pandas(simple.indent("sphere:4", doi_mm=0.2)), "no_table", "IndentationResult"),
     ],
 )
-def test_a_wrong_kind_is_named(call: Callable[[], Any], code: str, kind: str) -> None:
+def test_a_wrong_kind_is_named(halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str) -> None:
     with raises(ArgumentError, code, kind=kind):
-        call()
+        call(halfspace)
 
 
 def test_an_unknown_model_is_told_with_the_known_ones() -> None:

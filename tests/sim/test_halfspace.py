@@ -103,7 +103,7 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
     ],
 )
 def test_halfspace_modulus_is_that_of_the_layers_or_refused(tissue: dict[str, float], ratio: float | None) -> None:
-    config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.3, 0.4))
+    config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.5, 0.6))
     if ratio is None:
         with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):
             load("halfspace", config)

@@ -34,7 +34,8 @@ from tests.sim.coarse_mesh import coarse_mesh
 
 AXES = {"dermis": DERMIS, "fat": FAT}
 PLACES = ReceptorPlaces((-1.0, 0.0), (0.3, 0.76, 1.6))
-MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5, round_patch_mm=1.0)
+BELOW = {"growth": 2.0, "far_growth": 3.0, "far_spacing_mm": 3.0}
+MESH = coarse_mesh(0.7, 0.7, patch_x_mm=1.4, patch_z_mm=1.4, round_patch_mm=1.0, **BELOW)
 
 
 def config(e_dermis: float = 0.1, e_fat: float = 0.1, **tissue: float) -> FingertipConfig:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import butter, lsim
 
 from sim.errors import ArgumentError, ModelRangeError
-from sim.models.catalogue import load
+from sim.models.fingertip import Fingertip
 from sim.nerve.filters import adapted, derivative_low_pass, fading
 from sim.nerve.firing_speed import LEAST_MM_S, MOST_MM_S, firing_speed_mm_s
 from sim.nerve.integrator import MOST_STEP_S, Membrane, after_current, spikes
@@ -152,8 +152,8 @@ def test_depth_is_that_of_the_ramp_with_rounded_corners() -> None:
     assert np.abs(acceleration).max() == pytest.approx(10 / 0.02, rel=1e-3)
 
 
-def test_a_table_of_presses_gives_the_press_between_its_levels() -> None:
-    finger, model = load("halfspace"), BUILT_IN["SA1"]
+def test_a_table_of_presses_gives_the_press_between_its_levels(halfspace: Fingertip) -> None:
+    finger, model = halfspace, BUILT_IN["SA1"]
     points = finger.points_below([0.0, 0.5], model.depth_mm)
     found = SkinUnderIndentor(finger, "cylinder:9", points, model.measure, 0.4)
     assert len(found.depths_mm) == LEVELS

@@ -79,7 +79,6 @@ def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> Non
         ("sphere:2", {"z_mm": 10.893}, {"doi_mm": 0.5}, (False, True)),
         ("sphere:2", {"z_mm": 2.893}, {"doi_mm": 0.5}, (False, True)),
         ("bar:3", {"x_mm": 1.9}, {"force_gwt": 25.0}, (False, True)),
-        ("line", {"z_mm": 9.3}, {"doi_mm": 0.5}, (False, True)),
     ],
 )
 def test_scenes_that_leave_the_own_patch_are_answered(

@@ -8,7 +8,6 @@ from sim.carriage import Carriage, Placement, Pose, Screws, Truth, Turn
 from sim.config import FingertipConfig
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
-from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
@@ -24,41 +23,35 @@ PERIOD_S = 0.05
 SHAPE = "cylinder:9"
 
 
-@pytest.fixture(scope="module")
-def skin() -> Fingertip:
-    """The cheapest; what is asserted holds for any."""
-    return load("halfspace")
-
-
-def deep(skin: Fingertip, doi_mm: float) -> Pose:
-    return Pose(0.0, skin.touch_height_mm(SHAPE, 0.0) - skin.apex_height_mm - doi_mm)
+def deep(halfspace: Fingertip, doi_mm: float) -> Pose:
+    return Pose(0.0, halfspace.touch_height_mm(SHAPE, 0.0) - halfspace.apex_height_mm - doi_mm)
 
 
 DEPTHS_MM = (-0.1, 0.1, 0.3, 0.3, 0.3, 0.1, -0.1, 0.2)
 
 
-def test_relaxing_press_of_a_bench_equals_the_librarys(skin: Fingertip) -> None:
+def test_relaxing_press_of_a_bench_equals_the_librarys(halfspace: Fingertip) -> None:
     """To what contact is solved to: a bench asks for 1e-8, the library for 1e-10."""
-    press, library = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0)), InTime(skin, SHAPE, Prony(TERMS))
+    press, library = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0)), InTime(halfspace, SHAPE, Prony(TERMS))
     for doi_mm in DEPTHS_MM:
         expected = 2.0 * library.to_depth(0.2, doi_mm).force_n
-        assert press.moved_to(deep(skin, doi_mm), 0.2) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+        assert press.moved_to(deep(halfspace, doi_mm), 0.2) == pytest.approx(expected, rel=1e-6, abs=1e-12)
     assert expected > 0
 
 
-def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(skin: Fingertip) -> None:
+def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(halfspace: Fingertip) -> None:
     def again(between_mm: float) -> list[float]:
-        press = RelaxingPress(skin, SHAPE, TERMS)
-        return [press.moved_to(deep(skin, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
+        press = RelaxingPress(halfspace, SHAPE, TERMS)
+        return [press.moved_to(deep(halfspace, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
 
     assert again(0.05)[1] == 0.0
     assert again(0.05) == pytest.approx(again(-0.1), rel=1e-9)
 
 
-def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Fingertip) -> None:
+def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(halfspace: Fingertip) -> None:
     compliance = 0.5
-    press = RelaxingPress(skin, SHAPE, TERMS, Truth(compliance_mm_per_n=compliance))
-    library, pose, at_first_n = InTime(skin, SHAPE, Prony(TERMS)), deep(skin, 0.4), 0.0
+    press = RelaxingPress(halfspace, SHAPE, TERMS, Truth(compliance_mm_per_n=compliance))
+    library, pose, at_first_n = InTime(halfspace, SHAPE, Prony(TERMS)), deep(halfspace, 0.4), 0.0
     for step_s in (0.0, 0.5, 0.5):
         force_n = press.moved_to(pose, step_s)
         doi_mm = press.doi_mm(pose)
@@ -68,66 +61,70 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Finger
     assert force_n < 0.8 * at_first_n
 
 
-def test_a_turned_finger_takes_spheres_only() -> None:
+def test_a_turned_finger_takes_spheres_only(halfspace: Fingertip) -> None:
     with raises(ModelRangeError, "turned_finger", indentor=SHAPE):
-        RelaxingPress(load("halfspace"), SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
+        RelaxingPress(halfspace, SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
 
 
-def test_under_a_stage_the_force_is_that_of_the_samples(skin: Fingertip) -> None:
+def test_under_a_stage_the_force_is_that_of_the_samples(halfspace: Fingertip) -> None:
     clock, at = VirtualClock(), [-0.1]
     steps_per_mm = 1e6
 
     def steps(t_s: float) -> tuple[int, int, int]:
-        return 0, 0, round(steps_per_mm * deep(skin, at[0]).above_apex_mm)
+        return 0, 0, round(steps_per_mm * deep(halfspace, at[0]).above_apex_mm)
 
     carriage = Carriage(steps, Screws(z_steps_per_mm=steps_per_mm), Placement(0.0, 0.0))
-    plant = RelaxingPlant(skin, carriage, TERMS, Truth(2.0), clock, PERIOD_S)
+    plant = RelaxingPlant(halfspace, carriage, TERMS, Truth(2.0), clock, PERIOD_S)
     clock.wait_s(1.0)
     assert plant.force_n(1.0) == 0.0, "nothing is mounted"
     plant.mount(SHAPE)
     clock.wait_s(1.01)
     at[0] = 0.3
-    press = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0))
+    press = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0))
     for _ in range(4):
-        expected = press.moved_to(deep(skin, 0.3), PERIOD_S)
+        expected = press.moved_to(deep(halfspace, 0.3), PERIOD_S)
         clock.wait_s(PERIOD_S)
         assert plant.force_n(clock.monotonic_s()) == pytest.approx(expected, rel=1e-6)
     assert plant.pose_at(clock.monotonic_s()).doi_mm == pytest.approx(0.3, abs=2e-6)
     plant.mount(SHAPE)
     clock.wait_s(PERIOD_S)
-    fresh = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0)).moved_to(deep(skin, 0.3), PERIOD_S)
+    fresh = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0)).moved_to(deep(halfspace, 0.3), PERIOD_S)
     assert plant.force_n(clock.monotonic_s()) == pytest.approx(fresh, rel=1e-6)
 
 
 # --- ways, in another process ---
 
 
-def legs(skin: Fingertip, *doi_mm: float, step_s: float = PERIOD_S) -> tuple[Leg, ...]:
-    return tuple(Leg(step_s, deep(skin, depth)) for depth in doi_mm)
+def legs(halfspace: Fingertip, *doi_mm: float, step_s: float = PERIOD_S) -> tuple[Leg, ...]:
+    return tuple(Leg(step_s, deep(halfspace, depth)) for depth in doi_mm)
 
 
-def alone(skin: Fingertip, way: tuple[Leg, ...]) -> list[float]:
-    press = RelaxingPress(skin, SHAPE, TERMS)
+def alone(halfspace: Fingertip, way: tuple[Leg, ...]) -> list[float]:
+    press = RelaxingPress(halfspace, SHAPE, TERMS)
     return [press.moved_to(leg.pose, leg.step_s) for leg in way]
 
 
-def test_plan_that_did_not_come_is_forgotten(skin: Fingertip) -> None:
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    going(TrajectoryUpdate(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
-    came = legs(skin, 0.1, 0.15, 0.15)
-    assert going(TrajectoryUpdate(came[1:2], came[2:])).forces_n == pytest.approx(alone(skin, came)[1:], rel=1e-6)
-    later = Leg(3 * PERIOD_S, deep(skin, 0.15))  # the same place, but not the same time
-    assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(alone(skin, (*came[:2], later))[2:], rel=1e-6)
+def test_plan_that_did_not_come_is_forgotten(halfspace: Fingertip) -> None:
+    going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
+    going(TrajectoryUpdate(legs(halfspace, 0.1), legs(halfspace, 0.8, 1.2)))
+    came = legs(halfspace, 0.1, 0.15, 0.15)
+    assert going(TrajectoryUpdate(came[1:2], came[2:])).forces_n == pytest.approx(
+        alone(halfspace, came)[1:], rel=1e-6
+    )
+    later = Leg(3 * PERIOD_S, deep(halfspace, 0.15))  # the same place, but not the same time
+    assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(
+        alone(halfspace, (*came[:2], later))[2:], rel=1e-6
+    )
 
 
-def test_leg_without_an_answer_is_reported_and_forgotten(skin: Fingertip) -> None:
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    way = (*legs(skin, 0.2), Leg(PERIOD_S, deep(skin, 2.5)), *legs(skin, 0.2))
+def test_leg_without_an_answer_is_reported_and_forgotten(halfspace: Fingertip) -> None:
+    going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
+    way = (*legs(halfspace, 0.2), Leg(PERIOD_S, deep(halfspace, 2.5)), *legs(halfspace, 0.2))
     answer = going(TrajectoryUpdate(way))
     assert math.isnan(answer.forces_n[1])
     assert "DOI 2.5 mm: must be more than 0 and at most 2 mm" in answer.problem
-    assert answer.forces_n[2] == pytest.approx(alone(skin, (way[0], way[2]))[1], rel=1e-6)
-    assert going(TrajectoryUpdate(legs(skin, 0.2))).problem == ""
+    assert answer.forces_n[2] == pytest.approx(alone(halfspace, (way[0], way[2]))[1], rel=1e-6)
+    assert going(TrajectoryUpdate(legs(halfspace, 0.2))).problem == ""
 
 
 def test_in_real_time_a_hold_relaxes(finger: Fingertip) -> None:

@@ -123,13 +123,11 @@ def promised(scene: BenchmarkScene, model: str) -> dict[str, float]:
 
 def test_candidates_are_measured_in_their_own_processes() -> None:
     scenes = QUICK_SCENES[:2]
-    candidates = (Candidate("halfspace", "0.28 mm", coarse(0.28)), Candidate("section", "0.28 mm", coarse(0.28)))
+    candidates = (Candidate("section", "0.28 mm", coarse(0.28)),)
     measured = list(measure(candidates, scenes))
-    assert [found.nodes for found in measured] == [220, measured[1].nodes]
     found = list(rows(measured, stored()))
     assert {(row["model"], row["quantity"]) for row in found} == {
-        *(("halfspace", quantity) for quantity in QUANTITIES),
-        *(("section", quantity) for quantity in QUANTITIES if quantity != "force"),
+        ("section", quantity) for quantity in QUANTITIES if quantity != "force"
     }
     assert all(row["total_s"] > row["contact_s"] > 0 and 50 < row["memory_mb"] < 4000 for row in found)
 

@@ -1,5 +1,6 @@
 """A finger that stiffens: what its quick answers are made of, and that a finger that does not is what it was."""
 
+from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,13 @@ def config(stiffening: float = 0.0) -> FingertipConfig:
     return FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=stiffening) if stiffening else Tissue())
 
 
+def of_tissue(finger: Fingertip, tissue: Tissue) -> Fingertip:
+    """The same finger of other tissue, its models shared."""
+    other = copy(finger)
+    other.config = FingertipConfig(mesh=MESH, tissue=tissue)
+    return other
+
+
 @pytest.fixture(scope="module")
 def linear() -> Fingertip:
     return load("finger", config(), cached=False)
@@ -59,9 +67,7 @@ def linear() -> Fingertip:
 
 @pytest.fixture(scope="module")
 def stiff(linear: Fingertip) -> Fingertip:
-    made = load("finger", config(0.4), cached=False)
-    made._models, made._outlines = linear._models, linear._outlines
-    return made
+    return of_tissue(linear, Tissue(stiffening=0.4))
 
 
 # --- the functions ---
@@ -272,9 +278,7 @@ def test_zero_is_the_limit_of_small_stiffening(linear: Fingertip, stiffening: fl
     """Force and energy grow by less than the stiffening: (1 + a κ)^0.58 with κ of about 1 at this depth."""
 
     def pressed(tissue: Tissue) -> IndentationResult:
-        made = load("finger", FingertipConfig(mesh=MESH, tissue=tissue), cached=False)
-        made._models, made._outlines = linear._models, linear._outlines
-        return made.indent("cylinder:9", doi_mm=0.7)
+        return of_tissue(linear, tissue).indent("cylinder:9", doi_mm=0.7)
 
     zero, some = pressed(NOT_STIFFENING), pressed(Tissue(stiffening=stiffening))
     assert zero.force_n < some.force_n < zero.force_n * (1 + 2 * stiffening)
