@@ -67,9 +67,9 @@ def test_an_afferent_depends_on_seed_class_and_number_only(halfspace: Fingertip)
 def test_end_organs_lie_in_the_field(halfspace: Fingertip) -> None:
     """As many as the class has, even in a disc; they do not depend on where an afferent lies."""
     for name, model in BUILT_IN.items():
-        drawn = draw(halfspace, f"200x{name}@0", 4)
+        drawn = draw(halfspace, f"100x{name}@0", 4)
         organs = np.array([one.organs_mm for one in drawn])
-        assert organs.shape == (200, model.organs, 2)
+        assert organs.shape == (100, model.organs, 2)
         radius = np.hypot(*organs.reshape(-1, 2).T)
         if model.organs == 1:
             assert radius.max() == 0
@@ -103,7 +103,7 @@ def test_a_population_has_the_published_density_and_room_between(halfspace: Fing
 def test_velocities_and_sensitivities_are_as_published(halfspace: Fingertip) -> None:
     """Row 18: means within the printed ± of Knibestöl (1973), and the range of each class."""
     for name, within in {"RA": 3.4, "PC": 3.6}.items():
-        mine = draw(halfspace, f"400x{name}@0", 5)
+        mine = draw(halfspace, f"200x{name}@0", 5)
         velocity = np.array([one.velocity_m_s for one in mine])
         mean, _, lowest, highest = VELOCITY_M_S[name]
         assert velocity.mean() == pytest.approx(mean, abs=within)

@@ -1,6 +1,5 @@
 """A finger that stiffens: what its quick answers are made of, and that a finger that does not is what it was."""
 
-from copy import copy
 from pathlib import Path
 
 import numpy as np
@@ -53,21 +52,19 @@ def config(stiffening: float = 0.0) -> FingertipConfig:
     return FingertipConfig(mesh=MESH, tissue=Tissue(stiffening=stiffening) if stiffening else Tissue())
 
 
-def of_tissue(finger: Fingertip, tissue: Tissue) -> Fingertip:
-    """The same finger of other tissue, its models shared."""
-    other = copy(finger)
-    other.config = FingertipConfig(mesh=MESH, tissue=tissue)
-    return other
+def of_tissue(tissue: Tissue) -> Fingertip:
+    """Built once: how tissue stiffens makes no other model."""
+    return load("finger", FingertipConfig(mesh=MESH, tissue=tissue))
 
 
 @pytest.fixture(scope="module")
 def linear() -> Fingertip:
-    return load("finger", config(), cached=False)
+    return of_tissue(Tissue())
 
 
 @pytest.fixture(scope="module")
-def stiff(linear: Fingertip) -> Fingertip:
-    return of_tissue(linear, Tissue(stiffening=0.4))
+def stiff() -> Fingertip:
+    return of_tissue(Tissue(stiffening=0.4))
 
 
 # --- the functions ---
@@ -273,12 +270,12 @@ def test_strain_is_what_the_user_wrote_and_a_zero_that_has_two_meanings_is_refus
     assert Tissue.model_validate_json(found.model_dump_json()) == found
 
 
-@pytest.mark.parametrize("stiffening", [1e-9, 1e-6, 1e-3])
-def test_zero_is_the_limit_of_small_stiffening(linear: Fingertip, stiffening: float) -> None:
+@pytest.mark.parametrize("stiffening", [1e-9, 1e-3])
+def test_zero_is_the_limit_of_small_stiffening(stiffening: float) -> None:
     """Force and energy grow by less than the stiffening: (1 + a κ)^0.58 with κ of about 1 at this depth."""
 
     def pressed(tissue: Tissue) -> IndentationResult:
-        return of_tissue(linear, tissue).indent("cylinder:9", doi_mm=0.7)
+        return of_tissue(tissue).indent("cylinder:9", doi_mm=0.7)
 
     zero, some = pressed(NOT_STIFFENING), pressed(Tissue(stiffening=stiffening))
     assert zero.force_n < some.force_n < zero.force_n * (1 + 2 * stiffening)
