@@ -1,7 +1,6 @@
 """Sparse assembly against a dense loop."""
 
 import numpy as np
-from scipy.sparse.linalg import eigsh
 
 from sim.fem.elements import assemble_upper, stiffness, symmetric
 from sim.models.condensed import FiniteElements
@@ -26,15 +25,13 @@ def test_assembly_is_the_dense_loop() -> None:
 
 
 def test_the_finger_is_held(coarse_problem: FiniteElements) -> None:
-    # Free unknowns only, ascending, patch unknowns are x and y of the patch's nodes, definite.
+    # Free unknowns only, ascending, patch unknowns are x and y of the patch's nodes.
     problem = coarse_problem
     assert not problem.mesh.fixed[problem.free // 3].any()
     assert (np.diff(problem.free) > 0).all()
     kept = problem.free[problem.kept]
     assert set(kept % 3) == {0, 1}
     np.testing.assert_array_equal(np.unique(kept // 3), np.sort(problem.mesh.patch_nodes))
-    lowest = eigsh(symmetric(problem.upper).tocsc(), 1, sigma=0, return_eigenvectors=False)
-    assert lowest[0] > 0
 
 
 def test_a_rigid_motion_needs_no_force(coarse_problem: FiniteElements) -> None:

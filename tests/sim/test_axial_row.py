@@ -22,7 +22,7 @@ from tests.sim.coarse_mesh import coarse_mesh
 
 Array = NDArray[np.float64]
 
-CONFIG = FingertipConfig(mesh=coarse_mesh(0.2, 0.35, patch_x_mm=3.0, patch_z_mm=2.6))
+CONFIG = FingertipConfig(mesh=coarse_mesh(0.25, 0.4, patch_x_mm=3.0, patch_z_mm=2.6))
 ENDS = centred(27, 0.2)
 PLACES = centred(29, 0.2)
 CENTRE = 7.0

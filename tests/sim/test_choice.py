@@ -234,7 +234,7 @@ def test_places_that_a_shape_cannot_have_are_refused() -> None:
 
 
 def test_a_finger_without_receptors_presses_the_same() -> None:
-    config = FingertipConfig(mesh=coarse_mesh(0.5, 0.9))
+    config = FingertipConfig(mesh=coarse_mesh(0.7, 0.9, patch_x_mm=2.1, patch_z_mm=1.8))
     with_ten = load("finger", config, cached=False)
     without = load("finger", config, cached=False, **NOWHERE.as_options())
     skin = FingertipSurface.fit(config.geometry)

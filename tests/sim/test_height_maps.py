@@ -183,11 +183,10 @@ def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingerti
     height = 0.15 * (1 - np.cos(2 * np.pi * x / 1.3))
     profile = MeasuredProfile("waves", tuple(x.tolist()), tuple(height.tolist()))
     there = HeightMap.from_arrays(x, x, np.tile(height, (len(x), 1)), raised="low")
-    for turn_deg in (30.0, 90.0):
-        one = coarse_finger.indent(Prismatic.along(profile).turned(turn_deg), doi_mm=0.3)
-        other = coarse_finger.indent(there.turned(turn_deg), doi_mm=0.3)
-        assert other.state.residual <= 1e-10
-        assert other.force_n == pytest.approx(one.force_n, rel=0.01)  # PCHIP and spline; points between nodes
+    one = coarse_finger.indent(Prismatic.along(profile).turned(30.0), doi_mm=0.3)
+    other = coarse_finger.indent(there.turned(30.0), doi_mm=0.3)
+    assert other.state.residual <= 1e-10
+    assert other.force_n == pytest.approx(one.force_n, rel=0.01)  # PCHIP and spline; points between nodes
 
 
 # -------------------------------------------------------------------------------------------------- from files

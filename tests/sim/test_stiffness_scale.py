@@ -25,7 +25,7 @@ from sim.models.sources import OnDisk
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
-MESH = coarse_mesh(0.5, 0.5, patch_x_mm=1.5, patch_z_mm=1.5)
+MESH = coarse_mesh(0.7, 0.7, patch_x_mm=1.4, patch_z_mm=1.4, growth=2.0, far_growth=3.0, far_spacing_mm=3.0)
 MIDDLE = Site(10, 0.098, 6.893, on_pulp=True)
 STIFF = 2.5
 ALONG = (0,)
