@@ -8,27 +8,19 @@ from typing import Any
 
 import pytest
 
-from sim.carriage import AS_MODELLED, Carriage, Placement, Pose, Screws
-from sim.config import FingertipConfig
-from sim.models.fingertip import Fingertip
-from sim.models.relaxation import PronyTerm
-from sim.plant import PressedFinger, RelaxingPress
+from sim.carriage import Carriage, Placement, Pose, Screws
 from sim.serve.force_process import (
     ForceProcess,
-    Leg,
     PressAnswer,
     PressProcess,
     TrajectoryForces,
     TrajectoryProcess,
     TrajectoryUpdate,
-    _going,
-    _pressing,
 )
 from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
 
 PERIOD_S = 0.05
-TERMS = (PronyTerm(0.3, 0.07),)
 LONG_S = 0.22
 """An answer: with it the time to the next one's is less than STALE_S, whatever is asked in between."""
 
@@ -166,28 +158,3 @@ def test_too_late_is_said_once_each_time(served: Served) -> None:
             pass
         now_s = served.scheduler.monotonic_s()
         assert served.ahead.force_n(now_s) == pytest.approx(now_s, abs=0.01)
-
-
-@pytest.mark.parametrize("indentor", ["bar:3.0", "sphere:4"])
-def test_contact_was_solved_once_before_anybody_is_answered(
-    indentor: str, coarse_finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What a first contact loads, or builds for its shape, is there; and it leaves nothing behind."""
-    solved: list[float] = []
-    indent = Fingertip.indent
-
-    def counted(self: Fingertip, *arguments: Any, **options: Any) -> Any:
-        solved.append(options["doi_mm"])
-        return indent(self, *arguments, **options)
-
-    monkeypatch.setattr(Fingertip, "load", lambda config: coarse_finger)
-    monkeypatch.setattr(Fingertip, "indent", counted)
-    pose = Pose(0.0, coarse_finger.touch_height_mm(indentor, 0.0) - coarse_finger.apex_height_mm - 0.3)
-    press = _pressing(FingertipConfig(), indentor, AS_MODELLED)
-    assert solved == pytest.approx([0.1])
-    assert press(pose).force_n == PressedFinger(coarse_finger, indentor).force_n(pose)
-    solved.clear()
-    going = _going(FingertipConfig(), indentor, TERMS, AS_MODELLED)
-    assert solved == pytest.approx([0.1])
-    expected = RelaxingPress(coarse_finger, indentor, TERMS).moved_to(pose, PERIOD_S)
-    assert going(TrajectoryUpdate((Leg(PERIOD_S, pose),))).forces_n == (expected,)
