@@ -197,14 +197,6 @@ def test_the_patch_grows_with_depth_and_place() -> None:
     assert situation("cylinder:9", None).share == 1.0
 
 
-def test_reach_is_how_far_the_indentor_lies_below_the_skin_and_a_margin() -> None:
-    shallow = situation("sphere:5", 0.2)
-    assert shallow.reach_mm is not None
-    # A sphere of 5 mm on a pad of some 3.6 × 3.4 mm: √(2 · 0.2 / (1/5 + 1/R)) is 0.92 mm across and 0.90 mm along.
-    assert shallow.reach_mm == pytest.approx((0.9 * 0.92 + 0.3, 0.9 * 0.90 + 0.5), abs=0.25)
-    assert situation("sphere:5", 1e-6).reach_mm == (0.0, 0.0)
-
-
 def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
     bar, config = parse_shape("cylinder:3"), FingertipConfig()
     touched = Situation.of(bar, 1.5, None, 0.9, config)

@@ -327,7 +327,7 @@ def test_a_profile_from_points_ends_in_edges(linear: bool) -> None:
     assert Indentor.along(smooth).sharp
 
 
-@pytest.mark.parametrize(("said", "truly"), [(np.inf, 0.05), (3.0, 0.05), (0.5, 0.05), (0.6, 0.4)])
+@pytest.mark.parametrize(("said", "truly"), [(np.inf, 0.05), (0.6, 0.4)])
 @pytest.mark.parametrize("kind", [Indentor.along, lambda profile: Revolved(profile.name, profile)])
 def test_a_profile_that_says_otherwise_is_taken_as_measured_with_a_line(
     said: float, truly: float, kind: object
