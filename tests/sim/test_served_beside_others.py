@@ -93,9 +93,10 @@ class Served:
 
     def __init__(self, kind: type[Any]) -> None:
         self.scheduler, self.told = SteppedScheduler(), list[str]()
+        self.depth_mm: Callable[[float], float] = lambda t_s: t_s
         ahead, answer = KINDS[kind]
         self.finger = Slow(self.scheduler, answer)
-        carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
+        carriage = Carriage(lambda t_s: (0, 0, -round(400 * self.depth_mm(t_s))), Screws(), Placement(0.0, 0.0))
         make: Callable[..., ForcePrefetcher] = ahead
         self.ahead = make(self.scheduler, carriage, self.finger, PERIOD_S, self.told.append)
 
@@ -141,6 +142,22 @@ def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(serve
     assert served.ahead.statistics.late > 10
     assert served.ahead.statistics.unknown == 0
     assert served.told == []
+
+
+def test_after_a_change_of_plan_the_last_force_counts_until_the_new_one_is_solved(served: Served) -> None:
+    for _ in served.each_sample(0.5):
+        pass
+    now_s, late = served.scheduler.monotonic_s(), served.ahead.statistics.late
+    before = served.ahead.force_n(now_s)
+    assert served.ahead.fresh(now_s)
+    served.depth_mm = lambda t_s: 2.0
+    assert not served.ahead.fresh(now_s)
+    assert served.ahead.force_n(now_s) == pytest.approx(before, abs=PERIOD_S + 1e-6)
+    assert served.ahead.statistics.late == late + 1
+    assert math.isnan(served.ahead.force_n(now_s + STALE_S + PERIOD_S)), "too old to be an answer"
+    *_, later_s = served.each_sample(now_s + 5 * PERIOD_S)
+    assert served.ahead.fresh(later_s)
+    assert served.ahead.force_n(later_s) == pytest.approx(2.0)
 
 
 def test_too_late_is_said_once_each_time(served: Served) -> None:

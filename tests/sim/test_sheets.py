@@ -17,7 +17,6 @@ from sim.coding.sheet import (
     SheetOperator,
     SkinOver,
     decode_sheet,
-    hats,
     sheet_operator,
 )
 from sim.config import FingertipConfig
@@ -101,19 +100,6 @@ def test_squares_of_all_six_strains_sum_to_half_of_stress_times_strain(young: fl
 
 
 # --- places ---
-
-
-def test_pressures_are_straight_between_places_and_none_beside_them() -> None:
-    at = np.array([-0.31, -0.3, 0.0, 0.1, 0.45, 0.6, 0.75, 0.91])
-    straight = np.interp(at, [0.0, 0.3, 0.6], [1.0, 2.0, 4.0])
-    found = hats(at, np.array([0.0, 0.3, 0.6])) @ [1.0, 2.0, 4.0]
-    assert_allclose(found[2:6], straight[2:6])
-    assert_allclose(found[[0, 1, 6, 7]], [0, 0, 2, 0], atol=1e-9)  # down to 0 over one more spacing
-    grid = Grid(np.array([0.0, 1.0]), np.array([5.0, 6.0, 7.0]))
-    assert_allclose(grid.place_mm[:4], [[0, 5], [0, 6], [0, 7], [1, 5]])
-    assert grid.shape == (2, 3)
-    share = grid.shares(np.array([0.25]), np.array([6.5])).reshape(2, 3)
-    assert_allclose(share, [[0, 0.375, 0.375], [0, 0.125, 0.125]])
 
 
 # --- the operator ---

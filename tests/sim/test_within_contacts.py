@@ -8,7 +8,6 @@ from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 from scipy.stats import multivariate_normal, norm, truncnorm
 
-from sim.coding import model_averaging as tables
 from sim.coding.bayes import decode_profile
 from sim.coding.contact_search import (
     KINDS,
@@ -26,7 +25,7 @@ from sim.coding.contact_search import (
 )
 from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
-from sim.coding.model_averaging import Mixture, ProfileTable, cut_off, imagined, mixed, pooled, together
+from sim.coding.model_averaging import Mixture, cut_off, imagined, mixed, pooled, together
 from sim.coding.operators import ForwardOperator, centred
 from sim.coding.pressure import Frictionless
 from sim.coding.receptor_readings import Readings
@@ -199,40 +198,6 @@ def test_imagined_pressures_are_of_a_few_contacts_and_never_negative() -> None:
 
 
 # --- the table ---
-
-
-def _table(*sed: list[float]) -> ProfileTable:
-    """Of entries whose pressure k is their number and whose SED is told."""
-    rows = np.array(sed)
-    rows = (rows / np.linalg.norm(rows, axis=1, keepdims=True)).astype(np.float32)
-    return ProfileTable(np.eye(len(rows), dtype=np.float32), rows, rows**2)
-
-
-THREE = ([1.0, 2, 3, 2, 1], [3.0, 1, 0, 1, 3], [0.0, 0, 1, 4, 4])
-
-
-def test_the_entry_that_explains_readings_is_found_with_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(tables, "ENOUGH", 1.0)
-    said = 400 * np.array(THREE[1])
-    found, power = _table(*THREE).weighed(said, np.full(5, 1.0), float(np.linalg.norm(said)))
-    assert power == 1.0
-    mean, _ = found.moments()
-    assert_allclose(mean, [0, np.sqrt(np.linalg.norm(said)), 0], rtol=0.02)
-    half, _ = _table(*THREE).weighed(said, np.full(5, 1.0), 4 * float(np.linalg.norm(said)))
-    assert_allclose(half.moments()[0], mean, rtol=0.11)  # steps of size are 20 % apart; the one told only begins
-    assert_allclose(found.sd, 0.1 * found.mean)
-
-
-def test_where_too_few_entries_explain_readings_their_likelihood_is_weakened(monkeypatch: pytest.MonkeyPatch) -> None:
-    said, size = 400 * np.array(THREE[1]), 400 * float(np.linalg.norm(THREE[1]))
-    loud = _table(*THREE).weighed(said, np.full(5, 1e9), size)
-    assert loud.power == 1.0
-    assert_allclose(loud.mixture.moments()[0].min() / loud.mixture.moments()[0].max(), 1.0, atol=0.2)
-    quiet = _table(*THREE).weighed(said, np.full(5, 1.0), size)  # 1.5 of 3 entries are asked for
-    assert 0 < quiet.power < 1e-3
-    assert np.log(quiet.power) / np.log(0.8) == pytest.approx(round(np.log(quiet.power) / np.log(0.8)))
-    weight = (quiet.mixture.mean > 0).mean(axis=0)
-    assert 1.4 < 1 / (weight**2).sum() < 2.1
 
 
 # --- beside a search ---
