@@ -116,6 +116,11 @@ def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: floa
     assert spherical(0.1, 1.0).sharpest_radius_mm == pytest.approx(RADIUS_MM, rel=0.01)
 
 
+def test_normals_of_a_mapped_sphere_turn_as_a_spheres() -> None:
+    at = np.array([[0.0, 0.5], [0.0, 0.2]])
+    np.testing.assert_allclose(spherical(0.1).turning(at, 0.1)[0], 2 * np.arcsin(0.1 / RADIUS_MM), rtol=1e-3)
+
+
 # ------------------------------------------------------------------------------------------------ on the finger
 
 
