@@ -191,7 +191,7 @@ def test_a_survey_holds_for_other_heights(profile: Bar | SinusoidalStep, lower_m
     anew = Survey.of(lower, patch, u, between=True).near(lower, 0.03)
     assert np.array_equal(kept.nodes, anew.nodes)
     assert np.array_equal(kept.between, anew.between)
-    assert len(anew.between) or not lower_mm
+    assert len(anew.between) or lower_mm < 0.5
 
 
 class Spring:
