@@ -208,5 +208,7 @@ def test_a_press_goes_by_finite_elements_unless_told() -> None:
 
 
 def test_silence_cannot_be_decoded() -> None:
+    with raises(CodingError, "all_noise"):
+        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
     with raises(CodingError, "all_silent", threshold="threshold"):
         decode_task(DecodeTask((0.0, 0.0), sampling=QUICK, finger=COARSE))

@@ -158,6 +158,8 @@ def test_noise_is_measured_from_receptors_at_rest() -> None:
             sd_at_rest(bad)
     with raises(DecodingError, "noise_not_positive", sd=0.0):
         sd_at_rest(np.ones(5))
+    with raises(DecodingError, "below_noise", number=2, sed=-3.1):
+        Readings.of_sed(np.array([0.0, -3.1]), 0.5)
 
 
 def test_the_likelihood_is_gaussian_and_censored_where_a_receptor_is_silent() -> None:

@@ -12,7 +12,7 @@ import pytest
 
 import sim
 from sim import Aim, Fingertip, Tissue, choose, load, to_pandas
-from sim.errors import ArgumentError
+from sim.errors import ArgumentError, ModelRangeError
 from tests.error_codes import raises
 
 ROOT = Path(__file__).parents[2]
@@ -103,6 +103,12 @@ TISSUE: Any = Tissue()
 def test_a_wrong_kind_is_named(halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str) -> None:
     with raises(ArgumentError, code, kind=kind):
         call(halfspace)
+
+
+@pytest.mark.parametrize(("tolerance", "quantities"), [(0.0, ()), (1.0, ()), (float("nan"), ()), (0.1, ("s33",))])
+def test_an_aim_is_a_share_of_named_quantities(tolerance: float, quantities: tuple[str, ...]) -> None:
+    with raises(ModelRangeError, "unknown_quantity" if quantities else "bad_tolerance"):
+        Aim(quantities or ("force",), tolerance)
 
 
 def test_an_unknown_model_is_told_with_the_known_ones() -> None:

@@ -348,7 +348,7 @@ def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str) -
     assert "\n" not in str(caught.value)
 
 
-def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_largest_and_smallest_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert MOST_POINTS == 1_000_000
     monkeypatch.setattr("sim.contact.height_map.MOST_POINTS", 36)
     HeightMap.from_arrays(EVEN, EVEN, grid(), raised="low")
@@ -356,6 +356,10 @@ def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     seven = 0.1 * np.arange(7)
     with raises(HeightMapError, "too_large", columns=7, rows=6, most=36):
         HeightMap.from_arrays(seven, EVEN, grid(6, 7), raised="low")
+    monkeypatch.setattr("sim.contact.map_files.MOST_POINTS", 36)
+    np.savetxt(tmp_path / "more.csv", grid(6, 7), delimiter=",")
+    with raises(ShapeError, "too_many_numbers", most=36):
+        parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1,raised=low")
 
 
 def files(folder: Path) -> None:

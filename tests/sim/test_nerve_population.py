@@ -52,6 +52,8 @@ REFUSED = {
 @pytest.mark.parametrize("text", REFUSED)
 def test_what_cannot_be_drawn_is_refused(halfspace: Fingertip, text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.nerve.population._MOST_TRIES", 20)
+    with raises(ModelRangeError, "unknown_density", density="cat paw"):
+        population(halfspace, "cat paw")
     code, fields = REFUSED[text]
     with raises(ModelRangeError, code, **fields):
         draw(halfspace, text)

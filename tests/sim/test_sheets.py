@@ -21,6 +21,7 @@ from sim.coding.sheet import (
 )
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
+from sim.errors import ModelRangeError
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
@@ -158,7 +159,9 @@ def test_a_sphere_is_read_back(
     assert_allclose(felt_as.extent_mm, extent_mm(operator.skin, true), atol=0.25)
 
 
-def test_too_few_readings_are_refused(operator: SheetOperator) -> None:
+def test_too_few_readings_and_places_without_skin_are_refused(felt: PressedSkin, operator: SheetOperator) -> None:
+    with raises(ModelRangeError, "pressure_beside_patch", x_mm=-3.5):
+        sheet_operator(felt, Grid(np.array([-3.5, -3.2]), GRID.z_mm), "finite")
     some = np.arange(81) < 8
     with raises(DecodingError, "too_few", readings=8, pressures=169, fewest=9):
         decode_sheet(at_receptors(operator, some), Readings.of_sed(np.ones(8), 0.1), GRID.shape)  # type: ignore[arg-type]

@@ -15,6 +15,7 @@ from sim.coding.receptor_readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.coding.shape_class import classify_shape, edges_mm
 from sim.config import FingertipConfig, MeshSpec
+from sim.errors import ModelRangeError
 from tests.error_codes import raises
 
 Array = NDArray[np.float64]
@@ -92,7 +93,11 @@ def bar(operator: Frictionless) -> tuple[Array, Readings, Profile]:
     return true, readings, decode_profile(operator, readings)
 
 
-def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Frictionless) -> None:
+def test_fewer_readings_than_pressures_will_do_but_not_any_number(
+    section: SampledSection, operator: Frictionless
+) -> None:
+    with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25):
+        frictionless(section, centred(51, 0.17), "finite")
     true = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
     sparse = at_receptors(operator, slice(0, None, 6))
     found = decode_profile(sparse, _said(sparse.sed(true), 30.0, 0))
