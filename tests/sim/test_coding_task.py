@@ -15,6 +15,7 @@ from sim.coding.receptor_readings import sd_at_rest
 from sim.coding.section import Sampling
 from sim.coding.task import (
     NO_NOISE,
+    DecodeResult,
     DecodeTask,
     EncodeTask,
     Observation,
@@ -74,6 +75,14 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
         assert bool(problems) is said
         if said:
             assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
+
+
+def test_silent_receptors_leave_no_error_of_sed() -> None:
+    rate = np.append(0.0, SED[1:])  # the first is below its threshold, however far
+    given = observation(rate, receptor=through(1.0, 0.0))
+    assert DecodeResult(given, np.append(30.0, PRESSURE[1:]), True, 0.0).left_of_sed == 0.0
+    found = DecodeResult(given, np.full(M, 2.0), True, 0.0)
+    assert found.left_of_sed == pytest.approx(np.sqrt(np.mean((SED[1:] - 4.0) ** 2)))
 
 
 # --- noise ---

@@ -17,6 +17,7 @@ from sim.coding.decoder_results import DecodingError, decoding_errors, misfit
 from sim.coding.decoders_by_search import (
     PressureRange,
     converged_search,
+    error_surface,
     global_search,
     grid_search,
     quartic_along,
@@ -146,6 +147,12 @@ def test_a_global_optimiser_finds_the_truth(two: ForwardOperator) -> None:
     assert_allclose(found.pressure, TRUE, atol=0.02)
     assert (global_search(two, two.sed(TRUE), WITHIN, seed=3).pressure == found.pressure).all()
     assert found.misfit == misfit(two, found.pressure, two.sed(TRUE))
+
+
+def test_the_error_surface_is_the_misfit_at_each_pair(two: ForwardOperator) -> None:
+    reading, first, second = two.sed(TRUE), np.array([0.0, 1.0, 5.0]), np.array([2.0, 3.0])
+    expected = [[misfit(two, np.array([a, b]), reading) for b in second] for a in first]
+    assert_allclose(error_surface(two, reading, first, second), expected)
 
 
 # --- readings ---

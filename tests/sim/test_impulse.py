@@ -139,6 +139,11 @@ def test_h_is_nearly_minus_g_and_wholly_so_where_nothing_is_compressible(respons
     assert nearly.correlation < -0.9999
 
 
+def test_the_tails_are_the_larger_end_over_the_peak() -> None:
+    strain = np.array([[1.0, 4.0, -2.0], [0.5, -1.0, 0.1], [3.0, 2.0, -6.0]])
+    assert_allclose(ImpulseResponses(strain, Sampling(half_length=1), Elastic(1.0, 0.3)).tails, [0.5, 0.5, 1.0])
+
+
 @pytest.mark.parametrize("axes", ["skin", "cartesian"])
 def test_of_a_symmetric_finger_h_and_g_are_even_and_f_is_odd(axes: str) -> None:
     sampling = Sampling(half_length=16, axes="skin" if axes == "skin" else "cartesian")
