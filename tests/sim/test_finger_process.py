@@ -1,5 +1,6 @@
 """A finger in a process of its own: it answers as the finger does, and ends with whoever began it."""
 
+import logging
 import os
 import signal
 import subprocess
@@ -35,6 +36,12 @@ def force_gwt(finger: Fingertip, shape: str, *, doi_mm: float) -> float:
 
 def refused(finger: Fingertip, error: Exception) -> None:
     raise error
+
+
+def told(finger: Fingertip) -> str:
+    for level, words in ((logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")):
+        logging.getLogger("sim.models").log(level, words)
+    return "built"
 
 
 def about_itself(finger: Fingertip) -> dict[str, Any]:
@@ -78,6 +85,15 @@ def test_error_in_the_process_is_raised_in_the_caller(process: FingerProcess, er
     if isinstance(error, SimError):
         has_code(raised.value, error.code, **error.fields)
     assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) > 0, "and it goes on"
+
+
+def test_records_of_the_process_are_logged_in_the_caller(
+    process: FingerProcess, caplog: pytest.LogCaptureFixture
+) -> None:
+    with caplog.at_level(logging.DEBUG, "sim"):
+        assert process.ask(told) == "built"
+    said = [(record.levelno, record.getMessage()) for record in caplog.records]
+    assert said == [(logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")]
 
 
 def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:

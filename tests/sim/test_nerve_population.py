@@ -1,11 +1,13 @@
 """Afferents drawn over the pad, what a population answers, and the staircase of a stage."""
 
+import contextlib
 import math
 
 import numpy as np
 import pytest
 
 from sim.errors import ModelRangeError
+from sim.measures.receptors import ReceptorError, tissue_below
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.nerve.models import BUILT_IN
@@ -88,6 +90,20 @@ def test_end_organs_beside_the_tissue_are_drawn_again() -> None:
     edge = draw(finger, f"8xRA@{math.floor(100 * pad.half_x_mm) / 100}", 1)
     assert edge.points_mm(finger).shape == (8 * BUILT_IN["RA"].organs, 3)
     assert max(one.x_mm + x_mm for one in edge for x_mm, _ in one.organs_mm) > pad.half_x_mm
+
+
+def test_places_found_together_are_those_found_one_by_one(halfspace: Fingertip) -> None:
+    """Also which have no tissue: beside the skin, below the bone's surface, at an end."""
+    rng, depth = np.random.default_rng(5), 1.8
+    x, along = rng.uniform(-8, 8, 12), rng.uniform(-4, 4, 12)
+    z = halfspace.config.receptor_plane_mm + np.append(along[:-1], 100.0)
+    together = tissue_below(halfspace.config, halfspace.surface, x, depth, z)
+    found = np.full((12, 3), np.nan)
+    for k in range(12):
+        with contextlib.suppress(ReceptorError):
+            found[k] = halfspace.points_below(x[k], depth, z[k])
+    assert 2 < np.isfinite(together[:, 0]).sum() < 10
+    assert_allclose(together, found, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
