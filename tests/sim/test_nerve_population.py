@@ -103,7 +103,7 @@ def test_places_found_together_are_those_found_one_by_one(halfspace: Fingertip) 
         with contextlib.suppress(ReceptorError):
             found[k] = halfspace.points_below(x[k], depth, z[k])
     assert 2 < np.isfinite(together[:, 0]).sum() < 10
-    assert_allclose(together, found, atol=1e-9, rtol=0)
+    np.testing.assert_allclose(together, found, atol=1e-9, rtol=0)
 
 
 @pytest.mark.parametrize("density", ["monkey fingertip", "human fingertip"])
