@@ -18,28 +18,11 @@ from sim.serve.force_process import (
     TrajectoryUpdate,
 )
 from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, TrajectoryPrefetcher
-from sim.serve.real_time_loop import WallScheduler
+from tests.sim.stepped_scheduler import SteppedScheduler
 
 PERIOD_S = 0.05
 LONG_S = 0.22
 """An answer: with it the time to the next one's is less than STALE_S, whatever is asked in between."""
-
-
-class SteppedScheduler(WallScheduler):
-    """Real pipes, on a time that goes on only once there is nothing left to do."""
-
-    now_s = 0.0
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def run_once(self, until_s: float = math.inf) -> None:
-        self._run_due()
-        ready = self._selector.select(0)
-        for key, _ in ready:
-            key.data()
-        if not ready:
-            self.now_s = min(self._queue.next_s(), until_s)
 
 
 def as_press(asked: Pose, solve_s: float) -> PressAnswer:
