@@ -46,6 +46,7 @@ from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
 from tests import preloaded
+from tests.kept_runs import make_stopped_run
 from tests.portable.cannot import CANNOT
 
 TESTS = Path(__file__).parent
@@ -319,6 +320,7 @@ def pytest_configure(config: pytest.Config) -> None:
     _signals_as_in_the_foreground()
     gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
+        make_stopped_run()
         make_ready()
 
 
