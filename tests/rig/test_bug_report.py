@@ -12,10 +12,7 @@ from typing import Any
 
 import pytest
 
-from rig.data import RunError
-from rig.data.bug_report import GONE, LEFT_OUT, Scrubber, bug_report
-from rig.protocol.script import shipped_protocols
-from tests.error_codes import raises
+from rig.data.bug_report import GONE, LEFT_OUT, Scrubber
 from tests.program import Program
 
 OLD = Path(__file__).parents[1] / "data" / "runs"
@@ -166,14 +163,6 @@ def test_a_script_of_one_s_own_keeps_its_lines_and_loses_its_words(run: Path, pr
     assert lines[8] == f'    rig.note("""{GONE}""", "1.5", rig.x)'
 
 
-def test_a_shipped_script_is_there_whole(run: Path, program: Program) -> None:
-    content = (shipped_protocols() / "steps.py").read_bytes()
-    (run / "protocol.py").write_bytes(content)
-    told = program("doctor", "--bundle", run, "--json").json
-    assert members(Path(told["bundle"]))["protocol_steps.py"].encode() == content
-    assert "protocol.py" not in held(told)
-
-
 @pytest.mark.parametrize("missing", ["events.jsonl", "provenance.json"])
 def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program, missing: str) -> None:
     (run / missing).unlink()
@@ -186,17 +175,6 @@ def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program
     told = program("doctor", "--bundle", run, "--json").json
     assert {"provenance.json", "protocol.py"}.isdisjoint(held(told))
     assert members(Path(told["bundle"]))["events.jsonl"] == '{"unreadable": 2}\n[]\n'
-
-
-def test_what_is_no_run_folder_is_refused(tmp_path: Path, program: Program, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for options in ([], ["--json"]):
-        ended = program("doctor", "--bundle", "nowhere", *options)
-        assert ended.code == 2
-        assert "nowhere" in ended.complaint
-    with raises(RunError, "no_run_folder", run="nowhere", events="events.jsonl", provenance="provenance.json"):
-        bug_report(Path("nowhere"), tmp_path / "bundle.zip", {}, {})
-    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -229,15 +207,6 @@ def test_folders_of_the_command_line(
     assert found["provenance.json"] == '{\n  "protocol": "mine.py"\n}\n'
 
 
-def test_lines_for_people(run: Path, program: Program) -> None:
-    ended = program("doctor", "--bundle", run)
-    assert (ended.code, ended.err) == (0, "")
-    lines = {line[:12].strip(): line[12:] for line in ended.out.splitlines()}
-    assert lines["bundle"] == "bug-report-20260301T101500-of_SUBJECT-1a2b3c.zip"
-    assert lines["holds"].startswith("README.txt ")
-    assert lines["left out"] == ", ".join(LEFT_OUT)
-
-
 @pytest.mark.parametrize(
     ("text", "scrubbed"),
     [
@@ -258,9 +227,3 @@ def test_lines_for_people(run: Path, program: Program) -> None:
 )
 def test_a_text(text: str, scrubbed: str) -> None:
     assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x", "ab"]).text(text) == scrubbed
-
-
-@pytest.mark.parametrize(("node", "scrubbed"), [("ab", "on ab"), ("abc", "on HOST"), ("bench-7", "on HOST")])
-def test_the_name_of_the_machine(node: str, scrubbed: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(platform, "node", lambda: node)
-    assert Scrubber([], [], []).text(f"on {node}") == scrubbed

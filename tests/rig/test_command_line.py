@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -121,29 +120,6 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     assert 0 < answer["choice"]["expected_cost"]["press_s"] < answer["choice"]["expected_cost"]["from_nothing_s"]
 
 
-def test_auto_says_what_it_will_do_before_it_does_it(rig: Rig) -> None:
-    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%",
-                "--quantity", "force,sed", "--receptor-x-mm", "0,0.5")  # fmt: skip
-    first, *rest = ended.out.splitlines()
-    assert re.fullmatch(
-        r"auto chose halfspace, level default: .*\breceptors\b.* ± \d\.\d\d × ± \d\.\d\d mm\b"
-        r".* [\d.]+ s\b.* 0\.\d+ GB\b.* [\d.e+]+ ms\b.*", first,
-    )  # fmt: skip
-    assert rest[0] == "bar:3 (3 mm wide) at x = 0 mm"
-    assert rest[1].startswith("  model          halfspace, level default: the largest measured error of force, sed")
-    assert "SED (pseudo)" in ended.out
-    alone = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%")
-    assert "no receptors" in alone.out.splitlines()[0]
-    assert "SED" not in alone.out
-
-
-def test_indent_to_a_depth_for_people(rig: Rig) -> None:
-    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5")
-    assert ended.code == 0
-    assert "DOI            0.5000 mm" in ended.out
-    assert re.search(r"force +0\.\d{5} N = \d+\.\d{4} gwt", ended.out)
-
-
 def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
     for arguments, code in (
         (("indent", "--shape", "bar:3.0", "--x-mm", 0, "--doi-mm", 1, "--tol", "2%"), "needs_option"),
@@ -154,16 +130,6 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
         assert ended.code == 2
         assert ended.json == {"error_text": ended.complaint, "code": code, "exit_code": 2}
         assert rig(*arguments) == Ended(2, "", ended.err)
-
-
-# --- help ---
-
-
-def test_help_is_help(rig: Rig) -> None:
-    ended = rig("--help")
-    assert ended.code == 0
-    assert "dry-run" in ended.out
-    assert rig("dry-run", "--help").code == 0
 
 
 # --- dry-run ---
@@ -183,13 +149,6 @@ def test_dry_run_json(rig: Rig, script: Path) -> None:
     assert answer["wall_s"] > 0
     sums = (run / "SHA256SUMS").read_text(encoding="utf-8")
     assert "  report.html\n" in sums
-
-
-def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> None:
-    ended = rig("dry-run", script)
-    assert ended.code == 0
-    assert "1 indentation, " in ended.out
-    assert len(list(Path("runs").iterdir())) == 1
 
 
 def test_settings_in_either_form(rig: Rig, script: Path) -> None:

@@ -112,20 +112,6 @@ def test_the_worked_example(rig: Program) -> None:
     assert coarser["pressure_pseudo"] == [24, 9]
 
 
-@pytest.mark.parametrize("decoder", ["table", "global"])
-def test_the_cheap_others(rig: Program, decoder: str) -> None:
-    options = (*TWO, "--decoder", decoder)
-    found = rig(*options, "--range", "0,30", "--json").json
-    assert found["pressure_pseudo"] == pytest.approx([20, 14], abs=4.0)
-    assert found["moves"] == 0
-    low, high = rig(*options, "--json").json["range_pseudo"]
-    assert low == 0
-    assert 28 < high < 120  # of the readings' size
-    again, other = (rig(*options, "--range", "0,30", "--seed", seed, "--json").json for seed in (0, 3))
-    assert again["pressure_pseudo"] == found["pressure_pseudo"]
-    assert other["pressure_pseudo"] != found["pressure_pseudo"]
-
-
 def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
     options = ("decode", "--pressure", "20,14", "--half-length", 10, "--snr-db", 25)
     ended = rig(*options, "--seed", 5, "--json")
@@ -142,19 +128,6 @@ def test_ours_with_a_band_from_noise_that_it_measures(rig: Program) -> None:
     assert found["noise"]["sd"][0] != pytest.approx(told, rel=1e-6)
     assert found["noise"]["left_of_sed_pseudo"] == pytest.approx(told, rel=0.5)
     assert found["errors"]["relative_l2"] == pytest.approx(np.sqrt(found["errors"]["eq_6_8"]))
-
-
-def test_without_noise_some_is_assumed_and_said(rig: Program) -> None:
-    ended = rig("decode", "--pressure", "20,14", "--half-length", 10)
-    assert "none; a small sd is assumed" in ended.out
-    assert "convolution, SED finite: 2 pressures from M = 22 readings in " in ended.out
-    assert ", converged\n" in ended.out
-    assert "90 % band" in ended.out
-    assert "(squared), relative L2 " in ended.out
-    plain = rig(*WORKED, "--decoder", "univariate").out
-    assert "assumed" not in plain
-    assert "90 % band" not in plain
-    assert " moves\n" in plain
 
 
 @pytest.mark.parametrize("at", ["receptor", "output"])
@@ -199,28 +172,6 @@ def test_a_press_is_felt_as_finite_elements_have_it(rig: Program, operator: str)
     assert 0.05 < found["place_mm"] @ true / true.sum() < 0.45  # between the pad's apex, −0.1, and the cylinder's
     assert found["noise"]["left_of_sed_pseudo"] < 0.1 * max(found["reading"])
     assert np.corrcoef(true, found["pressure_pseudo"])[0, 1] > 0.4
-
-
-def test_a_press_beside_the_pressures_that_are_sought_is_refused(rig: Program) -> None:
-    ended = rig("decode", "--shape", "bar:1.5", "--x-mm", 4, "--doi-mm", 0.3, "--half-length", 10, "--json")
-    assert (ended.code, ended.error_code) == (2, "beside_the_search")
-
-
-def test_a_press_and_readings_go_by_finite_elements_unless_told(rig: Program) -> None:
-    press = ("--shape", "cylinder:9", "--doi-mm", 0.4, "--half-length", 6, "--decoder", "table", "--json")
-    assert rig("decode", *press).json["operator"] == "influence"
-
-
-# --- pictures ---
-
-
-def test_the_fitting_picture(rig: Program) -> None:
-    assert rig(*WORKED, "--decoder", "univariate", "--picture", "search.svg").code == 0
-    assert rig("decode", "--pressure", "20,14", "--half-length", 10, "--picture", "found.svg").code == 0
-    sizes = [
-        Path(name).read_text(encoding="utf-8").split('viewBox="')[1][:20] for name in ("search.svg", "found.svg")
-    ]
-    assert sizes[0] != sizes[1]
 
 
 # --- readings ---
@@ -313,31 +264,6 @@ def test_however_far_apart_receptors_lie(rig: Program, spacing: float, receptors
     assert len(found["pressure_pseudo"]) == round(spacing * (receptors - 1) / 0.17)
     other = rig("decode", "--readings", "r.csv", "--decoder", "table", "--json").json
     assert len(other["pressure_pseudo"]) == receptors
-
-
-def test_fewer_pressures_than_receptors_where_they_lie_near(
-    rig: Program, section: ReceptorSection, felt: np.ndarray
-) -> None:
-    columns = {"place_mm": section.place_mm, "depth_mm": DEPTH_MM, "sed": felt}
-    found = rig(
-        "decode", "--readings", written("r.csv", columns), "--spacing-mm", 0.5, "--decoder", "global", "--json"
-    ).json
-    assert_allclose(found["place_mm"], np.linspace(-2.3, 2.1, 10))
-    assert found["noise"] | {"left_of_sed_pseudo": 0} == {
-        "sd": None, "unit": "pseudo-unit", "known_text": None, "left_of_sed_pseudo": 0,
-    }  # fmt: skip
-    assert max(found["pressure_pseudo"]) > 100
-
-
-def test_the_page_shows_a_file_that_can_be_read(rig: Program) -> None:
-    page = (Path(__file__).parents[2] / "docs" / "coding.md").read_text(encoding="utf-8")
-    table = page.split("```csv row.csv\n# a row of receptors")[1].split("```")[0]
-    Path("r.csv").write_text(f"# a row of receptors{table}", encoding="utf-8")
-    found = rig("decode", "--readings", "r.csv", "--json").json
-    assert_allclose(found["receptor_mm"], [-2.1, -1.45, -0.6, 0.0, 0.85, 1.9])
-    assert found["reading"][3] * PA == pytest.approx(802.9)
-    assert abs(found["place_mm"][int(np.argmax(found["pressure_pseudo"]))]) < 0.7
-    assert f"{PA:.1f} each" in page
 
 
 # --- nothing goes wrong silently ---

@@ -56,9 +56,3 @@ def test_pressures_from_a_file(rig: Program) -> None:
     assert by_file == by_hand
     assert min(by_file["rate"]) == 0
     assert by_file["noise_share_of_peak"] > 0.05
-
-
-def test_more_pressures_than_a_section_has_are_refused(rig: Program) -> None:
-    """What else cannot be meant stands in tests/refusals/coding.txt."""
-    ended = rig("encode", "--pressure", "1," * 400 + "1", *QUICK, "--json")
-    assert (ended.code, ended.error_code) == (2, "wrong_count")

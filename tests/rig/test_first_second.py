@@ -1,27 +1,17 @@
 """What is seen of a command in its first second: its help, a word that it starts, a name that was mistyped."""
 
-import atexit
-import gc
-import io
 import json
 import pkgutil
 import shutil
 import subprocess
 import sys
-from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
-import typer
-from matplotlib import artist
-from rich.console import Console
 
-from rig import report
-from rig.cli import main, output, program
+from rig.cli import main
 from rig.cli.error_exit_codes import BAD_INPUT, STOPPED, UNWRITABLE
 from rig.cli.program import COMMANDS
-from sim import devices
 
 OLD_RUN = Path(__file__).parents[1] / "data" / "runs" / "complete"
 LIBRARIES = {
@@ -126,23 +116,6 @@ def test_every_command_of_the_help_is_there_and_says_the_same_of_itself(
     assert COMMANDS[name].line in its_own
 
 
-@pytest.mark.parametrize("name", COMMANDS)
-def test_on_a_terminal_a_command_says_that_it_starts_before_its_libraries_are_there(
-    name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    screen = io.StringIO()
-    monkeypatch.setattr(output, "err", Console(file=screen, force_terminal=True))
-    seen: list[str] = []
-
-    def importing(module: str) -> SimpleNamespace:
-        seen.append(screen.getvalue())
-        return SimpleNamespace(**{COMMANDS[name].where.partition(".")[2]: typer.Typer()})
-
-    monkeypatch.setattr(program, "import_module", importing)
-    program._app([name])
-    assert (f"rig {name}: starting" in seen[0]) is not COMMANDS[name].by_program
-
-
 @pytest.mark.parametrize(
     ("typed", "meant"), [("dryrun", "dry-run"), ("chek", "check"), ("calibrat", "calibrate"), ("resum", "resume")]
 )
@@ -164,42 +137,6 @@ def test_a_command_after_two_dashes_is_carried_out(
     assert complaint.startswith("rig: no_such_key: ")
 
 
-def test_every_virtual_device_is_found_when_it_is_asked_for_and_nothing_else_is() -> None:
-    homes = {name: getattr(devices, name).__module__ for name in devices.__all__}
-    assert homes == {name: f"sim.devices.{module}" for name, module in devices._HOMES.items()}
-    with pytest.raises(AttributeError, match=r"module 'sim\.devices' has no attribute 'VirtualDog'"):
-        devices.VirtualDog  # noqa: B018
-
-
-def test_little_is_looked_through_for_garbage_and_nothing_when_a_command_ends(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A tenth of a dry-run went into it; a figure's hundred thousand objects are still given back in time."""
-    how: list[object] = []
-    monkeypatch.setattr(gc, "set_threshold", lambda *numbers: how.append(numbers))
-    monkeypatch.setattr(atexit, "register", how.append)
-    assert said(capsys, monkeypatch, "--version")[0] == 0
-    assert how == [(50_000, 3, 3), gc.freeze]
-
-
-@pytest.mark.parametrize("comes", [True, False])
-def test_the_library_that_draws_is_loaded_without_help_texts_and_has_them_afterwards(
-    comes: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    helped: list[str] = []
-
-    def importing(_name: str) -> None:
-        helped.append(artist.kwdoc(artist.Artist))
-        if not comes:
-            raise ImportError
-
-    monkeypatch.setattr(report, "import_module", importing)
-    with nullcontext() if comes else pytest.raises(ImportError):
-        report._load_library()
-    assert helped == [""]
-    assert "alpha" in artist.kwdoc(artist.Artist)
-
-
 @pytest.fixture
 def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One that nobody has imported; it says what the collector of garbage did meanwhile."""
@@ -207,20 +144,3 @@ def module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "broken_one.py").write_text("import gc\nraise KeyError(gc.isenabled())\n", encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "newly_made", raising=False)
-
-
-def test_nothing_is_collected_while_a_command_is_imported_and_what_it_brings_stays(module: None) -> None:
-    before = gc.get_freeze_count()
-    found = program._imported("newly_made")
-    assert (found.looking, gc.isenabled()) == (False, True)
-    frozen = gc.get_freeze_count()
-    assert frozen > before
-    made_since = [[n] for n in range(100)]
-    assert program._imported("newly_made") is found  # there already: nothing more is set aside
-    assert gc.get_freeze_count() < frozen + len(made_since)
-
-
-def test_a_command_that_cannot_be_imported_leaves_the_collector_on(module: None) -> None:
-    with pytest.raises(KeyError, match="False"):
-        program._imported("broken_one")
-    assert gc.isenabled()

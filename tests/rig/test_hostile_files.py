@@ -1,6 +1,5 @@
 """What every reader does with files that are made to harm: one line and no more than 5 s and 1 GB, or the content."""
 
-import ast
 import math
 import os
 import pickle
@@ -14,7 +13,6 @@ import zipfile
 import zlib
 from collections.abc import Callable
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -46,10 +44,8 @@ from sim.config import FingertipConfig
 from sim.contact.map_files import read_height_map
 from sim.contact.measured_profile import read_profile
 from sim.contact.shapes import contents
-from tests.sources import trees_with
 
 Read = Callable[[Path], Any]
-ROOT = Path(__file__).parents[2]
 SECONDS, GIGABYTES = 5.0, 1.0
 SLOWER = 2.0
 """Machines that run the tests are slower."""
@@ -104,8 +100,6 @@ READERS: dict[str, tuple[str, Read]] = {
     "readings": (".csv", lambda path: read_readings(path, FingertipConfig())),
     "pressures": (".csv", read_pressures),
 }
-DIGESTS = ("SHA-256", "journal", "journal in a list", "journal that grows")
-"""Readers of a file of any size."""
 
 
 # --- special files ---
@@ -192,32 +186,6 @@ class _alarm:  # noqa: N801
     def __exit__(self, *_: object) -> None:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-
-
-OWN_FILES = {
-    "rig_shared/user_files.py",
-    "rig/cli/installation.py", "rig/report/example_page.py", "sim/cheapest_model.py", "sim/compiling.py",
-    "sim/finger/surface.py", "sim/identification/force_table.py", "sim/models/cache.py",
-    "sim/models/small_strain_error.py", "sim/benchmark.py",
-    "rig/data/journal.py", "rig/report/page_parts.py",
-}  # fmt: skip
-"""Modules that also read what the package, or the program itself, has written."""
-
-
-READ = ("read_text", "read_bytes")
-
-
-def test_files_are_read_in_one_place() -> None:
-    found = set()
-    packages = [trees_with(ROOT / package, "open", *READ) for package in ("rig", "sim", "rig_shared")]
-    for path, tree in chain.from_iterable(packages):
-        for node in ast.walk(tree):
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
-                mode = next((one.value for one in node.args[:1] if isinstance(one, ast.Constant)), "r")
-                opens = node.func.attr == "open" and isinstance(node.func.value, ast.Name | ast.Call)
-                if node.func.attr in READ or (opens and mode in ("rb", "rb+")):
-                    found.add(str(path.relative_to(ROOT)))
-    assert found <= OWN_FILES
 
 
 def test_a_file_that_grows_while_it_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -148,16 +148,3 @@ def test_sync_pulses_of_the_file_align_the_clocks(tmp_path: Path) -> None:
     path = units_file(tmp_path / "u.nwb", {0: [10.5, 12.0]}, [10.0, 11.0, 13.0])
     found = read_spike_times(path, with_pulses([2.0, 3.0, 5.0])).spike_s  # 8 s earlier on the run's clock
     np.testing.assert_allclose(found, [2.5, 4.0], atol=1e-9)
-
-
-def test_what_is_no_nwb_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "u.nwb"
-    path.write_text("time_s\n1\n", encoding="utf-8")
-    with raises(RecordingError, "no_hdf5", path=str(path)):
-        read_spike_times(path, with_pulses([]))
-    none = tmp_path / "none.nwb"
-    with raises(RecordingError, "unreadable", path=str(none), reason="No such file or directory"):
-        read_spike_times(none, with_pulses([]))
-    empty = units_file(tmp_path / "e.nwb", {}, [])
-    with raises(RecordingError, "no_spike_times", path=str(empty), column="spike_times"):
-        read_spike_times(empty, with_pulses([]))

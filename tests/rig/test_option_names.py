@@ -30,7 +30,3 @@ KNOWN = {  # the flag concerns the same thing as the value
     "--choose": "`rig check --choose` checks the presses that the source of `rig run --choose SOURCE` may choose",
     "--columns": "`rig show --columns` lists columns of runs, `rig compare --columns` names those of recordings",
 }
-
-
-def test_no_command_has_an_option_that_is_called_force_alone() -> None:
-    assert "--force" not in _options()

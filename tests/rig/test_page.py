@@ -4,7 +4,6 @@ import errno
 import json
 import os
 import re
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -218,26 +217,6 @@ def test_a_request_names_its_indentor_in_a_field(
     monkeypatch.setattr(running, "ask_at_the_bench", lambda request, asking: "typed")
     ask = running.prompt_for(SimpleNamespace(asking=None), "bar:3.0")  # type: ignore[arg-type]
     assert ask(request_) == ("typed" if asked else "")
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="needs FIONREAD (POSIX)")
-def test_text_that_waits_can_answer_and_nothing_cannot(monkeypatch: pytest.MonkeyPatch) -> None:
-    reading, writing = os.pipe()
-    with open(reading, encoding="utf-8") as pipe, open(os.devnull, encoding="utf-8") as nothing:
-        monkeypatch.setattr(sys, "stdin", pipe)
-        assert not confirming._text_waits()
-        os.write(writing, b"\n")
-        assert confirming._text_waits()
-        os.close(writing)
-        monkeypatch.setattr(sys, "stdin", nothing)
-        assert not confirming._text_waits()
-    monkeypatch.setattr(sys, "stdin", None)
-    assert not confirming._text_waits()
-
-
-def test_a_dry_run_asks_nothing(rig: Run) -> None:
-    ended = rig("dry-run", "mine.py")  # in a pipe it tells how far it is
-    assert (ended.code, "Enter" in ended.err, set(_page(ended))) == (0, False, {"speed"})
 
 
 def _carried_out(rig: Run) -> None:

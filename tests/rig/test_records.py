@@ -11,7 +11,6 @@ from rig.engine.indentation import touch_place
 from rig.engine.reference import measure_compliance
 from rig.engine.verbs import unpaused
 from rig.errors import PressPaused
-from rig.records import as_fine
 from tests.stub_bench import StubBench
 
 Make = Callable[..., Any]
@@ -24,10 +23,6 @@ def test_no_force_is_finer_in_the_journal_than_any_other(stream: str, key: str) 
     told = StubBench()
     told.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
     assert told.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
-
-
-def test_a_force_that_is_none_stays_none() -> None:
-    assert as_fine({"force_gwt": None, "peak_gwt": 2}) == {"force_gwt": None, "peak_gwt": 2}
 
 
 PRESSES: dict[str, Callable[[Any], object]] = {

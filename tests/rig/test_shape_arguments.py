@@ -8,10 +8,8 @@ from typing import Any
 
 import pytest
 
-import rig.cli.indent as indenting
 from rig.bench.served import ServedBench
 from rig.cli import main
-from rig.cli.indent import _refuse_place
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.records import Target
@@ -152,41 +150,6 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
     assert read_study(study(tmp_path, shape))
 
 
-@pytest.mark.parametrize(
-    ("shape", "place", "expected"),
-    [
-        ("bar:3", ("--x-mm", "0", "--z-mm", "6"), "lies along the finger; use --x-mm instead of --z-mm"),
-        ("bar:3,across", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
-        ("line", ("--x-mm", "0"), "lies across the finger; use --z-mm instead of --x-mm"),
-        ("flat", ("--x-mm", "0"), "is the same everywhere; remove --x-mm and --z-mm"),
-        ("flat", ("--z-mm", "6"), "is the same everywhere; remove --x-mm and --z-mm"),
-    ],
-)
-def test_rig_indent_says_which_place_a_shape_wants(
-    rig: Callable[..., Any], shape: str, place: tuple[str, ...], expected: str
-) -> None:
-    code, said = rig("indent", "--shape", shape, *place, "--doi-mm", "0.5")
-    assert (code, said.count("\n")) == (2, 1)
-    assert f"--shape {shape} {expected}" in said
-
-
-@pytest.mark.parametrize(
-    ("picture", "expected"),
-    [
-        ("a.pdf", "--picture a.pdf: the name must end in .svg or .png"),
-        ("there.svg", "--picture there.svg: the file already exists; choose another name"),
-        ("no/a.svg", "--picture no/a.svg: the folder no does not exist"),
-    ],
-)
-def test_a_picture_that_cannot_be_drawn(rig: Callable[..., Any], picture: str, expected: str) -> None:
-    Path("there.svg").touch()
-    code, said = rig("indent", "--shape", "bar:3", "--x-mm", "0", "--doi-mm", "0.3", "--picture", picture)
-    assert (code, said.count("\n")) == (2, 1)
-    assert expected in said
-    code, said = rig("indent", "--shape", "point", "--x-mm", "0", "--force-gwt", "1", "--picture", "a.svg")
-    assert "--picture: a point load has no contact to plot" in said
-
-
 @pytest.mark.parametrize(("shape", "x_mm"), [("line", 0.4), ("bar:3,across", -0.7), ("flat", 1.0)])
 def test_a_carriage_that_is_elsewhere_presses_such_a_shape_all_the_same(
     finger: Fingertip, shape: str, x_mm: float
@@ -239,16 +202,3 @@ def test_no_other_name_has_one(shape: str) -> None:
     with pytest.raises(ShapeError) as caught:
         parse_shape(shape)
     assert caught.value.code in ("no_dimension", "dimension_out_of_range")
-
-
-def test_an_indentor_without_a_place_is_in_the_middle(
-    rig: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in `Fingertip.indent`, whatever places the shape."""
-    for shape, z_mm in (("bar:3", None), ("sphere:2", None), ("line", None), ("bar:3,turn_deg=20", 6.0)):
-        _refuse_place(shape, parse_shape(shape), None, z_mm)
-    _refuse_place("point", None, None, None)
-    pressed_x_mm: list[float] = []
-    monkeypatch.setattr(indenting, "_print", lambda result, *_: pressed_x_mm.append(result.x_mm))
-    assert rig("indent", "--shape", "sphere:4", "--doi-mm", "0.1", "--model", "halfspace") == (0, "")
-    assert pressed_x_mm == [0.0]

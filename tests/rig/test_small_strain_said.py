@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 import pytest
 
-from rig.cli.study import _small_strain
 from rig.compare.comparison import compare
 from rig.compare.stimuli import stimuli
 from rig.data import read_run
@@ -17,7 +16,6 @@ from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
-from rig.study.parameter_study import read_study
 from sim.config import FingertipConfig, Geometry, Tissue
 from sim.models import small_strain_error as module
 from sim.models.catalogue import load
@@ -183,23 +181,7 @@ def test_between_the_depths_that_were_compared_it_is_linear_and_beyond_them_not_
     )
 
 
-@pytest.mark.parametrize(
-    ("low", "high", "words"),
-    [
-        (-0.009, 0.009, "within 1 %"),
-        (0.0, 0.03, "0 to 3 % high"),
-        (-0.24, -0.1, "10 to 24 % low"),
-        (0.051, 0.052, "5 % high"),
-        (-0.06, -0.06, "6 % low"),
-        (-0.01, 0.02, "1 % low to 2 % high"),
-    ],
-)
-def test_a_range_in_words(low: float, high: float, words: str) -> None:
-    assert str(DeviationRange(low, high)) == words
-
-
 STIFFENS = "finite strain, stiffening 0.4: force within "
-FINITE = "finite strain, stiffening 0: force within "
 
 
 def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(at: At) -> None:
@@ -212,16 +194,3 @@ def test_a_comparison_on_a_finger_that_stiffens_says_what_its_correction_is_off(
     other = replace(linear, default_finger=False)
     assert compare([other], {}).small_strain.note == NOT_MEASURED
     assert compare([], {}).small_strain == small_strain("finger", 0.0)
-
-
-def test_a_study_says_it_of_the_finger_that_was_pressed_deepest(tmp_path: Path) -> None:
-    study = tmp_path / "study.toml"
-    study.write_text('[finger.tissue]\nstrain = ["small", "finite"]\n' + STUDY, encoding="utf-8")
-    cases = read_study(study)
-
-    def note(*depths_mm: float) -> str | None:
-        return _small_strain(cases, [[{"model": "finger", "doi_mm": mm}] for mm in depths_mm])
-
-    assert (note(0.2, 0.3) or "").startswith(FINITE)
-    assert (note(0.3, 0.2) or "").startswith("small strain: at 0.30 mm")
-    assert _small_strain(cases, [[{"problem": "too deep"}], [{"problem": "too deep"}]]) is None

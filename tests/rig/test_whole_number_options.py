@@ -100,8 +100,3 @@ def test_so_is_a_number_within_a_text(words: tuple[str, ...], value: str, progra
                     *([LISTS[words].format(value)] if option == "--set" else []))  # fmt: skip
     assert ended.code == 2, ended
     assert len(ended.complaint.splitlines()) == 1
-
-
-@pytest.mark.parametrize("seed", [0, 2**53 - 1])
-def test_the_largest_whole_number_is_understood(seed: int, program: Program) -> None:
-    assert program("serve", f"--reveal={seed}").code == 0

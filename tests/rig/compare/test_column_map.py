@@ -5,18 +5,8 @@ from typing import Any
 import pytest
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.columns import ColumnMap, column_map
+from rig.compare.recordings.columns import column_map
 from tests.error_codes import raises
-
-
-def test_what_is_not_named_has_its_usual_name() -> None:
-    usual = ColumnMap()
-    roles = ("position", "rate", "sd", "repeat", "count", "window", "time", "kind", "sync")
-    names = ["position_mm", "rate", "sd", "repeat", "count", "window_s", "time_s", "kind", "sync_pulses"]
-    assert usual.names(*roles) == names
-    assert {usual[role].factor for role in roles} == {1.0}
-    assert usual.changes(*roles) == ()
-    assert column_map([]) == usual
 
 
 @pytest.mark.parametrize(
@@ -75,16 +65,6 @@ def test_the_unit_of_rates_is_their_sd_s() -> None:
     assert column_map(["rate=FR:1/ms,sd=s"])["sd"][:3] == ("s", "1/ms", 1000.0)
     assert column_map(["rate=FR:1/ms,sd=s:1/s"])["sd"][:3] == ("s", "1/s", 1.0)
     assert column_map(["sd=s"])["sd"][:3] == ("s", "", 1.0)
-
-
-def test_what_was_converted_is_told() -> None:
-    found = column_map(["position=x:um,rate=FR:Hz", "sd=s:1/min"])
-    assert found.changes("position", "rate", "sd") == ("position from um", "sd from 1/min")
-
-
-def test_what_is_named_must_be_there() -> None:
-    found = column_map(["sd=s"])
-    assert found.split(("position", "rate"), ("sd", "repeat")) == (["position_mm", "rate", "sd"], ["repeat"])
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rig.cli import compare, output
+from rig.cli import compare
 from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
@@ -105,20 +105,6 @@ def test_json_and_report(command: Command, run: Run, csv: Path) -> None:
     assert set(json.loads(Path("a.html.made.json").read_text(encoding="utf-8"))) == {"made_utc", "seconds"}
 
 
-@no_figures
-def test_the_terminal_says_what_the_recording_says_under_what_was_asked(
-    command: Command, run: Run, csv: Path
-) -> None:
-    asked = ("--recorded", f"bar:3.0={csv}", "--saturating", "--silent-at-rest", "--out", "b.html")
-    code, out, _ = command("compare", run.folder.path, *asked)
-    assert code == 0
-    (said,) = (line for line in out.splitlines() if line.startswith("answer      "))
-    assert "explain" in said
-    page = Path("b.html").read_text(encoding="utf-8")
-    assert "--saturating --silent-at-rest" in page
-    assert "R = z / (1 + s·z) with z = max(0, k(ε − ε₀)), with k &gt; 0 and ε₀ ≥ 0," in page
-
-
 @pytest.mark.parametrize("drawn", ["empty", "drawn"])
 def test_the_same_input_gives_the_same_bytes(
     drawn: str,
@@ -140,19 +126,6 @@ def test_the_same_input_gives_the_same_bytes(
         assert work or name == "b"
     assert not work, "nothing is built or solved"
     assert Path("a.html").read_bytes() == Path("b.html").read_bytes()
-
-
-@no_figures
-def test_without_a_recording(command: Command, run: Run) -> None:
-    code, out, _ = command("compare", run.folder.path, "--json")
-    assert code == 0
-    answer = json.loads(out)
-    assert {row["r"] for row in answer["rows"]} == {None}
-    assert all(isinstance(row["shape_test"], bool) for row in answer["rows"])
-    report = Path(answer["report"])
-    assert report == run.folder.path / "comparison.html"
-    report.unlink()
-    report.with_name("comparison.html.made.json").unlink()
 
 
 RECORDED = ("--recorded", "bar:3.0=good.csv")
@@ -251,13 +224,6 @@ def test_columns_units_and_what_is_left_out(command: Command, run: Run) -> None:
     assert "a run of bar:3.0 at 0.4 mm from 1.8 to -0.6 mm" in " ".join(out.split())
 
 
-def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:
-    code, out, err = command("compare", tmp_path, "--json")
-    told = json.loads(out)
-    assert (code, told["code"]) == (2, "no_journal")
-    assert err == f"rig: {told['error_text']}\n"
-
-
 def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
     hold = run.folder.path / "hold_end.csv"
     before = hold.read_bytes()
@@ -270,30 +236,6 @@ def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
     code, _, err = command("export", run.folder.path)
     assert code == 2
     assert err.startswith("rig: export: ")
-
-
-@no_figures
-def test_strain_maps_are_computed_before_the_report_is_written(
-    command: Command, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each under its own name: the maps take a factorization."""
-    at: dict[str, str] = {}
-
-    def spied(name: str) -> None:
-        original = getattr(compare, name)
-
-        def spy(*words: Any, **more: Any) -> Any:
-            assert output._activities.current is not None
-            at[name] = output._activities.current.what
-            return original(*words, **more)
-
-        monkeypatch.setattr(compare, name, spy)
-
-    for name in ("stimulus_maps", "write_comparison"):
-        spied(name)
-    assert command("compare", run.folder.path, "--out", "a.html")[0] == 0
-    assert "strain" in at["stimulus_maps"]
-    assert at["write_comparison"] == "writing the report …"
 
 
 def _recorded(run: Run) -> dict[str, bytes]:
@@ -343,16 +285,6 @@ def test_the_page_of_an_identification_is_not_replaced(command: Command, run: Ru
     folder.provenance.write_text(json.dumps(about | {"protocol": SCRIPT}), encoding="utf-8")
     code, out, _ = command("export", folder.path, "--report", "--json")
     assert (code, json.loads(out)["code"], folder.report.exists()) == (2, "identification", False)
-
-
-def test_export_as_nwb(command: Command, run: Run) -> None:
-    pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
-    code, out, _ = command("export", run.folder.path, "--nwb", "--json")
-    path = run.folder.path / "run.nwb"
-    assert (code, json.loads(out)["files"]) == (0, [str(path)])
-    assert "  run.nwb\n" in (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
-    path.unlink()
-    run.folder.write_checksums()
 
 
 @no_figures

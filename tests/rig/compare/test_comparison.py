@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.comparison_rows import as_json, best_pairs, threshold_rows
+from rig.compare.comparison_rows import as_json, best_pairs
 from rig.compare.exceptions import ComparisonError
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import LinearAfferent, afferent_for, record, write_synthetic
@@ -97,27 +97,6 @@ def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> 
     comparison = compare([make_stimulus("cylinder:9", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)})], {})
     assert comparison.candidates() == []
     assert {row["shape_test"] for row in as_json(comparison, "x.html")["rows"]} == {None}
-
-
-def test_rows_hold_every_measure_at_every_receptor(steps: list[StimulusRow]) -> None:
-    answer = as_json(compare(steps[:1], {}), "here.html")
-    assert len(answer["rows"]) == 18 * 3
-    row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", -1.0))
-    assert {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"} <= set(row)
-    assert (row["shape"], row["shape_test"], row["r"], row["k"], row["run"]) == (
-        "step:1",
-        True,
-        None,
-        None,
-        "run of step:1",
-    )
-    assert answer["report"] == "here.html"
-
-
-def test_thresholds_are_shown_from_2_to_15_percent(steps: list[StimulusRow]) -> None:
-    rows = threshold_rows(compare(steps, {}))
-    assert [row["threshold"] for row in rows] == [0.02, 0.03, 0.05, 0.08, 0.10, 0.15]
-    assert all(len(row["counts"]) == 3 for row in rows)
 
 
 def recorded(afferent: LinearAfferent, stimulus: StimulusRow, positions: Array) -> Recording:

@@ -12,7 +12,7 @@ from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.recording_sections import Deflection, deflection_section, partner, read_deflections, simulated
+from rig.report.recording_sections import read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -79,16 +79,3 @@ def test_bad_files_are_refused_by_row_and_column(
     path.write_text(text, encoding="utf-8")
     with raises(RecordingError, code, path=str(path), **fields):
         read_deflections(path)
-
-
-def test_the_table_says_how_far_the_points_lie_off() -> None:
-    z = np.linspace(4, 10, 13)
-    model = Deflection(1.0, z, np.exp(-np.abs(z - 7)))
-    off = Deflection(1.02, z[3:6], model.deflection_mm[3:6] - 0.1)
-    unknown = Deflection(math.nan, z[:2], z[:2])
-    assert partner(off, [model]) is model
-    assert partner(Deflection(1.1, z, z), [model]) is None
-    section = deflection_section([model], [off, unknown], "mine.csv")
-    assert section.rows == (("1.02", "3", "−0.100", "0.100"), ("unknown", "2", "–", "–"))
-    assert "Measured: mine.csv." in section.text
-    assert section.figures[0].plot.svg.count('<g id="line2d_') > 3

@@ -4,12 +4,11 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from rig.cli import study
-from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
+from rig.study.parameter_study import interpolated, nodes_to_build, read_study
 from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
 from tests.program import Program
@@ -92,22 +91,3 @@ def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:
     assert sum(beyond) == 2 * 4
     assert [case.exact for case in cases] == beyond
     assert [node.slopes for node in nodes_to_build(cases)] == [ALONG] * 16 + [BOTH] * 16
-
-
-def test_eight_are_built(nine: Path) -> None:
-    nine.write_text(NINE.replace("e_dermis = [0.05, 0.1, 0.2]", "e_dermis = [0.1]"), encoding="utf-8")
-    assert all(case.exact for case in interpolated(read_study(nine)))
-
-
-def test_a_case_that_is_interpolated_is_solved_so(nine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-
-    def load(*_: object, **options: object) -> object:
-        asked.append(options["exact"])
-        raise ValueError("enough")
-
-    monkeypatch.setattr("rig.study.parameter_study.Fingertip.load", load)
-    for case in (*read_study(nine)[:1], *interpolated(read_study(nine))[1:2]):
-        with pytest.raises(ValueError, match="enough"):
-            solve(case)
-    assert asked == [True, False]

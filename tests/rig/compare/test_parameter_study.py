@@ -125,26 +125,6 @@ def test_processes_give_what_one_gives(program: Program, coarse: Path) -> None:
         assert line.split(",") == [str(row[name]) for name in names]  # the very same digits
 
 
-def test_bad_input_is_one_line(program: Program, coarse: Path, tmp_path: Path) -> None:
-    for words, refusal in (
-        ((tmp_path / "none.toml",), "unreadable"),
-        ((coarse, "--out", tmp_path / "no" / "t.csv"), "not_writable"),
-        ((coarse, "--out", tmp_path), "not_writable"),
-    ):
-        ended = program("study", *words, "--json")
-        assert (ended.code, ended.error_code) == (2, refusal)
-        assert str(words[-1]) in ended.err
-
-
-def test_a_folder_without_permission_is_seen_before_the_work(program: Program, coarse: Path, tmp_path: Path) -> None:
-    locked = tmp_path / "locked"
-    locked.mkdir(0o555)
-    if os.access(locked, os.W_OK):
-        pytest.skip("whoever runs this may write anywhere, as root may")
-    ended = program("study", coarse, "--out", locked / "t.csv", "--json")
-    assert (ended.code, ended.error_code) == (2, "not_writable")
-
-
 def _killed(number: int) -> int:
     if number == 1:
         os.kill(os.getpid(), signal.SIGKILL)

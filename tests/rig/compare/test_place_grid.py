@@ -19,12 +19,6 @@ def test_nodes_go_from_end_to_end_in_equal_steps_that_are_small_enough() -> None
     np.testing.assert_allclose(where.depth_nodes, [0.5, 0.65, 0.8, 0.95, 1.1])
 
 
-def test_what_is_free() -> None:
-    assert PlaceRange((-2.0, 2.0), (0.5, 1.1)).free == 2
-    assert PlaceRange((-2.0, 2.0), (0.5, 1.1), (-0.1, 0.1)).free == 3
-    assert PlaceRange((-2.0, 2.0), (0.5, 0.5)).free == 1
-
-
 def test_the_usual_depths_lie_below_the_epidermis() -> None:
     default = place_range((-2.0, 2.0), None, None, FingertipConfig())
     assert default.depth_mm == pytest.approx((0.5, 1.1))
