@@ -13,7 +13,6 @@ from rig.cli import main
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.deflection import (
     SkinDeflection,
-    _between_rows,
     compared_deflection,
     deflection_at,
     in_words,
@@ -85,12 +84,6 @@ def test_at_nodes_it_is_theirs_and_between_them_linear(finger: Fingertip) -> Non
     np.testing.assert_allclose(middle, down[two].mean(), atol=1e-12)
 
 
-def test_between_rows_it_is_linear_and_beyond_them_unknown() -> None:
-    values = np.array([[3.0] * 5, [1.0] * 5])  # at z = 3 and 1: rows in any order
-    found = _between_rows(values, np.array([3.0, 1.0]), np.array([1.0, 1.5, 3.0, 0.9, 3.1]))
-    np.testing.assert_allclose(found, [1.0, 1.5, 3.0, np.nan, np.nan])
-
-
 @pytest.mark.parametrize("shape", ["cylinder:3,across", "sphere:3", "step:1"])
 def test_any_shape_presses_the_skin_down(finger: Fingertip, shape: str) -> None:
     at = {"z_mm": finger.config.receptor_plane_mm} if shape != "step:1" else {}
@@ -121,13 +114,6 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
     assert found["model_mm"][2] is None
     assert found["z_mm"] == [result.z_mm, 6.0, 6.0]
     assert in_words(found) == "measured − model -0.100 mm mean, 0.224 mm rms, 2 points; 1 beside the patch"
-
-
-def test_nothing_on_the_patch(finger: Fingertip) -> None:
-    result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
-    found = compared_deflection(result, SkinDeflection(np.array([50.0]), np.array([np.nan]), np.array([1.0])))
-    assert (found["mean_mm"], found["rms_mm"]) == (None, None)
-    assert in_words(found) == "none of 1 measured points lies on the model's patch"
 
 
 @pytest.fixture

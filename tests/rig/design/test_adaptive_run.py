@@ -16,9 +16,7 @@ from rig.cli.run import _refuse_mounts
 from rig.data import read_run
 from rig.data.choices import verdict_of
 from rig.data.documents import as_line
-from rig.data.run_state import UNTIL_CHOSEN, Agenda, Course
 from rig.design import design as designs
-from rig.design import response_table
 from rig.design.adaptive_run import AdaptiveRun, ChoosePress
 from rig.design.chooser import ChooserLostError, Choosing, Decision, InProcessChooser, NextPressChooser
 from rig.design.counts_from.growing_file import GrowingFile
@@ -28,7 +26,6 @@ from rig.design.design import DesignRequest
 from rig.design.designed import Designed, as_block
 from rig.design.fibers import Unknowns
 from rig.design.press_times import PressTimes
-from rig.design.presses import possible_presses
 from rig.design.response_table import ResponseTable
 from rig.design.script_text import script_text
 from rig.engine import EngineError, TripError, verbs
@@ -42,11 +39,8 @@ from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.transport import TransportError
 from rig.units import GWT_N
-from sim.fem.dissection import DissectionFactor
 from sim.models.fingertip import Fingertip
 from tests.program import NEAR_HOME, Program
-from tests.rig.identify.finger_file import MESH
-from tests.sim.coarse_mesh import as_toml
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
@@ -239,35 +233,6 @@ def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseT
     assert len(found["steps"]) == 6
 
 
-def test_check_factorizes_a_new_finger_once(
-    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The receptors of the choice are in the model from the start."""
-    made = 0
-
-    class Counted(DissectionFactor):
-        def __init__(self, *words: Any) -> None:
-            nonlocal made
-            made += 1
-            super().__init__(*words)
-
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "cache"))
-    monkeypatch.setattr("sim.models.condensed.DissectionFactor", Counted)
-    monkeypatch.setattr(response_table, "spread", map)
-    response_table._finger.cache_clear()
-    request = replace(REQUEST, shapes=("bar:3.0",), targets=(0.25,), minutes=5.0)
-    presses = possible_presses(request.shapes, request.kind, request.targets)
-    blocks = [np.array([8, 10]), np.array([12, 9])]
-    text = script_text(blocks, presses, "About.", "rig design", 0.2, 0.5, as_block(request, None))
-    Path("designed.py").write_text(text, encoding="utf-8")
-    Path("coarse.toml").write_text(as_toml(MESH), encoding="utf-8")
-    ended = program("check", "designed.py", "--config", "coarse.toml", "--choose", "--json")
-    assert ended.code == 0, ended.err
-    assert ended.json["possible"]["presses"] == len(presses)
-    assert made == 1
-
-
 PLAIN = """\
 from rig.protocol import Rig
 
@@ -314,20 +279,6 @@ def test_what_is_refused_before_anything_moves(
     assert ended.json["code"] == code, ended.err
     assert ended.code == 2
     assert not list(here.glob("runs/*")), "nothing moved"
-
-
-def test_a_step_that_is_not_chosen_yet_is_named_so_until_it_is() -> None:
-    """As terminal, panel and `rig watch` show it: the plan's presses are not those that come."""
-    move, press = ("move", 1, 0), ("indentation_start", 0, 0)
-    planned = Course(9.0, {move: 1.0, press: 2.0}, {move: "move to x = +1.00 mm", press: "press bar:3.0"})
-    agenda = Agenda(AdaptiveRun.course(planned))
-    assert agenda.now == UNTIL_CHOSEN["move"]
-    assert agenda.next == UNTIL_CHOSEN["indentation_start"]
-    agenda.event("move", {"x_mm": -0.5})
-    agenda.event(
-        "indentation_start", {"index": 0, "indentor": "step:1", "x_mm": -0.5, "target": "doi_mm", "value": 1}
-    )
-    assert "step:1" in agenda.now
 
 
 # --- counts that cannot be right ---
@@ -520,22 +471,6 @@ def test_a_press_that_was_not_checked_is_refused(waiting: Callable[..., Any], po
     with pytest.raises(CountError) as caught:
         waiting(_Chooser(lambda: True, possible))
     assert caught.value.code == "press_not_checked"
-
-
-def test_a_first_choice_that_comes_too_late_names_no_press(
-    waiting: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("rig.design.adaptive_run.CHOICE_WITHIN_S", 0.05)
-    found, bench = waiting(_Chooser(_never), step=ChoosePress(index=0, last=None, planned=7))
-    assert found == 7
-    (alarm,) = bench.of("alarm")
-    assert "-1" not in alarm["reason"]
-
-
-def test_a_count_before_the_first_press_names_no_press_before_it(tmp_path: Path) -> None:
-    with pytest.raises(CountError) as caught:
-        AcceptedCounts(_in_a_file([(0, 3)], tmp_path)).look(0)
-    assert caught.value.fields == {"index": 0, "last": None}
 
 
 def test_a_wrong_count_ends_the_run_before_a_motion(waiting: Callable[..., Any]) -> None:

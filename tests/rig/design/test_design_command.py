@@ -102,17 +102,3 @@ def test_what_is_refused_before_anything_is_computed(
     ended = program("design", *options, "--json")
     assert ended.code == 2
     assert json.loads(ended.out)["code"] == code
-
-
-def test_too_few_minutes_for_one_press(here: Path, program: Program) -> None:
-    ended = program("design", *REQUEST, *ON_COARSE, "--minutes", "1", "--rest-s", "600", "--json")
-    assert ended.code == 2
-    assert ended.json["code"] == "too_few_minutes"
-    assert not Path("designed.py").exists()
-
-
-def test_limits_that_allow_no_press(here: Path, program: Program) -> None:
-    Path("gentle.toml").write_text(f"{as_toml(MESH)}\n[limits]\nmax_doi_mm = 0.1\n", encoding="utf-8")
-    ended = program("design", *REQUEST, "--config", "gentle.toml", "--json")
-    assert ended.code == 2
-    assert ended.json["code"] == "all_refused"

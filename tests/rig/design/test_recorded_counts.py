@@ -91,11 +91,3 @@ def test_counts_belong_to_the_hold(
     else:
         with raises(RecordingError, code, row=2, cell=value, hold_s=hold_s):
             read_counts(path, table.presses, hold_s)
-
-
-def test_a_depth_that_was_not_designed_is_named_with_those_that_were(table: ResponseTable, tmp_path: Path) -> None:
-    path = tmp_path / "counts.csv"
-    path.write_text(GOOD.replace("0.25,", "0.2,"), encoding="utf-8")
-    with raises(RecordingError, "press_not_designed", option="--depths-mm") as caught:
-        read_counts(path, table.presses, 1.0)
-    assert caught.value.fields["column"] == "doi_mm"
