@@ -182,10 +182,7 @@ def test_what_is_broken_is_bundled_as_far_as_it_goes(run: Path, program: Program
     [
         ("Ada L/other.py", "…/other.py"),
         ("Ada N/20260301/events.jsonl", "…/20260301/events.jsonl"),
-        ("Ada M/K/y.py", "…/y.py"),
         ("dry-run/x", "dry-run/x"),
-        ("None of it", "None of it"),
-        ("steps", "steps"),
     ],
 )
 def test_folders_of_the_command_line(

@@ -104,7 +104,7 @@ def _calls(journal: Journal) -> list[Callable[[], None]]:
     ]
 
 
-@pytest.mark.parametrize("left", range(1, 60, 7))
+@pytest.mark.parametrize("left", [1, 22, 59])
 def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int) -> None:
     _write(path, clock)
     whole = list(read_journal(path))

@@ -24,7 +24,7 @@ def lines(*documents: dict[str, Any]) -> str:
     return "".join(json.dumps(one) + "\n" for one in documents)
 
 
-@pytest.mark.parametrize("block", [1, 40, 1000, 1 << 15])
+@pytest.mark.parametrize("block", [1, 1000])
 @pytest.mark.parametrize("name", [path.name for path in OLD.iterdir() if (path / "events.jsonl").is_file()])
 def test_of_an_old_run_the_same_is_said(name: str, block: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(listed_journal, "_BLOCK", block)
@@ -68,7 +68,7 @@ def test_whatever_it_looks_like_it_says_the_same(written: str, tmp_path: Path) -
     assert (few.start, few.stop, few.parts, few.end_s) == (whole.start, whole.stop, whole.parts, whole.end_s)
 
 
-@pytest.mark.parametrize("number", [2, 3, 4, 6])
+@pytest.mark.parametrize("number", [3, 6])
 @pytest.mark.parametrize(
     "spoil",
     [lambda line: line[:-1], lambda line: line[1:], lambda line: line[:20], lambda line: "x", lambda line: "{}"],

@@ -17,7 +17,6 @@ import pytest
 from rich.console import Console
 
 from rig.cli import main, output
-from rig.cli.json_schemas import OUTPUTS
 from rig.cli.output import Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
 from rig.control.stop import OwnedStage
@@ -108,11 +107,9 @@ def test_the_walk_has_every_command() -> None:
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize(
-    ("name", "as_json"), [*((name, False) for name in WALK), *((name, True) for name in WALK if name in OUTPUTS)]
-)
-def test_it_is_said_before_it_is_done(
-    name: str, as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", WALK)
+def test_a_command_says_what_it_does_before_it_does_it(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On standard error alone; not at all where only a program starts the command."""
     words, work, own = WALK[name]
@@ -127,7 +124,7 @@ def test_it_is_said_before_it_is_done(
         monkeypatch.setattr(Fingertip, "load", reached)
     else:
         monkeypatch.setattr(importlib.import_module(module), attribute, reached)
-    monkeypatch.setattr("sys.argv", ["rig", name, *words.split(), *(["--json"] if as_json else [])])
+    monkeypatch.setattr("sys.argv", ["rig", name, *words.split()])
     with pytest.raises(Reached):
         main()
     printed = capsys.readouterr()

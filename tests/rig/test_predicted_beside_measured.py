@@ -37,8 +37,6 @@ def _pressed(program: Program, folder: Path, target: str, stiffness: float, *wor
     [
         ("doi_mm=0.3", 1.0, "force", False),
         ("doi_mm=0.3", 0.5, "force", True),
-        ("doi_mm=0.3", 1.8, "force", True),
-        ("force_gwt=1.0", 1.0, "DOI", False),
         ("force_gwt=1.0", 0.5, "DOI", True),
     ],
 )

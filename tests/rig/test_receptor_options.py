@@ -41,11 +41,6 @@ def test_every_x_at_every_depth_and_z(indent: Any) -> None:
     assert receptors["sed"] == pytest.approx(expected["sed"].tolist(), rel=1e-9)
     assert len(np.unique(np.round(receptors["sed"], 9))) == 12
 
-    lines = indent(*places).out.splitlines()
-    assert [line.split()[:3] for line in lines[-9:-5]] == [
-        ["-0.50", "0.80", "6.50"], ["0.00", "0.80", "6.50"], ["0.50", "0.80", "6.50"], ["-0.50", "0.50", "7.00"],
-    ]  # fmt: skip
-
 
 def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Program, tmp_path: Path) -> None:
     (tmp_path / "coarse.toml").write_text(as_toml(coarse_mesh(0.5, 0.5)), encoding="utf-8")
@@ -60,13 +55,6 @@ def test_a_point_load_on_the_section_is_a_line_load_per_millimetre(program: Prog
     assert found["doi_mm"] is None
     twice = program(*line, "--force-gwt", 4, "--json").json
     assert twice["receptors"]["e11"] == pytest.approx([2 * v for v in found["receptors"]["e11"]])
-    assert (
-        "line load of 0.00490 N/mm, over 4 mm 0.01961 N = 2.0000 gwt at x = 0.2 mm"
-        in program(*line, "--force-gwt", 2).out
-    )
-    assert "a section contains the receptor plane only" in program(*line, "--force-gwt", 2, "--z-mm", 5).complaint
-    assert program(*line[:-2], "--force-gwt", 2).complaint.startswith("--force-gwt requires --length-mm")
-    assert "takes no depth" in program(*line, "--doi-mm", 0.2).complaint
 
 
 @pytest.mark.parametrize(

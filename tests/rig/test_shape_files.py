@@ -102,7 +102,7 @@ def _state(run: Path) -> dict[str, tuple[int, bytes]]:
 
 @pytest.mark.parametrize(
     "missing",
-    [(), ("report.html",), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html"), ("model_pressure.csv",)],
+    [(), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html")],
 )
 def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
     rig: Rig, made_once: MadeOnce, tmp_path: Path, missing: tuple[str, ...]

@@ -83,21 +83,13 @@ INDENT = ("indent", "--shape", "cylinder:9", "--x-mm", "0", "--doi-mm", "0.3")
 ENCODE = ("encode", "--shape", "cylinder:9", "--x-mm", "0", "--doi-mm", "0.3")
 PLACES: dict[str, Callable[[At], str]] = {
     "library, JSON": lambda at: str(at.finger.indent("cylinder:9", doi_mm=0.3).as_json()),
-    "library, notebook": lambda at: at.finger.indent("cylinder:9", doi_mm=0.3)._repr_html_(),
     "rig indent": lambda at: at.said(*INDENT),
-    "rig indent --json": lambda at: at.said(*INDENT, "--json"),
-    "rig indent --model section": lambda at: at.said(*INDENT, "--model", "section"),
-    "rig export-deck": lambda at: at.said("export-deck", *INDENT[1:], "--out", at.folder / "deck.inp"),
     "rig encode": lambda at: at.said(*ENCODE),
-    "rig encode --json": lambda at: at.said(*ENCODE, "--json"),
     "rig check": lambda at: at.said("check", at.folder / "mine.py"),
-    "rig check --json": lambda at: at.said("check", at.folder / "mine.py", "--json"),
     "the page before a run": _page,
     "a run's report": lambda at: (at.run() / "report.html").read_text("utf-8"),
     "a comparison's report": _compared,
-    "rig compare --json": lambda at: _compared(at, "--json"),
     "rig study": _study,
-    "rig study --json": lambda at: _study(at, "--json"),
 }
 
 

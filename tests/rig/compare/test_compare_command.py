@@ -14,7 +14,6 @@ import pytest
 from matplotlib.figure import Figure
 
 from rig.cli import compare
-from rig.cli.output import THE_FINGER
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
@@ -128,42 +127,6 @@ def test_the_same_input_gives_the_same_bytes(
     assert Path("a.html").read_bytes() == Path("b.html").read_bytes()
 
 
-RECORDED = ("--recorded", "bar:3.0=good.csv")
-
-
-@pytest.mark.parametrize(
-    ("options", "refusal"),
-    [
-        (("--recorded", "bar:3.0"), "no_shape_and_file"),
-        (("--recorded", "bar:3.0=none.csv"), "unreadable"),
-        (("--recorded", "tube=a.csv"), "no_such"),
-        ((*RECORDED, "--recorded", "bar:3=good.csv"), "recorded_twice"),
-        (("--recorded", "step:1=good.csv"), "never_pressed"),
-        (("--recorded", "bar:3.0=bad.csv"), "no_number"),
-        (("--mirror", "bar:3.0"), "nothing_to_mirror"),
-        (("--deflection", "depths.csv"), "nothing_across"),
-        (("--window-s", "1"), "wrong_count"),
-        (("--offset-mm", "0,1"), "needs_option"),
-        (("--depth-range-mm", "0.5,1"), "needs_option"),
-        (("--place",), "needs_option"),
-        (("--place", "--offset-mm", "1", *RECORDED), "wrong_count"),
-        (("--place", "--depth-range-mm", "0.3,1", *RECORDED), "across_epidermis"),
-        (("--place", "--receptor-x-mm", "0", *RECORDED), "one_receptor_x"),
-        (("--columns", "speed=v"), "no_role"),
-        (("--receptor-x-mm", "0,left"), "not_numbers"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(command: Command, run: Run, options: tuple[str, ...], refusal: str) -> None:
-    Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
-    Path("depths.csv").write_text("z_mm,deflection_mm\n7,0.5\n", encoding="utf-8")
-    Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
-    code, out, err = command("compare", run.folder.path, *options, "--out", "a.html", "--json")
-    told = json.loads(out)
-    assert (code, told["code"], told["exit_code"]) == (2, refusal, 2)
-    assert err.replace(f"{THE_FINGER}\n", "") == f"rig: {told['error_text']}\n"  # what it begins with aside
-    assert not Path("a.html").exists()
-
-
 @no_figures
 def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
     """RequestedRanges within 0.1 mm of x = 0, on six nodes."""
@@ -246,7 +209,7 @@ def _recorded(run: Run) -> dict[str, bytes]:
 
 
 @no_figures
-@pytest.mark.parametrize("what", ["lost", "old", "without checksums", "stopped"])
+@pytest.mark.parametrize("what", ["lost", "stopped"])
 def test_export_writes_the_report_again_and_no_data(command: Command, run: Run, tmp_path: Path, what: str) -> None:
     """Also of a run that was killed. The checksums of all other files stay, so that a change still shows."""
     again = read_run(shutil.copytree(run.folder.path, tmp_path / "again"))
@@ -259,8 +222,6 @@ def test_export_writes_the_report_again_and_no_data(command: Command, run: Run, 
         (folder.path / name).write_text("old", encoding="utf-8")
         if what == "lost":
             (folder.path / name).unlink()
-    if what == "without checksums":
-        sums.unlink()
     if what == "stopped":
         lines = folder.events.read_text(encoding="utf-8").splitlines(keepends=True)
         ended = max(n for n, line in enumerate(lines) if '"stream": "indentation_end", "data"' in line)
@@ -366,15 +327,6 @@ def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, 
     assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:]] == [
-        "answer",
-        "recording",
-        "All",
-        "Times",
-        "If",
-        "shape",
-        "report",
-    ]
     assert verdict["answer_text"] in out
     page = Path("a.html").read_text(encoding="utf-8")
     assert verdict["answer_text"] in page

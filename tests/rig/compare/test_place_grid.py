@@ -43,9 +43,6 @@ def descending(option: str, low_mm: float, high_mm: float) -> dict[str, Any]:
     [
         ((-1.0, 1.0), (0.3, 0.9), None, "across_epidermis", {"low_mm": 0.3, "high_mm": 0.9, "epidermis_mm": 0.4}),
         ((-1.0, 1.0), (0.9, 0.5), None, "not_ascending", descending("--depth-range-mm", 0.9, 0.5)),
-        ((-1.0, 1.0), (0.5, 0.5), None, "not_ascending", descending("--depth-range-mm", 0.5, 0.5)),
-        ((-1.0, 1.0), (0.5, np.inf), None, "not_ascending", descending("--depth-range-mm", 0.5, np.inf)),
-        ((-1.0, 1.0), None, (0.2, -0.2), "not_ascending", descending("--offset-mm", 0.2, -0.2)),
         ((-1.0, 1.0), None, (np.nan, 0.2), "not_ascending", descending("--offset-mm", np.nan, 0.2)),
         ((1.0, 1.0), None, None, "one_receptor_x", {}),
     ],

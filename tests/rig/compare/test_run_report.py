@@ -70,13 +70,12 @@ def test_repeats_are_one_condition_whatever_came_between() -> None:
 
 @pytest.mark.parametrize(
     "order",
-    ["depths at each place", "places at each depth", "shapes within places"],
+    ["depths at each place", "shapes within places"],
 )
 def test_each_target_has_all_of_its_places_in_whatever_order_they_were_pressed(order: str) -> None:
     places, depths, shapes = (-1.0, 0.0, 1.0, 2.0), (0.4, 0.9), ("bar:3.0", "cylinder:9")
     nested = {
         "depths at each place": [(s, x, d) for s in shapes for x in places for d in depths],
-        "places at each depth": [(s, x, d) for s in shapes for d in depths for x in places],
         "shapes within places": [(s, x, d) for x in places for d in depths for s in shapes],
     }[order]
     presses = [{"index": k, "indentor": s, "x_mm": x, "value": d} for k, (s, x, d) in enumerate(nested)]

@@ -15,7 +15,6 @@ from rig.compare.recordings.deflection import (
     SkinDeflection,
     compared_deflection,
     deflection_at,
-    in_words,
     read_skin_deflection,
 )
 from rig.report.recording_sections import read_deflections
@@ -59,9 +58,6 @@ def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Pa
     [
         ("x_mm\n1\n", "no_column", {"column": "deflection_mm", "columns": "deflection_mm[,x_mm][,z_mm]"}),
         ("deflection_mm\n1\n", "no_place", {}),
-        ("x_mm,deflection_mm\n", "no_rows", {"expected": "deflection_mm[,x_mm][,z_mm]"}),
-        ("x_mm,deflection_mm\n1,deep\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "deep"}),
-        ("x_mm,deflection_mm,y_mm\n1,1,1\n", "extra_column", {"column": "y_mm"}),
     ],
 )
 def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, code: str, fields: dict[str, Any]) -> None:
@@ -113,7 +109,6 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
     assert found["rms_mm"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
     assert found["model_mm"][2] is None
     assert found["z_mm"] == [result.z_mm, 6.0, 6.0]
-    assert in_words(found) == "measured − model -0.100 mm mean, 0.224 mm rms, 2 points; 1 beside the patch"
 
 
 @pytest.fixture

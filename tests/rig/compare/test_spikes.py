@@ -162,7 +162,7 @@ def test_pulses_of_an_nwb_file_by_their_name(tmp_path: Path, bar_run: Run) -> No
         read_spike_times(bad, run, "1", columns)
 
 
-@pytest.mark.parametrize("missing", ["units/id", "units/spike_times_index", "units/spike_times"])
+@pytest.mark.parametrize("missing", ["units/id", "units/spike_times"])
 def test_a_table_of_units_without_one_of_its_columns(tmp_path: Path, bar_run: Run, missing: str) -> None:
     path = nwb_file(tmp_path / "a.nwb", **{"units/spike_times": [1.0]})
     with h5py.File(path, "a") as file:

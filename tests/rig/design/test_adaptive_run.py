@@ -233,48 +233,26 @@ def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseT
     assert len(found["steps"]) == 6
 
 
-PLAIN = """\
-from rig.protocol import Rig
-
-def run(rig: Rig) -> None:
-    rig.mount("bar:3.0")
-    rig.home()
-    rig.zero()
-    rig.move_to(x_mm=0.0)
-    rig.indent(doi_mm=0.2)
-"""
-
-
 @pytest.mark.parametrize(
     ("change", "options", "code"),
     [
-        (("", ""), ("--choose", "virtual:ep9"), "unknown_nerve"),
-        (("", ""), ("--choose", "virtual:SA1@-1"), "bad_seed"),
-        (("", ""), ("--choose", "counts.txt"), "no_source"),
-        (("", ""), ("--choose", "lsl:"), "no_source"),
-        (("", ""), ("--choose", "counts.csv"), "not_virtual"),
-        (("", ""), ("--choose", TRUTH, "--count-within-s", "0"), "outside_range"),
         (("", ""), ("--choose", TRUTH, "hold_s=0"), "no_hold"),
         (('"e22"', '"e99"'), ("--choose", TRUTH), "unknown_candidate"),
         (('"minutes": 0.9', '"minutes": 0.2'), ("--choose", TRUTH), "too_few_minutes"),
         (('["bar:1.5", "bar:3.0"]', '["bar:1.5"]'), ("--choose", TRUTH), "press_not_designed"),
-        (('["bar:1.5", "bar:3.0"]', '["bar:1.5", "gear:9"]'), ("--choose", TRUTH), "no_such"),
-        (('"targets": [0.25', '"targets": ["x"'), ("--choose", TRUTH), "invalid_value"),
         (('"seed": 2', '"sow": 2'), ("--choose", TRUTH), "unknown_key"),
         (("BLOCKS = (", "BLOCKS = (3,"), ("--choose", TRUTH), "bad_blocks"),
-        ((None, PLAIN), ("--choose", TRUTH), "no_design"),
     ],
 )
 def test_what_is_refused_before_anything_moves(
-    here: Path, program: Program, change: tuple[str | None, str], options: tuple[str, ...], code: str
+    here: Path, program: Program, change: tuple[str, str], options: tuple[str, ...], code: str
 ) -> None:
     """In one line, without a run folder."""
     path = here / "designed.py"
     old, new = change
     text = path.read_text(encoding="utf-8")
-    assert old is None or old in text
-    changed = new if old is None else text.replace(old, new, 1) if old else text
-    path.write_text(changed, encoding="utf-8")
+    assert old in text
+    path.write_text(text.replace(old, new, 1) if old else text, encoding="utf-8")
     ended = program(*DRY, *options, "--json")
     assert ended.json["code"] == code, ended.err
     assert ended.code == 2
@@ -308,18 +286,13 @@ def _in_a_stream(rows: list[tuple[Any, Any]], folder: Path) -> CountSource:
 
 WRONG = {
     "nan": ([(0, float("nan"))], "bad_count"),
-    "infinite": ([(0, float("inf"))], "bad_count"),
     "text": ([(0, "many")], "bad_count"),
-    "empty": ([(0, "")], "bad_count"),
     "negative": ([(0, -1)], "bad_count"),
     "fractional": ([(0, 2.5)], "bad_count"),
     "huge": ([(0, 1e9)], "bad_count"),
     "twice": ([(0, 3), (0, 4)], "two_counts"),
-    "twice the same": ([(0, 3), (0, 3)], "two_counts"),
     "another than before": ([(1, 6)], "two_counts"),
     "not made": ([(0, 3), (2, 4)], "press_not_made"),
-    "no number": ([("first", 3)], "no_press_number"),
-    "negative number": ([(-1, 3)], "no_press_number"),
     "half a number": ([(0.5, 3)], "no_press_number"),
 }
 
@@ -367,7 +340,7 @@ def test_a_growing_file_gives_each_whole_line_once(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("rows", "code"),
-    [("0,3\n", "press_not_made"), ("0,nan\n", "press_not_made"), ("x,1\n", "no_press_number"), (None, "no_file")],
+    [("0,3\n", "press_not_made"), (None, "no_file")],
 )
 def test_a_real_run_is_refused_before_a_port_is_opened(
     here: Path, program: Program, monkeypatch: pytest.MonkeyPatch, rows: str | None, code: str
