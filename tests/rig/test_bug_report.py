@@ -224,3 +224,13 @@ def test_folders_of_the_command_line(
 )
 def test_a_text(text: str, scrubbed: str) -> None:
     assert Scrubber(["S07", ""], ["  ", "a “quoted” note"], ["given/", "x", "ab"]).text(text) == scrubbed
+
+
+def test_doctor_names_an_expired_calibration_and_ports_that_do_not_answer(program: Program, tmp_path: Path) -> None:
+    """With an expired calibration `rig run` refuses to begin."""
+    expired = "value = 400, date = 2020-03-01, expires = 2021-03-01"
+    ports = "".join(f'[{name}]\nport = "{tmp_path / name}"\n' for name in ("stage", "force"))
+    (tmp_path / "rig.toml").write_text(f"{ports}[calibration]\nz_steps_per_mm = {{{expired}}}\n", encoding="utf-8")
+    found = program("doctor", "--config", tmp_path / "rig.toml", "--json").json
+    named = [problem.partition(" ")[0] for problem in found["problems_text"]]
+    assert named == ["calibration.z_steps_per_mm", "stage:", "force:"]

@@ -1,6 +1,7 @@
-"""Help of all commands: panels, length, and what the line of each option says."""
+"""Options of all commands: a number has a unit and a default, and an option has one meaning wherever it stands."""
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any, get_args, get_type_hints
 
@@ -61,3 +62,16 @@ def test_a_number_has_its_unit_and_a_default_or_what_its_absence_means() -> None
         if not option.hidden:
             assert UNIT.search(option.help) or name.split()[-1] in DIMENSIONLESS, name
             assert option.required or option.default is not None or ABSENT.search(option.help), name
+
+
+KNOWN = {"--choose", "--columns"}
+"""Flags of one command that concern the same thing as the value of another."""
+
+
+def test_no_option_is_a_flag_on_one_command_and_takes_a_value_on_another() -> None:
+    kinds = defaultdict[str, set[bool]](set)
+    for option in OPTIONS.values():
+        if option.param_type_name == "option":
+            for name in option.opts:
+                kinds[name].add(option.is_flag)
+    assert {name for name, found in kinds.items() if len(found) > 1} <= KNOWN

@@ -163,69 +163,6 @@ def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float)
     assert visit.path.depth_mm(8.0 + 0.95 * lasts_s) < 0.4999
 
 
-def _of(name: str, t_s: float, **data: Any) -> tuple[str, dict[str, Any]]:
-    return name, {"t_s": t_s, **data}
-
-
-LONG: list[tuple[str, dict[str, Any]]] = [
-    _of("retract", 0.2, height_mm=2.0),
-    *BEGUN[:3],
-    _sample(6.0, 0.1, 0.02, "approach"),
-    _of("sample", 6.5, x_mm=None, height_mm=0.0, force_gwt=9.0, phase="press"),
-    _of("sample", 6.6, x_mm=1.0, height_mm=None, force_gwt=9.0, phase="press"),
-    _of("touch", 7.0, contact_height_mm=0.0, true_doi_bias_mm=0.01),
-    _sample(8.0, -0.5, 10.0),
-    _sample(8.0, -0.51, 11.0),  # of the same instant: the later one
-    _of("hold_end", 9.0, doi_mm=0.4, true_doi_mm=0.43, true_x_mm=1.02),
-    LIFTED,
-    ("reference_sample", _sample(30.0, 0.05)[1]),
-    _of("reference_touch", 31.0, contact_height_mm=-0.1),
-    ("reference_sample", _sample(32.0, -0.3, 1.0, "hold")[1]),
-    _of("trip", 35.0),
-    _sample(38.0, 2.0, phase="clearance"),
-    _of("home", 40.0),
-    _of("move", 41.0, x_mm=-2.0, height_mm=2.0),
-    _sample(45.0, 1.9, 0.05, x_mm=-2.0),  # a touch whose height was not measured
-    _of("retract", 50.0, height_mm=2.0),
-    _of("move", 51.0, x_mm=3.0, along_mm=None, height_mm=2.0),
-    _sample(55.0, 1.9, 0.049, x_mm=3.0),  # no touch
-    _of("retract", 60.0, height_mm=2.0),
-    _sample(61.0, 2.0, phase="approach", x_mm=4.0),  # elsewhere, without a move on record
-    _of("find_touch", 62.0, contact_height_mm=0.0),
-    _sample(63.0, -0.2, x_mm=4.0),
-    _sample(63.8, 2.0, phase="approach", x_mm=6.0),  # and again
-    _of("mount", 64.0, indentor="step"),
-    _of("move", 70.0, x_mm=0.0, height_mm=2.0),
-    _of("touch", 71.0, contact_height_mm=0.0),
-    _sample(72.0, 0.5, x_mm=0.0),  # never below contact
-    _of("retract", 80.0, height_mm=2.0),
-    _of("indentation_start", 81.0, indentor="bar"),
-    _sample(85.0, 0.5, x_mm=0.0),
-    _of("precondition_touch", 86.0, contact_height_mm=0.0),
-    _sample(88.0, -0.1, x_mm=0.0),
-    _sample(95.0, -0.1, phase="hold", x_mm=0.0),
-    _sample(96.0, -0.2, 3.0, x_mm=7.0),  # nobody knows how it came there
-    _of("touch", 97.0, contact_height_mm=0.0),
-]
-
-
-def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> None:
-    """Depth is contact less height less what the rig gives, and more by what the truth adds where it is known."""
-    config = Config.model_validate({"calibration": GIVES})
-    found = visits_of(replace(run, in_order=LONG), config)
-    assert found.left_out == 2
-    expected = [
-        ("bar:3.0", 1.02, 0.25, [1, 6, 8, 20], [-1.98, -0.08 - 0.02 * GWT_N, 0.53 - 11 * GWT_N, -1.98]),
-        ("bar:3.0", 1.0, 0.25, [20, 30, 32, 35], [-2.1, -0.15, 0.2 - GWT_N, -2.1]),
-        ("bar:3.0", 4.0, 0.0, [61, 63, 63.58], [-2.0, 0.2, -0.01]),
-        ("bar", 0.0, 0.0, [80, 85, 88, 95, 95.54], [-2.0, -0.5, 0.1, 0.1, -0.01]),
-    ]
-    assert [(one.indentor, one.x_mm, one.along_mm) for one in found.visits] == [row[:3] for row in expected]
-    for visit, (*_, times_s, depths_mm) in zip(found.visits, expected, strict=True):
-        assert visit.path.times_s == pytest.approx(times_s, abs=1e-9)
-        assert visit.path.depths_mm == pytest.approx(depths_mm, abs=1e-9)
-
-
 # --- spikes ---
 
 

@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure as Canvas
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from rig.compare.verdict import (
     Separate,
     Together,
 )
-from rig.compare.verdict_text import methods, sentence
 from rig.report.page_parts import Section
 from rig.report.style import Plot
 from rig.report.verdict_section import answer_sections
@@ -91,19 +89,6 @@ def drawn(plot: Plot) -> Canvas:
     return canvas
 
 
-def test_first_comes_one_sentence_and_one_figure() -> None:
-    found = answer(*ROWS)
-    made = answer_sections([found], "", recorded=True)
-    assert [one.title for one in made] == [
-        "Verdicts", "Details, and what would change the answer", "Recorded over predicted",
-        "Residuals by position", "Fits to the recording", "Controls", "Joint and separate fits of one afferent",
-        "Methods text for a paper",
-    ]  # fmt: skip
-    assert made[0].text == sentence(found)
-    assert (len(made[0].figures), made[0].points, made[0].rows) == (1, (), ())
-    assert made[-1].text == methods(found)
-
-
 def test_residuals_are_drawn_and_told() -> None:
     section = sections(answer(*ROWS))["Residuals by position"]
     assert "(|r| below 0.67 here)" in section.text  # 9 neighbours
@@ -137,36 +122,3 @@ def test_the_set_comes_first_in_the_table() -> None:
         "fitted with each pair, among 9 fingers of the stated ranges"
         in sections(replace(answer(*ROWS), fingers=9))[section.title].text
     )
-
-
-def test_controls_are_judged_like_measures() -> None:
-    section = sections(
-        answer(CONTROL, *ROWS[:3], pair("skin pressure", 40.0, receptor_mm=1.0, control=True), CONSTANT)
-    )
-    rows = section["Controls"].rows
-    assert [row[0] for row in rows] == ["skin pressure at −1 mm (control)", "a constant rate (control)"]
-    assert section["Controls"].points == (
-        "If the afferent followed skin pressure, s33 at 0 mm would imitate it best and be rejected with a "
-        "probability of 0.42.",
-    )
-
-
-@pytest.mark.parametrize(("p", "expected"), [(0.87, "do not differ"), (0.049, "differ"), (0.05, "do not differ")])
-def test_separate_fits_stand_beside_the_one(p: float, expected: str) -> None:
-    found = answer(*ROWS)
-    assert found.together is not None
-    section = sections(replace(found, together=found.together._replace(p=p)))[
-        "Joint and separate fits of one afferent"
-    ]
-    assert f"to each stimulus {expected} from the joint fit (F(4, 48) = 0.31, p = " in section.text
-    assert section.rows[1] == ("step:3 at 8 gwt", "3", "0.1", "50 %")
-    assert "Joint and separate fits of one afferent" not in sections(replace(found, together=None))
-
-
-@pytest.mark.parametrize(
-    ("recorded", "said"), [(True, "There is no verdict: the runs cover"), (False, "No recording was given")]
-)
-def test_without_an_answer(recorded: bool, said: str) -> None:
-    (section,) = answer_sections([], "", recorded=recorded)
-    assert section.title == "Verdicts"
-    assert section.text.startswith(said)

@@ -93,12 +93,6 @@ def test_each_condition_is_also_judged_alone(
     }
 
 
-def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> None:
-    comparison = compare([make_stimulus("cylinder:9", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)})], {})
-    assert comparison.candidates() == []
-    assert {row["shape_test"] for row in as_json(comparison, "x.html")["rows"]} == {None}
-
-
 def recorded(afferent: LinearAfferent, stimulus: StimulusRow, positions: Array) -> Recording:
     """Without noise."""
     rows = [(float(x), float(r), np.nan) for x, r in zip(positions, afferent.rate(stimulus, positions), strict=True)]

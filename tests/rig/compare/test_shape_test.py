@@ -69,16 +69,6 @@ def test_no_test_is_defined_for_other_shapes(shape: str) -> None:
     assert shape_test(shape, np.arange(9.0), np.arange(9.0)) is None
 
 
-def test_no_verdict_on_four_positions() -> None:
-    assert shape_test("step:1", np.arange(4.0), np.arange(4.0)) is None
-
-
-def test_what_a_step_is_judged_by() -> None:
-    verdict = shape_test("step:1", -np.arange(7.0), np.array([1.2, 2, 1.5, 1, 0.6, 0.7, 0.8]))
-    assert verdict is not None
-    assert verdict.judged_by == pytest.approx({"baseline": 1.0, "peak": 1.0, "dip": 0.4, "recovery": 0.2})
-
-
 profiles = st.lists(st.integers(-50, 50), min_size=5, max_size=30).map(lambda v: np.array(v, dtype=float))
 shapes = st.sampled_from(["step:1", "bar:3.0"])
 

@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -51,19 +50,6 @@ def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Pa
     assert (across.x_mm.tolist(), np.isnan(across.z_mm).tolist()) == ([1.0], [True])
     along = read_skin_deflection(written(tmp_path, "z_mm,deflection_mm\n5,0.1\n"))
     assert (along.x_mm.tolist(), along.z_mm.tolist()) == ([0.0], [5.0])
-
-
-@pytest.mark.parametrize(
-    ("text", "code", "fields"),
-    [
-        ("x_mm\n1\n", "no_column", {"column": "deflection_mm", "columns": "deflection_mm[,x_mm][,z_mm]"}),
-        ("deflection_mm\n1\n", "no_place", {}),
-    ],
-)
-def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, code: str, fields: dict[str, Any]) -> None:
-    path = written(tmp_path, text)
-    with raises(RecordingError, code, path=str(path), **fields):
-        read_skin_deflection(path)
 
 
 # --- the model's ---
