@@ -137,18 +137,9 @@ def test_what_a_bug_report_needs_is_there(program: Program, run: Path) -> None:
         **was["parameters"], "who": GONE, "many": [GONE, 2.0], "shape": "bar:3.0", "order": None, "empty": "",
     }  # fmt: skip
     assert start["unix_s"] == was["unix_s"]
-    unchanged = [line for line in lines[1:60] if "checkpoint" not in line and "note" not in line]
-    assert [json.loads(line) for line in unchanged if json.loads(line) in documents] == [
-        json.loads(line) for line in unchanged
-    ]
     assert json.loads(found["bytes.jsonl"]) == {"t_s": 0.0, "port": "…/usb-x", "dir": "tx", "hex": "24490a"}
     assert found["config.toml"] == '[stage]\nport = "…/tty0"\n[force]\nport = "tcp://…:4001"\n'
     assert json.loads(found["provenance.json"])["versions"]["indentation-rig"] == "0.3.0"
-    installed = json.loads(found["installation.json"])
-    assert set(installed) == {
-        "python", "system", "machine", "cores", "versions", "devices", "protocols", "problems",
-    }  # fmt: skip
-    assert "steps" in installed["protocols"]
 
 
 def test_a_script_of_one_s_own_keeps_its_lines_and_loses_its_words(run: Path, program: Program) -> None:

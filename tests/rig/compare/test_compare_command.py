@@ -95,10 +95,6 @@ def test_json_and_report(command: Command, run: Run, csv: Path) -> None:
     assert truth["shape"] == "bar:3.0"
     assert truth["run"] == run.folder.path.name
     page = Path("a.html").read_text(encoding="utf-8")
-    for section in ("Verdicts", "Fits to the recording", "Recorded over predicted", "Rate against measure",
-                    "Correlation and shape test", "SSRPs and shape test", "Population responses",
-                    "Pressure and contact regions", "Strain under the skin", "Provenance"):  # fmt: skip
-        assert section in page
     assert page.index("Verdicts</h2>") < page.index("<figure ")
     assert "http" not in page.replace("http://www.w3.org", "")  # nothing is fetched
     assert set(json.loads(Path("a.html.made.json").read_text(encoding="utf-8"))) == {"made_utc", "seconds"}
@@ -149,11 +145,6 @@ def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
     page = Path("a.html").read_text(encoding="utf-8")
     assert "Receptor location: bar:3.0 at 0.4 mm" in page
     assert "--place" in page
-    code, out, _ = command(*asked, "--offset-mm=-0.05,0.05")
-    assert code == 0
-    said = " ".join(out.split())
-    assert "place " in said
-    assert "offset, fitted between −0.05 and 0.05 mm" in said
 
 
 @no_figures
@@ -183,8 +174,6 @@ def test_columns_units_and_what_is_left_out(command: Command, run: Run) -> None:
     page = Path("a.html").read_text(encoding="utf-8")
     assert "--columns" in page
     assert "position=x (um),rate=FR" in page
-    code, out, _ = command(*asked)
-    assert "a run of bar:3.0 at 0.4 mm from 1.8 to -0.6 mm" in " ".join(out.split())
 
 
 def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
