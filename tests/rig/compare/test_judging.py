@@ -17,6 +17,7 @@ from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
 from rig.compare.verdict_text import sentence
+from rig.report.page_parts import Section
 from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
@@ -140,6 +141,27 @@ def test_table_sentence_and_json_are_of_one_set(steps: list[StimulusRow]) -> Non
     out = {one.name for one in found.measures} - {one.name for one in found.set}
     assert not [name for name in out if f"{name} at " in sentence(found)]
     assert [len(one.eps) for one in found.rows] == [len(found.places.rate)] * len(found.rows)
+    in_table = [cells[1] for cells in _sections(found)["Fits to the recording"].rows]
+    assert in_table.count("yes") == len(found.set) + len(found.controls_in_set)
+    assert in_table == sorted(in_table, reverse=True)  # they come first
+
+
+def _sections(found: AfferentVerdict) -> dict[str, Section]:
+    return {one.title: one for one in answer_sections([found], "no offset", recorded=True)}
+
+
+def test_residuals_of_neighbours_are_correlated_as_the_page_states(steps: list[StimulusRow]) -> None:
+    """Products of neighbours of one stimulus in order of position, over squares."""
+    found = answer(steps, of_truth(steps))
+    best, places = found.headline, found.places
+    assert best is not None
+    products = squares = 0.0
+    for stimulus in range(3):
+        mine = np.flatnonzero(places.stimulus == stimulus)
+        residual = best.residual[mine[np.argsort(places.position_mm[mine])]]
+        products, squares = products + residual[1:] @ residual[:-1], squares + residual @ residual
+    point = _sections(found)["Residuals by position"].points[0]
+    assert point.endswith(f" r = {products / squares:.2f}.".replace("-", "−"))
 
 
 def test_the_answer_is_the_recording_s(steps: list[StimulusRow]) -> None:
