@@ -333,7 +333,7 @@ BOMBS: dict[str, tuple[Make, tuple[str, ...], tuple[str, ...]]] = {
                            ("picture of a map",), ()),
     "10¹² values": (_nwb(_declared), ("NWB",), ("too_many_values",)),
     "another file": (_nwb(_external), ("NWB",), ("elsewhere",)),
-    "texts that unpack": (_workbook("xl/sharedStrings.xml", fill=bytes(10**7), many=100), ("workbook",), ("no_csv",)),
+    "texts that unpack": (_workbook("xl/sharedStrings.xml", fill=bytes(10**7), many=40), ("workbook",), ("no_csv",)),
     "zeros that unpack": (_matlab, ("MATLAB",), ("no_csv", "no_mat_table")),
 }  # fmt: skip
 

@@ -226,13 +226,6 @@ def test_the_page_before_a_run_names_the_strongest_press_and_every_indentor_that
     assert f"{min(one.x_mm for one in possible.all_presses):g}" in lines["first"]
 
 
-def test_check_prints_every_press_that_may_be_chosen(here: Path, some: ResponseTable, program: Program) -> None:
-    found = program("check", "designed.py", "--config", "rig.toml", "--choose", "--json").json
-    assert found["possible"]["presses"] == len(some.presses)
-    assert found["possible"]["peak_force_gwt"] >= found["peak_force_gwt"]
-    assert len(found["steps"]) == 6
-
-
 @pytest.mark.parametrize(
     ("change", "options", "code"),
     [

@@ -65,11 +65,6 @@ def test_check_shows_bands_and_trips_above_them(program: Program, files: Files) 
     assert "9 in 10" in program("check", script, "--finger", finger).out
 
 
-def test_without_the_file_nothing_has_a_band(program: Program, files: Files) -> None:
-    script, _ = files()
-    assert "force_band_gwt" not in program("check", script, "--json").json["steps"][0]
-
-
 @pytest.mark.quick(rows=lambda relaxation: relaxation == SERIES)
 @pytest.mark.parametrize("relaxation", [(), SERIES], ids=["elastic", "relaxing"])
 def test_what_a_run_finds_lies_in_the_band(
