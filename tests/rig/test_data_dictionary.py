@@ -2,7 +2,6 @@
 
 import csv
 import re
-import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -17,7 +16,6 @@ from rig.data.schema import PRESS_STREAMS, STREAMS
 from rig.data.tables import OF_THE_PRESS, tables
 from rig.engine import PressId, Target, indent, verbs
 
-OLD = Path(__file__).parents[1] / "data" / "runs"
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
 START = {
     "protocol": "two", "title": "Two presses", "source": "", "parameters": {}, "planned_indentations": 2,
@@ -107,22 +105,6 @@ def test_every_dataset_has_its_unit_its_meaning_and_its_type(run: Run) -> None:
         assert file["precondition_touch/condition"].asstr()[:].tolist() == [""]  # no row has one
         assert file["touch/block"][:].tolist()[0] == 2.0
         assert file["touch/block"][1] != file["touch/block"][1]
-
-
-# --- the run itself ---
-
-
-def test_the_attributes_say_which_run_it_is(tmp_path: Path) -> None:
-    shutil.copytree(OLD / "stopped", tmp_path / "mine")
-    run = read_run(tmp_path / "mine")
-    export_run(run)
-    with h5py.File(tmp_path / "mine" / "data.h5") as file:
-        assert dict(file.attrs) == {
-            "run": "mine", "uid": run.start["uid"], "date_utc": "2026-11-29T18:14:44+00:00", "version": "0.3.0",
-            "protocol": "mixed", "title": "Everything a script may ask for", "subject": "S07", "virtual": True,
-            "planned_indentations": 8, "complete": False,
-        }  # fmt: skip
-        assert set(file.attrs) == set(ATTRIBUTES)
 
 
 # --- the documented lines ---

@@ -93,18 +93,18 @@ def test_an_error_is_known_under_the_name_of_its_class() -> None:
         assert f"{error.__module__}:{error.__qualname__}" == place
 
 
-@pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_of_the_help_is_there_and_says_the_same_of_itself(
-    name: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "200")
     code, all_of_them, _ = said(capsys, monkeypatch, "--help")
     assert code == 0
-    assert (f"{name} {COMMANDS[name].line}" in all_of_them) is not COMMANDS[name].hidden
-    code, its_own, _ = said(capsys, monkeypatch, name, "--help")
-    assert code == 0
-    assert f"Usage: rig {name} " in its_own
-    assert COMMANDS[name].line in its_own
+    for name, command in COMMANDS.items():
+        assert (f"{name} {command.line}" in all_of_them) is not command.hidden
+        code, its_own, _ = said(capsys, monkeypatch, name, "--help")
+        assert code == 0
+        assert f"Usage: rig {name} " in its_own
+        assert command.line in its_own
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("dryrun", "dry-run"), ("resum", "resume")])

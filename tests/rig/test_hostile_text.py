@@ -16,7 +16,6 @@ from rich.text import Text
 from rig.cli import output, program
 from rig.data import read_run
 from rig.data.documents import as_line
-from rig.data.folder import replace_text
 from rig.printable import on_one_line, printable
 from rig.report.run_report import write_report
 from sim.models.fingertip import Fingertip
@@ -161,11 +160,6 @@ def test_pages_and_tables_hold_the_text_as_text(run: Path, program: Program, fin
     assert program("export", str(run), "--csv").code == 0
     with h5py.File(run / "data.h5") as file:
         assert len(file) > 0
-
-
-def test_half_a_surrogate_pair_is_written_as_text(tmp_path: Path) -> None:
-    replace_text(tmp_path / "page.html", "a\ud800b")
-    assert (tmp_path / "page.html").read_text(encoding="utf-8") == r"a\ud800b"
 
 
 def test_a_stream_is_no_path(run: Path, program: Program) -> None:

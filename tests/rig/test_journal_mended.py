@@ -60,12 +60,6 @@ def test_a_journal_ends_on_a_whole_line_and_loses_no_other(
     assert len(synced) == 1  # what was mended is on the disk
 
 
-def test_what_is_not_there_is_left_so_and_holds_nothing(path: Path, synced: list[int]) -> None:
-    assert mend_journal(path) == 0
-    assert not path.exists()
-    assert not synced
-
-
 def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: VirtualClock) -> None:
     path.write_bytes(START + NOTE + b"{")
     with Journal(path, clock, SOME) as journal:

@@ -128,14 +128,6 @@ def test_csv_is_tidy(folder: RunFolder) -> None:
             assert {k: row[k] for k in own} == {k: "" if event[k] is None else str(event[k]) for k in own}
 
 
-def test_nothing_half_written_is_left_and_an_export_can_be_done_again(folder: RunFolder) -> None:
-    export_run(read_run(folder.path))
-    first = (folder.path / "sample.csv").read_bytes()
-    export_run(read_run(folder.path))
-    assert (folder.path / "sample.csv").read_bytes() == first
-    assert not list(folder.path.glob("*.part"))
-
-
 def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch: pytest.MonkeyPatch) -> None:
     export_run(read_run(folder.path))
     before = {p.name: p.read_bytes() for p in folder.path.iterdir()}

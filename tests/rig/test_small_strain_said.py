@@ -18,7 +18,6 @@ from rig.session.rehearsal_summary import Page
 from rig.session.session import NewRun, Session
 from sim.config import FingertipConfig, Geometry, Tissue
 from sim.models import small_strain_error as module
-from sim.models.catalogue import load
 from sim.models.default_finger import is_default_finger
 from sim.models.fingertip import Fingertip
 from sim.models.small_strain_error import DeviationRange, small_strain
@@ -143,12 +142,6 @@ def test_a_place_says_that_another_finger_was_not_measured(place: str, at: At) -
 )
 def test_the_fingers_that_were_compared(finger: FingertipConfig, compared: bool) -> None:
     assert is_default_finger(finger) is compared
-
-
-def test_a_half_space_was_not_compared() -> None:
-    found = load("halfspace", FingertipConfig(mesh=MESH)).indent("cylinder:9", doi_mm=0.3).small_strain
-    assert found.note == "small strain: a halfspace pressed 0.30 mm deep was not compared with finite strain"
-    assert found.as_json() == {"note_text": found.note, "force": None, "sed": None}
 
 
 @pytest.fixture

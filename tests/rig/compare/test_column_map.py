@@ -48,14 +48,6 @@ def test_the_unit_of_rates_is_their_sd_s() -> None:
     assert column_map(["sd=s"])["sd"][:3] == ("s", "", 1.0)
 
 
-@pytest.mark.parametrize(
-    ("said", "seconds"),
-    [("window=0.5", 0.5), ("window=500:ms", 0.5), ("window=w", None), ("window=0.5_ms", None), ("count=3", None)],
-)
-def test_a_window_that_is_a_number(said: str, seconds: float | None) -> None:
-    assert column_map([said]).window_s == (None if seconds is None else pytest.approx(seconds))
-
-
 ROLES = "position, rate, sd, repeat, count, window, time, kind, unit, sync, observed, segment"
 LENGTHS = "nm, um, mm, cm, m, in"
 RATES = "1/s, Hz, spikes/s, imp/s, 1/ms, 1/min, a.u."

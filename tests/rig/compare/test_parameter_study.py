@@ -71,14 +71,6 @@ def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, code: s
     assert "\n" not in str(caught.value)
 
 
-def test_one_number_needs_no_list(coarse: Path) -> None:
-    """Nor is a byte order mark a mistake."""
-    with_lists = read_study(coarse)
-    coarse.write_text(coarse.read_text(encoding="utf-8").replace("[1.0]", "1"), encoding="utf-8-sig")
-    assert "force_gwt = 1\n" in coarse.read_text(encoding="utf-8-sig")
-    assert read_study(coarse) == with_lists
-
-
 def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
     deep = coarse.read_text(encoding="utf-8").replace("doi_mm = [0.2, 0.4]", "doi_mm = [5.0]")
     coarse.write_text(deep, encoding="utf-8")

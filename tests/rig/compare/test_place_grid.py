@@ -28,11 +28,6 @@ def test_the_usual_depths_lie_below_the_epidermis() -> None:
     assert thick.offset_mm == (-0.2, 0.3)
 
 
-def test_a_range_may_end_where_the_epidermis_ends() -> None:
-    for depth in ((0.4, 0.9), (0.1, 0.4)):
-        assert place_range((-1.0, 1.0), depth, None, FingertipConfig()).depth_mm == depth
-
-
 def descending(option: str, low_mm: float, high_mm: float) -> dict[str, Any]:
     ends = (pytest.approx(end, nan_ok=True) for end in (low_mm, high_mm))
     return {"option": option, **dict(zip(("low_mm", "high_mm"), ends, strict=True))}
@@ -64,8 +59,3 @@ def test_splines_are_exact_for_cubics_and_at_nodes() -> None:
     found = spline_weights(at_nodes, at) @ (1 + at_nodes - 2 * at_nodes**3)
     np.testing.assert_allclose(found, 1 + at - 2 * at**3, atol=1e-12)
     np.testing.assert_allclose(spline_weights(at_nodes, at_nodes), np.eye(5), atol=1e-12)
-
-
-def test_with_few_nodes_there_is_less_to_a_spline() -> None:
-    np.testing.assert_allclose(spline_weights(np.array([0.0, 1.0]), np.array([0.25])), [[0.75, 0.25]])
-    np.testing.assert_allclose(spline_weights(np.array([0.7]), np.array([0.7, 0.7])), [[1], [1]])

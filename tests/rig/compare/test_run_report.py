@@ -85,12 +85,6 @@ def test_each_target_has_all_of_its_places_in_whatever_order_they_were_pressed(o
     }
 
 
-def test_what_is_not_done_is_no_condition() -> None:
-    whole = run_of([{"index": k, "indentor": "bar:3.0", "x_mm": 0.0} for k in (0, 1)], [])
-    cut = replace(whole, events={**whole.events, "hold_end": whole.stream("hold_end")[:1]})
-    assert [c.indices for c in conditions(cut)] == [(0,)]
-
-
 def test_the_mean_force_of_repeats_is_at_depths_that_all_reached() -> None:
     """Two repeats on lines of slope 10 and 12 gwt/mm; readings of approach, and a hold's, do not bend them."""
     samples = [

@@ -17,7 +17,6 @@ from rig.compare.recordings.deflection import (
     read_skin_deflection,
 )
 from rig.report.recording_sections import read_deflections
-from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
@@ -29,13 +28,6 @@ def written(folder: Path, text: str) -> Path:
 
 
 # --- reading ---
-
-
-def test_columns_in_any_order(tmp_path: Path) -> None:
-    found = read_skin_deflection(written(tmp_path, "z_mm,deflection_mm,x_mm\n6.5,0.3,-1\n7,0.2,2\n"))
-    assert found.x_mm.tolist() == [-1.0, 2.0]
-    assert found.z_mm.tolist() == [6.5, 7.0]
-    assert found.deflection_mm.tolist() == [0.3, 0.2]
 
 
 @pytest.mark.parametrize("read", [read_skin_deflection, read_deflections])
@@ -74,12 +66,6 @@ def test_any_shape_presses_the_skin_down(finger: Fingertip, shape: str) -> None:
     assert below == pytest.approx(0.5 if shape != "step:1" else below, abs=0.05)
     assert 0 < beside < below
     assert np.isnan(far)
-
-
-def test_a_section_knows_no_z() -> None:
-    result = load("section").indent("cylinder:9", 0.0, doi_mm=0.5)
-    here, there = deflection_at(result, np.array([0.5, 0.5]), np.array([1.0, 9.0]))
-    assert here == there > 0
 
 
 # --- laid beside ---
