@@ -53,7 +53,6 @@ CANNOT = {
     "rig/test_modbus_counterparties.py::test_minimalmodbus": _PTYS,
     "rig/test_modbus_counterparties.py::test_modbus_tk_on_a_serial_line": _PTYS,
     "rig/test_ownership.py": _LOCKS,
-    "rig/test_page.py::test_text_that_waits_can_answer_and_nothing_cannot": _PIPES,
     "rig/test_page.py::test_what_ends_before_it_begins_says_that_nothing_was_moved[no port": _NO_LOOK,
     "rig/test_patience.py": _ALARMS,
     "rig/test_stopping_needs_nothing.py::test_an_owner_is_told_under_whatever_name_it_has_the_port": _SIGNALS,
