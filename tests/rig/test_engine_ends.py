@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceTimeout, StageError, StageOverridden
-from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
+from rig.engine import PressId, RecordError, TripError, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
 from rig.transport.wire import TransportError
@@ -80,17 +80,14 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
 
 
 @pytest.mark.parametrize("error", [StageError("it does not move", code="stuck"), TransportError("stage is closed")])
-def test_a_lift_that_fails_is_told_with_the_trip(error: RigError) -> None:
+def test_a_trip_stays_latched_when_its_lift_fails_and_is_named_beside_it(error: RigError) -> None:
     bench = StubBench()
     engine = bench.in_contact()
     bench.stage.at_look = raising(error)
-    told = {"limit_mm": 3.0, "reason": str(_reason()), "lift": str(error), "lift_code": error.code}
-    with raises(TripError, "for_the_test", **told) as tripped:
+    with raises(TripError, "for_the_test", lift_code=error.code) as tripped:
         engine.trip(_reason())
-    assert engine.state is State.TRIPPED
-    assert engine.problem is tripped.value
+    assert (engine.state, engine.problem) == (State.TRIPPED, tripped.value)
     assert bench.of("trip")[0]["reason"] == str(_reason())
-    assert str(_reason()) in str(tripped.value)
     assert not bench.of("retract")
     assert bench.stage.told[-1] == "stop"
 
@@ -117,20 +114,8 @@ def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips:
     assert engine.state is (State.TRIPPED if trips else State.READY)
 
 
-def test_a_stop_unhomes_and_leaves_a_trip_latched() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    engine.stop()
-    assert (engine.state, bench.stage.told[-1]) == (State.UNHOMED, "stop")
-    with raises(NotReadyError, "not_allowed", verb="zero", state="unhomed"):
-        verbs.zero(engine)
-    _trip(engine)
-    engine.stop()
-    assert engine.state is State.TRIPPED
-
-
-@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
-def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
+def test_a_stop_that_fails_has_nothing_to_add() -> None:
+    error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.ready()
     bench.stage.at_stop = raising(error)
@@ -141,8 +126,8 @@ def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
 # --- failures elsewhere ---
 
 
-@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
-def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exception) -> None:
+def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept() -> None:
+    error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.in_contact()
     with pytest.raises(type(error)) as failed:
@@ -154,12 +139,6 @@ def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exce
         engine.guarded(raising(again))
     assert failed_again.value is again
     assert engine.problem is error
-
-
-def test_what_the_stage_answers_is_handed_on() -> None:
-    engine = StubBench().engine
-    assert engine.guarded(lambda: "answer") == "answer"
-    assert engine.problem is None
 
 
 def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
@@ -198,16 +177,7 @@ def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
     assert (engine.state, engine.known_contact.kind) == (State.IN_CONTACT, "raised")
 
 
-def test_at_clearance_there_is_nothing_to_make_safe() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    told = list(bench.stage.told)
-    engine.make_safe()
-    assert bench.stage.told == told
-    assert engine.state is State.READY
-
-
-def test_what_cannot_be_recorded_does_not_go_on() -> None:
+def test_a_run_that_cannot_be_recorded_ends_lifted() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     error = RecordError("the disk is full")

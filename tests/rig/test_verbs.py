@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceError
-from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
+from rig.engine import NotReadyError, Pause, RunAborted, TripError, verbs
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero
 from rig.errors import PressPaused
@@ -105,13 +105,6 @@ def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make)
         verbs.zero(engine)
     assert (left[-1], engine.sensing.zero) == (None, None)
     assert engine.known_contact.kind == "raised"
-
-
-def test_the_sensor_is_zeroed_and_not_only_counted_from(spring: Make) -> None:
-    bench = _homed(spring)
-    _feels(bench, 0.6)
-    verbs.zero(bench.engine)
-    assert bench.of("zero")[0]["offset_gwt"] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("drift_gwt", [-0.04, -0.03, 0.03, 0.04])
@@ -219,14 +212,6 @@ def test_homing_takes_its_time(spring: Make, monkeypatch: pytest.MonkeyPatch) ->
     assert not engine.heartbeat.lost
 
 
-def test_after_homing_a_place_must_be_asked_for_again(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    verbs.home(engine)
-    with raises(NotReadyError, "not_placed"):
-        indent(engine, Target("force_gwt", 1.0))
-
-
 # --- move_to and the way down ---
 
 
@@ -239,16 +224,6 @@ def test_the_limits_themselves_may_be_gone_to(spring: Make, x_mm: float, along_m
     frame = bench.settings.frame
     aside = next(move for move in reversed(bench.moves()) if "X" in move)
     assert (aside["X"], aside["Y"]) == pytest.approx((frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm))
-
-
-@pytest.mark.parametrize("along_mm", [-4.01, 4.01])
-def test_beyond_a_limit_along_the_finger_nothing_moves(spring: Make, along_mm: float) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    with raises(LimitError, "outside_limits", axis="along", at_mm=along_mm, low_mm=-4.0, high_mm=4.0):
-        verbs.move_to(engine, 0.0, along_mm)
-    assert len(bench.moves()) == before
 
 
 def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Make) -> None:
@@ -322,14 +297,6 @@ def test_a_touch_after_the_step_past_a_shake_ends_the_way_down(spring: Make) -> 
     assert lifted_mm > stepped_mm > 20.0
 
 
-def test_the_second_place_is_gone_to_in_one_move_each(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    verbs.move_to(engine, 1.0)
-    assert len(bench.moves()) - before <= 2
-
-
 def test_without_a_zero_there_is_nothing_to_read_and_one_move_down(spring: Make) -> None:
     bench = _homed(spring)
     _feels(bench, 0.04)
@@ -373,29 +340,7 @@ def test_over_a_place_already_it_stays(spring: Make, was: tuple[float, float], m
     assert (engine.x_mm, engine.along_mm) == (0.5, 0.0)
 
 
-def test_over_a_place_by_chance_it_goes_there(spring: Make) -> None:
-    """Homed again: where it is was not asked for."""
-    bench = spring()
-    engine = bench.ready()
-    verbs.home(engine)
-    frame = engine.settings.frame
-    bench.stage.move_to(x_mm=frame.pad_centre_x_mm + 0.5, y_mm=frame.pad_y_mm, speed_mm_s=5.0)
-    engine.motion.x_mm, engine.motion.along_mm = 0.5, 0.0
-    verbs.be_over(engine, 0.5)
-    assert bench.of("move")[-1] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
-
-
 # --- rests, pauses, notes ---
-
-
-def test_a_rest_takes_its_seconds_whenever_it_begins(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    for seconds in (2.0, 7.5):
-        start_s = bench.clock.monotonic_s()
-        verbs.rest(engine, seconds)
-        assert bench.clock.monotonic_s() - start_s == pytest.approx(seconds, abs=1e-6)
-        assert bench.of("rest")[-1] == {"rest_s": seconds}
 
 
 def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
@@ -485,10 +430,3 @@ def test_an_operator_who_goes_on_goes_on_but_a_press_begins_again(spring: Make) 
     assert [stream for stream, _ in bench.events[before + 2 :]] == ["retract", "paused", "resumed"]
     assert bench.of("resumed") == [{"by": "operator"}] * 2
     assert engine.state is State.READY
-
-
-def test_what_a_script_says_of_itself_is_in_the_journal(spring: Make) -> None:
-    bench = spring()
-    verbs.note(bench.engine, "a word")
-    verbs.checkpoint(bench.engine, "here")
-    assert bench.events == [("note", {"text": "a word"}), ("checkpoint", {"name": "here"})]
