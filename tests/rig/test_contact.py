@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
-from rig.devices.base import StageError
 from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, KnownContact, judged
@@ -37,17 +36,6 @@ FORCES: dict[ContactKind, float | None] = {
 
 
 # --- the predicates ---
-
-
-@pytest.mark.parametrize(("clear", "force_gwt", "kind"), [
-    (True, 0.0, "lifted"), (True, 0.0499, "lifted"), (True, -0.0499, "lifted"),
-    (True, None, "raised"),
-    (True, 0.05, "disagreement"), (True, -0.05, "disagreement"), (True, 3.6, "disagreement"),
-    (False, 0.05, "touching"), (False, 3.6, "touching"), (False, -3.6, "touching"),
-    (False, 0.0, "unknown"), (False, None, "unknown"),
-])  # fmt: skip
-def test_what_position_and_force_say_together(clear: bool, force_gwt: float | None, kind: str) -> None:
-    assert judged(clear=clear, force_gwt=force_gwt, touch_gwt=TOUCH_GWT) == kind
 
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
@@ -358,17 +346,4 @@ def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: p
     for touched_mm in (told[2], told[4]):
         assert touched_mm == pytest.approx(PREDICTED.contact_mm - limits.max_doi_mm - 0.05, abs=0.02)
     assert (len(told), all(at_rest)) == (5, True)
-    bench.journal.close()
-
-
-def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
-    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(lowest_z_mm: float) -> None:
-        raise StageError("not confirmed", code="not_confirmed")
-
-    monkeypatch.setattr(bench.stage, "limit_depth", fails)
-    with raises(StageError, "not_confirmed"):
-        indent(bench.engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
-    assert bench.engine.state is verbs.State.UNHOMED
     bench.journal.close()

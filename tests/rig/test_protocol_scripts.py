@@ -321,7 +321,7 @@ def test_long_values_are_told_in_short(tmp_path: Path, given: object, shown: str
     assert f"count = {shown}: " in str(caught.value)
 
 
-# --- the check before anything moves: tests/rig/test_refusals.py for the limits themselves ---
+# --- the check before anything moves: tests/rig/test_limits_table.py for the limits themselves ---
 
 
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "

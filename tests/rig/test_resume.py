@@ -221,6 +221,12 @@ def test_a_last_line_that_lacks_its_end_only_is_kept(tmp_path: Path) -> None:
     assert path.read_bytes() == b'{"doc": "start", "t_s": 0.0}\n'
 
 
+@pytest.mark.parametrize("rest", [b"\xff\xfe\n{}\n", b"3\n", b"{}\n", b'{"doc": "event"}\n'])
+def test_a_line_of_a_journal_that_is_no_document_is_named(tmp_path: Path, rest: bytes) -> None:
+    (tmp_path / "events.jsonl").write_bytes(b'{"doc": "start", "t_s": 0}\n' + rest)
+    assert read_run(tmp_path).damage[0].line == 2
+
+
 # --- pause ---
 
 
