@@ -8,7 +8,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,9 +17,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
-from rig.protocol.check import Spot
 from rig.protocol.script import Script, load_script
-from rig.protocol.steps import Home, Step
 from rig.session.rehearse import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
@@ -126,10 +123,6 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     assert len(during) > 50
 
 
-def test_the_caps_are_those_that_the_docs_state() -> None:
-    assert (patience.MOST_STEPS, patience.LONGEST_SILENCE_S) == (10_000, 30.0)
-
-
 def test_as_many_steps_as_the_cap_are_no_more(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
     """Six are the script's own."""
     assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
@@ -155,20 +148,6 @@ def somebodys() -> Iterator[list[int]]:
     yield struck
     signal.setitimer(signal.ITIMER_REAL, 0.0)
     signal.signal(signal.SIGALRM, before)
-
-
-@pytest.mark.parametrize("their_s", [0.0, 100.0])
-def test_steps_outside_a_script_set_no_alarm_and_take_none_away(somebodys: list[int], their_s: float) -> None:
-    """A comparison asks the planner for single presses; an alarm that nobody awaits would end the program."""
-
-    class Answers:
-        def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
-            return None
-
-    signal.setitimer(signal.ITIMER_REAL, their_s)
-    patience.Patience(Answers()).handle(Home(), Spot("bar:3.0", 0.0, 0.0, ()))
-    assert signal.getitimer(signal.ITIMER_REAL)[0] == pytest.approx(their_s, abs=20.0 * bool(their_s))
-    assert not somebodys
 
 
 @pytest.mark.parametrize(

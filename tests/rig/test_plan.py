@@ -13,7 +13,6 @@ from rig.plan.plan import Plan, make_plan
 from rig.protocol.check import NoPredictionError
 from rig.protocol.script import load_script
 from rig.records import PlannedIndentation, Target
-from sim.contact.shapes import ShapeError
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
@@ -128,45 +127,7 @@ def test_a_script_that_cannot_be_carried_out(
         _plan(tmp_path, finger, body)
 
 
-@pytest.mark.parametrize(("start", "soft_trip_n"), [({}, None), ({"soft_trip_n": 0.35}, 0.35)], ids=["0.1", "now"])
-def test_a_run_that_tells_no_soft_trip_is_planned_whole(
-    tmp_path: Path,
-    finger: Fingertip,
-    monkeypatch: pytest.MonkeyPatch,
-    start: dict[str, float],
-    soft_trip_n: float | None,
-) -> None:
-    """Only where the journal tells it is what has been done answered from there."""
-    asked: list[str] = []
-
-    def taken_up(before: Any, planner: Any, press_mm_s: float) -> Any:
-        asked.append("journal")
-        planner.differences = []
-        return planner
-
-    monkeypatch.setattr("rig.plan.plan.ResumeHandler", taken_up)
-    before: Any = SimpleNamespace(start=start, is_checked=True)
-    plan = _plan(tmp_path, finger, f"def run(rig):\n{READY}    rig.indent(doi_mm=0.3)\n", before=before)
-    assert plan.first_soft_trip_n == soft_trip_n
-    assert asked == ([] if soft_trip_n is None else ["journal"])
-
-
 # --- the model ---
-
-
-def test_the_model_is_asked_once_for_a_press(finger: Fingertip) -> None:
-    """And says what the fingertip says, heights from the nominal apex."""
-    kept: dict[Any, Any] = {}
-    model = FingerModel(finger, kept)
-    target = Target("doi_mm", 0.4)
-    said = model.press("bar:3.0", 0.5, target)
-    assert model.press("bar:3.0", 0.5, target) is said
-    assert kept == {("bar:3.0", 0.5, target): said}
-    result = finger.indent("bar:3.0", 0.5, doi_mm=0.4)
-    assert (said.predicted_force_gwt, said.predicted_doi_mm) == pytest.approx((result.force_gwt, 0.4))
-    assert (said.contact_area_mm2, said.peak_pressure_mpa) == (result.contact_area_mm2, result.peak_pressure_mpa)
-    assert said.expected_contact_mm == pytest.approx(model.touch_height_mm("bar:3.0", 0.5, 0.0))
-    assert -0.2 < said.expected_contact_mm < 0.2
 
 
 @pytest.mark.parametrize(("along_mm", "z_mm"), [(-1.5, 5.393), (0.0, 6.893), (1.5, 8.393)])
@@ -177,12 +138,6 @@ def test_along_the_finger_is_counted_from_the_receptor_plane_towards_the_tip(
     height = FingerModel(finger, {}).touch_height_mm("sphere:2", 0.3, along_mm)
     apex = finger.touch_height_mm("sphere:2", 0.3, "apex")
     assert height == pytest.approx(finger.touch_height_mm("sphere:2", 0.3, z_mm=z_mm) - apex, abs=1e-9)
-
-
-def test_no_indentor_of_that_name(finger: Fingertip) -> None:
-    FingerModel(finger, {}).refuse_shape("step:3")
-    with raises(ShapeError, "no_such", shape="blob:3"):
-        FingerModel(finger, {}).refuse_shape("blob:3")
 
 
 @pytest.mark.parametrize("converged", [True, False])

@@ -1,13 +1,11 @@
 """The verbs of a script: what each hands on, where it stands, what must come before it, and what the plan answers."""
 
-import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
-from rig.protocol import Field, Rig
+from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.steps import (
     Checkpoint,
@@ -91,58 +89,7 @@ def test_a_verb_hands_on_its_step_with_the_defaults_that_were_decided(verb: str)
     assert whole.verb == verb
 
 
-class Light(ProtocolParameters):
-    """Of a script that presses lightly."""
-
-    force_gwt: float = Field(2.0, le=3)
-
-
-class Heavy(Light):
-    """With a default that is not allowed."""
-
-    force_gwt: float = Field(4.0, le=3)
-
-
-def test_a_script_sees_its_own_parameters() -> None:
-    found = _from_ready(lambda rig: rig.indent(force_gwt=rig.parameters.force_gwt), Light(force_gwt=2.5))
-    assert found.steps == [Indent(force_gwt=2.5)]
-
-
-def test_a_script_cannot_change_its_parameters() -> None:
-    def script(rig: Rig) -> None:
-        rig.parameters.force_gwt = 4.0
-
-    with pytest.raises(ValidationError) as caught:
-        _from_ready(script, Light())
-    assert caught.value.errors()[0]["type"] == "frozen_instance"
-
-
-@pytest.mark.parametrize(
-    ("kind", "given", "rule"),
-    [
-        (Light, {"force_gwt": 4.0}, "less_than_equal"),
-        (Light, {"force_gwt": float("nan")}, "finite_number"),
-        (Light, {"force_gwt": -float("inf")}, "finite_number"),
-        (Light, {"hold_s": 1.0}, "extra_forbidden"),
-        (Heavy, {}, "less_than_equal"),
-    ],
-)
-def test_parameters_are_what_the_script_says_they_may_be(
-    kind: type[ProtocolParameters], given: dict[str, float], rule: str
-) -> None:
-    assert _from_ready(lambda rig: rig.rest(rig.parameters.force_gwt), Light()).steps == [Rest(seconds=2.0)]
-    with pytest.raises(ValidationError) as caught:
-        kind.model_validate(given)
-    assert [problem["type"] for problem in caught.value.errors()] == [rule]
-
-
 # --- where a step stands ---
-
-
-def test_before_anything_is_done_a_step_stands_nowhere() -> None:
-    (spot,) = walked(lambda rig: rig.note("a")).spots
-    assert (spot.indentor, spot.along_mm, spot.ids) == ("", 0.0, ())
-    assert math.isnan(spot.x_mm)
 
 
 def test_a_step_stands_where_the_ones_before_it_have_led() -> None:
@@ -196,12 +143,6 @@ def test_a_press_carries_the_marks_of_its_schedule(verb: str) -> None:
 
     (spot,) = _from_ready(script).spots
     assert [press.marks for press in spot.ids] == len(spot.ids) * [{"block": 2, "condition": "wide"}]
-
-
-@pytest.mark.parametrize("verb", [*PRESSING, "touch"])
-def test_a_press_outside_schedules_is_unmarked(verb: str) -> None:
-    (spot,) = _from_ready(VERBS[verb][0]).spots
-    assert [press.marks for press in spot.ids] == len(spot.ids) * [{}]
 
 
 # --- what must come before ---
