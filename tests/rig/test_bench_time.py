@@ -63,8 +63,3 @@ def _run(*events: Event, superseded: tuple[Event, ...] = ()) -> Run:
 )  # fmt: skip
 def test_time_goes_to_what_it_led_to(events: list[Event], went_to: dict[str, float]) -> None:
     assert booked_s(_run(*events)) == pytest.approx({**NOTHING, **went_to})
-
-
-def test_what_was_begun_anew_took_its_time_too() -> None:
-    run = _run((120.0, "sample", "approach"), superseded=((105.0, "sample", "press"), (106.0, "hold_end", None)))
-    assert booked_s(run) == pytest.approx({**NOTHING, "press and seek": 5.0, "approach": 15.0})

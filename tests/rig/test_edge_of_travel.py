@@ -4,6 +4,7 @@ Each script is planned on a configuration just within and just beyond an end of 
 carried out on a finger of springs, over the wire, by the virtual board or drives that alarm beyond their travel.
 """
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -61,19 +62,14 @@ def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by, **HIGH}}
         yield f"back {way}", {"frame": {"pad_y_mm": -by, **HIGH}}
         yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}}
-        for what, below_mm in (("search", SEARCH_MM), ("0.8 mm", 0.8), ("1 mm", 1.0)):
+        for what, below_mm in (("search", SEARCH_MM), ("1 mm", 1.0)):
             yield f"bottom {way}, {what}", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + below_mm + by}}
         low = {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}
         given = {"compliance_mm_per_n": {"value": 0.5, **MEASURED}}
         yield f"bottom {way}, the rig gives", {"frame": low, "calibration": given}
         slack = {"z_backlash_mm": {"value": 0.1, **MEASURED}, "x_backlash_mm": {"value": 0.1, **MEASURED}}
-        top = {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}
-        yield f"top {way}, with backlash", {"frame": top, "calibration": slack}
         yield f"bottom {way}, with backlash", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}, "calibration": slack}
         yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}, "calibration": slack}
-    yield "clearance above travel", {"frame": {"apex_z_mm": -0.1}}
-    yield "the apex above travel", {"frame": {"apex_z_mm": 0.5}}
-    yield "all below travel", {"frame": {"apex_z_mm": -Z_TRAVEL_MM - 1.0}}
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +104,7 @@ CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configuratio
 
 
 @pytest.mark.quick(
-    rows=lambda stage, what, tables: stage == "grbl" or what in ("left at", "right at", "top at", "bottom at, 1 mm")
+    rows=lambda stage, what, tables: " at" in what and (stage == "grbl" or what in ("left at", "bottom at, 1 mm"))
 )
 @pytest.mark.parametrize(
     ("stage", "what", "tables"), CONFIGURATIONS, ids=[f"{stage}, {what}" for stage, what, _ in CONFIGURATIONS]
@@ -165,22 +161,18 @@ def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
         make_plan(load_script("find_finger"), config, finger)
 
 
-@pytest.mark.parametrize(
-    ("frame", "beyond"),
-    [({"apex_z_mm": -39.6}, "z = -40.1"), ({"apex_z_mm": -1.0}, "z = 1.3"), ({"pad_centre_x_mm": 0.5}, "x = 0.5")],
-)
+@pytest.mark.parametrize("frame", [{"apex_z_mm": -39.6}, {"apex_z_mm": -1.0}, {"pad_centre_x_mm": 0.5}])
 def test_a_block_out_of_reach_is_refused_before_a_port_is_opened(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     frame: dict[str, float],
-    beyond: str,
 ) -> None:
     """`rig calibrate compliance` searches for a block as far as for a finger."""
     path = tmp_path / "rig.toml"
     path.write_text(Config.model_validate({"frame": frame}).as_toml(), encoding="utf-8")
-    monkeypatch.setattr("sys.argv", ["rig", "calibrate", "compliance", "--config", str(path)])
+    monkeypatch.setattr("sys.argv", ["rig", "calibrate", "compliance", "--config", str(path), "--json"])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err.startswith(f"rig: machine {beyond}00 mm is outside the stage's travel")
+    assert json.loads(capsys.readouterr().out)["code"] == "outside_travel"

@@ -202,9 +202,3 @@ def test_the_journal_has_all_axes_and_the_counts_of_packets(tmp_path: Path) -> N
     for sample in samples:
         assert sample["fz_n"] == pytest.approx(-sample["force_gwt"] * 9.80665e-3, abs=2e-4)
     assert {sample["packets_lost"] + sample["packets_late"] for sample in samples} == {0}
-
-
-def test_other_sensors_journal_what_they_did(tmp_path: Path) -> None:
-    suffer(Fault("none", "done", "", lambda bench: None, {}), tmp_path)
-    units = next(one["units"] for one in _events(tmp_path) if _is(one, "descriptor", "sample"))
-    assert not set(find(ForceKind, "net_ft").also) & set(units)

@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.errors import BadInputError
 from rig.identify.frame import FittedFrame, find
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -88,15 +87,6 @@ def test_without_an_axis_along_the_finger_tilt_and_place_along_stay_as_they_were
     _within_what_is_stated(lie, truth)
 
 
-def test_too_few_touches_or_no_sphere(finger: Fingertip, touched: Any) -> None:
-    few = _run_of(touched.stream("find")[:4])
-    with raises(BadInputError, "too_few_touches", path="here", touches=4):
-        find(few, Config(), finger)
-    bars = _run_of([{**touched.stream("find")[0], "indentor": "bar:3.0"}])
-    with raises(BadInputError, "not_one_sphere", path="here"):
-        find(bars, Config(), finger)
-
-
 # --- on the virtual bench ---
 
 
@@ -126,22 +116,6 @@ def test_the_finger_is_found_by_touching_it(finger: Fingertip, tmp_path: Path) -
     assert lie.touches == 9
     _within_what_is_stated(lie, TRUTH)
     assert lie.residual_mm < 0.01
-
-
-def test_a_stage_without_that_axis_is_not_sent_along(finger: Fingertip) -> None:
-    config = Config.model_validate({"stage": {"kind": "leadshine"}})
-    with raises(BadInputError, "no_such_axis", key="along_mm", value=-2.0, kind="leadshine"):
-        make_plan(load_script("find_finger"), config, finger)
-    plan = make_plan(load_script("find_finger", ["along=1"]), config, finger)
-    assert len(plan.touches) == 5
-
-
-def test_nothing_is_pressed_beside_the_receptor_plane(finger: Fingertip, tmp_path: Path) -> None:
-    path = tmp_path / "mine.py"
-    ready = "rig.mount('sphere:2'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0, along_mm=1.0); "
-    path.write_text(f"def run(rig):\n    {ready}rig.indent(doi_mm=0.2)\n", encoding="utf-8")
-    with raises(BadInputError, "along_the_finger", verb="indent", along_mm=1.0):
-        make_plan(load_script(str(path)), Config(), finger)
 
 
 # --- the turned finger itself ---

@@ -134,17 +134,6 @@ def test_the_frame_that_was_is_what_the_finger_moved_from(finger: Fingertip, abo
     assert list(lie.value.values())[3:] == pytest.approx([0.0, 0.0], abs=0.15)
 
 
-def test_the_lines_for_the_configuration_say_how_sure_they_are() -> None:
-    lie = FittedFrame(
-        {"apex_z_mm": -25.12344, "roll_deg": 4.0}, {"apex_z_mm": 0.00654, "roll_deg": 1.05}, np.eye(2), 0.001, 9
-    )
-    assert lie.as_toml().splitlines() == [
-        "[frame]",
-        "apex_z_mm = -25.1234 # ± 0.0131 (95 %)",
-        "roll_deg = 4.0000 # ± 2.1000 (95 %)",
-    ]
-
-
 @pytest.mark.parametrize(
     ("places", "enough"),
     [

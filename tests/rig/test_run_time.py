@@ -176,16 +176,14 @@ def _as_before(folder: Path) -> Path:
 def _kind(name: str, run: Run, resume: Run, tmp_path: Path) -> Path:
     if name == "fresh":
         return run().folder.path
-    if name == "old":
-        return _as_before(run().folder.path)
     folder = run(stopped=True).folder.path
     if name == "old, resumed by this version":
         _as_before(folder)
     resume(folder)
-    return _as_before(folder) if name == "old, resumed" else folder
+    return folder
 
 
-KINDS = ("fresh", "resumed", "old", "old, resumed", "old, resumed by this version")
+KINDS = ("fresh", "resumed", "old, resumed by this version")
 
 
 @pytest.fixture(params=KINDS)
@@ -341,7 +339,6 @@ SHOWN = {
 }
 
 
-@pytest.mark.quick(rows=lambda folder: folder not in ("old", "old, resumed"))
 def test_every_place_counts_from_the_start_of_the_run(folder: Path, request: pytest.FixtureRequest) -> None:
     if request.node.callspec.params["folder"] in ("fresh", "resumed"):
         _is_written_in_the_time_of_the_run(folder)

@@ -50,19 +50,13 @@ OTHER = {
         rig.move_to(x_mm=x); rig.indent(doi_mm=0.2, hold_s=0.1)""",
     "shape": 'rig.mount("cylinder:d=9" if SECOND else "bar:3.0"); rig.indent(doi_mm=0.2, hold_s=0.1)',
     "depth": "rig.indent(doi_mm=0.3 if SECOND else 0.2, hold_s=0.1)",
-    "force": "rig.indent(force_gwt=1.5 if SECOND else 1.0, hold_s=0.1)",
     "depth or force": """rig.indent(force_gwt=1.0, hold_s=0.1) if SECOND else rig.indent(doi_mm=0.2, hold_s=0.1)""",
-    "speed": "rig.indent(doi_mm=0.2, hold_s=0.1, speed_mm_s=0.2 if SECOND else 0.4)",
     "own or usual speed": "rig.indent(doi_mm=0.2, hold_s=0.1, speed_mm_s=0.2 if SECOND else None)",
     "increments": "rig.indent(doi_mm=0.2, hold_s=0.1, increments=2 if SECOND else 1)",
     "hold": "rig.indent(doi_mm=0.2, hold_s=0.3 if SECOND else 0.1)",
     "verb": """rig.indent(doi_mm=0.2, hold_s=0.1)
     rig.ramp(doi_mm=0.2, speed_mm_s=0.2, hold_s=0.1) if SECOND else rig.indent(doi_mm=0.2, hold_s=0.1)""",
-    "speed of a ramp": """rig.indent(doi_mm=0.2, hold_s=0.1)
-    rig.ramp(doi_mm=0.2, speed_mm_s=0.1 if SECOND else 0.2, hold_s=0.1)""",
     "block": 'rig.mark({"block": 2 if SECOND else 1}); rig.indent(doi_mm=0.2, hold_s=0.1)',
-    "repeat": 'rig.mark({"repeat": 2 if SECOND else 1}); rig.indent(doi_mm=0.2, hold_s=0.1)',
-    "condition": 'rig.mark({"condition": "b" if SECOND else "a"}); rig.indent(doi_mm=0.2, hold_s=0.1)',
     "condition or none": 'rig.mark({"condition": "b"} if SECOND else {}); rig.indent(doi_mm=0.2, hold_s=0.1)',
     "preconditioning": """rig.precondition(presses=1, doi_mm=0.3 if SECOND else 0.2, hold_s=0.1)
     rig.indent(doi_mm=0.2, hold_s=0.1)""",
@@ -202,6 +196,7 @@ def test_check_warns_of_a_script_that_does_not_repeat_itself(program: Program, t
     assert ("does not repeat itself" in ended.err) is (what in UNSEEDED)
 
 
+@pytest.mark.quick(rows=lambda what: what == "an unseeded shuffle")
 @pytest.mark.parametrize("what", ["an unseeded shuffle", "a loop over a set"])
 def test_an_unseeded_run_that_was_killed_never_mixes_conditions(tmp_path: Path, what: str) -> None:
     """Each process has another order; by chance it is the same."""

@@ -7,12 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.virtual import virtual_bench
 from rig.data import Run
 from rig.engine.bench import NO_PAUSE
-from rig.errors import first_problem
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
@@ -117,12 +115,6 @@ def test_a_noisy_cell(finger: Fingertip, tmp_path: Path) -> None:
     assert force.mean() == pytest.approx(model_gwt(finger, run), abs=4 * expected / math.sqrt(400) + 0.02)
 
 
-def test_a_coarse_display(finger: Fingertip, tmp_path: Path) -> None:
-    run = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2", cell_resolution_gwt=0.1)
-    forces = np.array([s["force_gwt"] for s in run.stream("sample")])
-    assert np.abs(forces / 0.1 - np.round(forces / 0.1)).max() < 1e-4
-
-
 def test_a_late_cell_shows_the_force_of_a_while_ago(finger: Fingertip, tmp_path: Path) -> None:
     """With a sensor as late as four of its periods, and readings after one, touch is found too deep."""
     prompt = pressed(tmp_path, finger, "doi_mm=0.3, hold_s=0.2").stream("touch")[0]
@@ -206,13 +198,3 @@ def test_a_rig_that_gives_way(finger: Fingertip, tmp_path: Path, measured: float
     assert hold["true_doi_mm"] - hold["doi_mm"] == pytest.approx(bias_mm - missing * given_mm, abs=0.0025)
     assert hold["doi_mm"] == pytest.approx(0.8, abs=0.0025)
     assert hold["force_gwt"] == pytest.approx(model_gwt(finger, run), abs=0.006)
-
-
-@pytest.mark.parametrize("relaxation", [[[0.6, 1.0], [0.4, 2.0]], [[-0.1, 1.0]], [[0.1, 0.0]], [[0.5]]])
-def test_what_is_no_relaxation(relaxation: list[list[float]]) -> None:
-    with pytest.raises(ValidationError) as caught:
-        Config.model_validate({"virtual": {"relaxation": relaxation}})
-    error = first_problem("", caught.value)
-    whole = len(relaxation[0]) == 2
-    assert error.code == ("no_prony_series" if whole else "missing_key")
-    assert error.fields["key"] == ("virtual" if whole else "virtual.relaxation.0")
