@@ -46,17 +46,6 @@ def test_the_force_may_go_unread_in_a_move_as_long_as_was_measured() -> None:
     assert late.distance_mm == pytest.approx(0.5 * 0.53 + 0.25 / 160)
 
 
-def test_free_down_to_the_last_contact_the_margin_and_the_stopping_distance() -> None:
-    touched = Touched(RigSettings.model_validate({"habits": {"retouch_margin_mm": 0.2}}))
-    assert touched.free_mm(0.5, 1.0, 0.5) == 2.0
-    touched.at(0.5, 1.0, -0.3)
-    assert touched.free_mm(0.5, 1.0, 0.5) == pytest.approx(-0.3 + 0.2 + GOES_ON_MM)
-    assert touched.free_mm(0.5, 1.0, 1.0) == pytest.approx(-0.3 + 0.2 + 0.51 + 1.0 / 100)
-    assert touched.free_mm(0.5, 0.0, 0.5) == touched.free_mm(0.51, 1.0, 0.5) == 2.0
-    touched.at(0.5, 1.0, 1.9)
-    assert touched.free_mm(0.5, 1.0, 0.5) == 2.0
-
-
 @pytest.mark.parametrize("speed_mm_s", [0.02, 5.0])
 @pytest.mark.parametrize("force", [{}, {"latency_s": 0.2}, {"sample_period_s": 0.2}])
 @pytest.mark.parametrize(("increment_mm", "acceleration_mm_s2"), [(0.05, 50.0), (0.05, 5.0), (0.01, 50.0)])

@@ -106,13 +106,6 @@ def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) 
     assert sum(drops) > 4.0
 
 
-def test_the_touch_increments_are_fine(spring: Make) -> None:
-    bench = spring()
-    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
-    heights = [e["height_mm"] for e in bench.of("sample") if e["phase"] == "touch"]
-    assert [a - b for a, b in itertools.pairwise(heights)] == pytest.approx([0.01] * (len(heights) - 1))
-
-
 def test_lateral_moves_only_at_clearance(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
@@ -332,15 +325,6 @@ def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> Non
     with raises(LimitError, "next_move_past_pressure_limit", limit_gwt=pytest.approx(0.03 / GWT_N)):
         indent(engine, Target("doi_mm", 1.0), contact_area_mm2=0.1)
     assert len(bench.of("indentation_start")) == 2
-
-
-def test_a_pause_that_is_wanted_before_an_indentation_comes_before_it() -> None:
-    bench = _plain()
-    engine = bench.ready()
-    _pause_once(bench, "clearance", 1)
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
-    streams = [stream for stream, _ in bench.events if stream in ("paused", "resumed", "indentation_start")]
-    assert streams == ["paused", "resumed", "indentation_start"]
 
 
 def test_a_paused_touch_is_done_anew() -> None:

@@ -68,19 +68,6 @@ def test_the_first_signal_asks_for_a_pause_and_says_so_and_ctrl_c_then_stops_at_
             signal.raise_signal(signal.SIGINT)
 
 
-def test_a_second_term_goes_on_waiting_for_the_safe_point() -> None:
-    with at_a_safe_point() as pause:
-        for _ in range(2):
-            signal.raise_signal(signal.SIGTERM)
-        assert pause.asked() is True
-
-
-@pytest.mark.parametrize("number", SIGNALS, ids=lambda number: number.name)
-def test_at_the_bench_every_signal_stops_at_once(number: signal.Signals) -> None:
-    with at_once(), pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(number)
-
-
 @pytest.mark.parametrize("enter", [at_a_safe_point, at_once])
 @pytest.mark.parametrize("how", ["well", "badly", "paused"])
 def test_afterwards_every_signal_does_what_it_did_before(

@@ -22,9 +22,7 @@ from matplotlib.figure import Figure
 
 from rig.bench.real import Request
 from rig.bench.virtual import load_on_sensor, true_carriage, truth, virtual_force, virtual_stage, with_framing
-from rig.cli.watch import _line
 from rig.clock import WallClock
-from rig.compare.recordings.spikes import _last_holds
 from rig.control.stop import OwnedStage
 from rig.data import RunFolder, export_nwb, export_run, read_run
 from rig.data.bug_report import bug_report
@@ -238,17 +236,6 @@ def _nwb(folder: Path) -> list[float]:
         return list(file.intervals["holds"].to_dataframe()["stop_time"])
 
 
-def _pulses(folder: Path) -> list[float]:
-    """The pulse of a hold's end rises within 0.1 s of its record."""
-    run = read_run(folder)
-    found = [event for event in run.stream("sync") if event["at"] == "hold_end"]
-    assert found
-    assert all(abs(event["t_s"] - event["rise_s"]) < 0.1 for event in found)
-    ends = [event["t_s"] for event in run.stream("hold_end")]
-    assert all(abs(end - event["rise_s"]) < 0.2 for end, event in zip(ends, found, strict=True))
-    return ends
-
-
 def _of_run(folder: Path) -> list[float]:
     run = read_run(folder)
     assert run.start["t_s"] == 0.0
@@ -265,11 +252,6 @@ def _followed(folder: Path) -> list[float]:
 def _index(folder: Path) -> list[float]:
     (found,) = (entry for entry in listed(folder.parent) if entry.summary.name == folder.name)
     return [row[len(RUN_COLUMNS) + HOLD_COLUMNS.index("t_s")] for row in found.rows]
-
-
-def _watched(folder: Path) -> list[float]:
-    lines = [line for one in Following(RunFolder(folder)).new() for line in _line(one)]
-    return [float(line.split()[0]) for line in lines if line.split()[1] == "hold_end"]
 
 
 def _panel(folder: Path) -> list[float]:
@@ -318,24 +300,16 @@ def _in_a_part(folder: Path, times: list[float]) -> None:
         assert all(any(begin - 1.0 <= t_s <= end + 1.0 for t_s in times) for begin, end in parts)
 
 
-def _spikes(folder: Path) -> list[float]:
-    run = read_run(folder)
-    return sorted(end for _, _, end in _last_holds(run, "bar:3.0", "spikes.csv"))
-
-
 SHOWN = {
     "tables": _of_run,
     "growing journal": _followed,
     "csv": _csv,
     "hdf5": _hdf5,
     "nwb": _nwb,
-    "sync pulses": _pulses,
     "table of runs": _index,
-    "watch": _watched,
     "panel": _panel,
     "report": _report,
     "bug report": _bug_report,
-    "spike times": _spikes,
 }
 
 

@@ -200,19 +200,6 @@ def test_elsewhere_along_the_finger_is_only_touched(verb: str) -> None:
     has_code(refused(script), "along_the_finger", verb=verb, along_mm=1.5)
 
 
-@pytest.mark.parametrize(
-    ("script", "code", "fields"),
-    [
-        (lambda rig: rig.mount(3), "no_name", {"verb": "mount", "value": 3}),
-        (lambda rig: rig.mount("tube"), "no_shape", {"indentor": "tube"}),
-        (lambda rig: rig.note(3), "no_text", {"verb": "note", "value": 3}),
-        (lambda rig: rig.checkpoint(None), "no_text", {"verb": "checkpoint", "value": None}),
-    ],
-)
-def test_words_are_text(script: Script, code: str, fields: dict[str, Any]) -> None:
-    has_code(refused(script), code, **fields)
-
-
 def test_a_checkpoint_is_passed_once() -> None:
     def script(rig: Rig) -> None:
         rig.checkpoint("a")
