@@ -17,6 +17,8 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
 PRESSES = """\
 def run(rig):
     rig.mount("{indentor}")
@@ -34,7 +36,7 @@ STEP = {"indentor": "step:1", "xs": (0.5, -0.68), "how": "force_gwt=8.0, hold_s=
 def _both(folder: Path, finger: Fingertip, what: dict[str, Any], **tables: Any) -> tuple[Preflight, FinishedRun]:
     path = folder / "mine.py"
     path.write_text(PRESSES.format(**what), encoding="utf-8")
-    script, config = load_script(str(path)), Config.model_validate(tables)
+    script, config = load_script(str(path)), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     found = preflight(script, config, finger, plan)
     return found, dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
@@ -92,7 +94,7 @@ def test_pressures_are_in_kpa(finger: Fingertip, tmp_path: Path) -> None:
 
 # A share of 0.3 relaxes within a second, as long as a hold lasts.
 ONCE = {**DEEP, "xs": (0.0,), "how": "doi_mm=1.0, hold_s=0.5"}
-UNEXPECTED: dict[str, Any] = {"virtual": {"stiffness": 1.3, "relaxation": [[0.3, 1.0]]}}
+UNEXPECTED: dict[str, Any] = {"frame": {}, "virtual": {"stiffness": 1.3, "relaxation": [[0.3, 1.0]]}}
 
 
 def _felt(folder: Path, finger: Fingertip, soft_trip_n: float) -> tuple[FinishedRun, float]:

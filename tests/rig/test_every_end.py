@@ -21,7 +21,7 @@ from rig.engine.contact import DOES_NOT_TOUCH, FREE_THE_FINGER, MAY_TOUCH, Known
 from rig.session import early_ending
 from sim.models.fingertip import Fingertip
 from tests.preloaded import Popen
-from tests.program import Ended, Program
+from tests.program import FRAME_NEAR_HOME, Ended, Program
 from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
@@ -159,7 +159,7 @@ def striking() -> Iterator[Callable[[Strike], pytest.MonkeyPatch]]:
 def _written(folder: Path, end: End) -> list[str]:
     (folder / "mine.py").write_text(SCRIPT.replace("FAILS", str(end.fails)), encoding="utf-8")
     tables = "".join(f"{name} = {json.dumps(value)}\n" for name, value in (end.limits or {}).items())
-    (folder / "rig.toml").write_text(f"[limits]\n{tables}", encoding="utf-8")
+    (folder / "rig.toml").write_text(f"{FRAME_NEAR_HOME}[limits]\n{tables}", encoding="utf-8")
     return ["dry-run", "mine.py", "--config", "rig.toml"]
 
 
@@ -323,7 +323,7 @@ def test_a_second_ctrl_c_while_it_homes_leaves_nothing_moving(
 ) -> None:
     command = _written(tmp_path, ENDS["Ctrl-C"])
     if kind == "leadshine":
-        (tmp_path / "rig.toml").write_text(DRIVES, encoding="utf-8")
+        (tmp_path / "rig.toml").write_text(FRAME_NEAR_HOME + DRIVES, encoding="utf-8")
     if resumed:
         patch = striking(_signal("SIGINT"))
         assert rig(*command).code == 130

@@ -22,7 +22,13 @@ def run(rig):
         rig.move_to(x_mm=x_mm)
         rig.indent(doi_mm=0.2, hold_s=0.1)
 """
-STANDA = {"stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}}}
+STANDA = {
+    "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
+    "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
+}
+    "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
+    "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
+}
 
 
 @pytest.fixture

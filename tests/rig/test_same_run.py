@@ -21,6 +21,9 @@ from tests.program import Program
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
+CONFIG = Config.model_validate(NEAR)
 SCRIPT = """\
 import os
 import random
@@ -85,8 +88,8 @@ def stopped(
         path = tmp_path / "script.py"
         path.write_text(SCRIPT, encoding="utf-8")
         script = load_script(str(path))
-        plan = make_plan(script, Config(), finger)
-        done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+        plan = make_plan(script, CONFIG, finger)
+        done = dry_run(Session(script, CONFIG, finger, plan, NewRun(tmp_path / "runs")))
         assert done.complete, done.problem
         _cut_before_the_last_press(done.folder.events)
 

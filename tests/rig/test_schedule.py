@@ -26,6 +26,9 @@ from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 from tests.rig.script_walk import walked
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
+CONFIG = Config.model_validate(NEAR)
 PLACES = (-0.5, 0.0, 0.5)
 SCRIPT = f"""\
 from rig.protocol import ScheduledParameters
@@ -167,8 +170,8 @@ def done(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Finishe
     folder = tmp_path_factory.mktemp("scheduled")
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
     script = load_script(str(folder / "mine.py"), SET)
-    plan = make_plan(script, Config(), finger)
-    session = Session(script, Config(), finger, plan, NewRun(folder / "runs", "S07"))
+    plan = make_plan(script, CONFIG, finger)
+    session = Session(script, CONFIG, finger, plan, NewRun(folder / "runs", "S07"))
     found = dry_run(session)
     assert found.complete, found.problem
     return found
@@ -210,7 +213,7 @@ def test_preconditioning_is_no_data(done: FinishedRun) -> None:
 
 def test_check_counts_rests_and_preconditioning(done: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
     script = load_script(str(done.folder.path / "protocol.py"), SET)
-    said = preflight(script, Config(), finger, make_plan(script, Config(), finger)).as_json()
+    said = preflight(script, CONFIG, finger, make_plan(script, CONFIG, finger)).as_json()
     assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
     assert said["contact_s"] == pytest.approx(done.run.contact_s, rel=0.05)
     assert (said["indentations"], said["other_presses"]) == (6, 4)
@@ -266,7 +269,7 @@ REFERENCES = ("seed=3", "order=random", "reference_every=2", "reference_doi_mm=0
 
 def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> FinishedRun:
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
-    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate(tables)
+    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 

@@ -27,6 +27,9 @@ from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
+CONFIG = Config.model_validate(NEAR)
 BODY = """\
 from rig.protocol import ScheduledParameters
 
@@ -86,8 +89,8 @@ def carried_out(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> 
     with pytest.MonkeyPatch.context() as patch:
         solved = _counted(patch)
         script = _script(folder, BODY, *SCHEDULED)
-        plan, after_plan = make_plan(script, Config(), finger), len(solved)
-        done = dry_run(Session(script, Config(), finger, plan, NewRun(folder / "runs")))
+        plan, after_plan = make_plan(script, CONFIG, finger), len(solved)
+        done = dry_run(Session(script, CONFIG, finger, plan, NewRun(folder / "runs")))
     return plan, after_plan, done, len(solved)
 
 
@@ -116,9 +119,9 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
         "    if len(passes) > 1:\n        rig.indent(force_gwt=30.0)\n"
     )
     script = _script(tmp_path, body)
-    plan = make_plan(script, Config(), finger)
+    plan = make_plan(script, CONFIG, finger)
     assert [target.value for _, _, target in solves] == [0.2]
-    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    done = dry_run(Session(script, CONFIG, finger, plan, NewRun(tmp_path / "runs")))
     assert [target.value for _, _, target in solves] == [0.2, 0.3, 30.0]
     assert done.indentations == 2
     has_code(done.problem, "means_beyond_limit", key="force_gwt", value=30.0, x_mm=0.0)
@@ -237,7 +240,7 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
         def refuse_shape(self, indentor: str) -> None:
             """Every name will do."""
 
-    rig = Rig(None, Walk(Config(), Anything()), Noting())  # type: ignore[arg-type]
+    rig = Rig(None, Walk(CONFIG, Anything()), Noting())  # type: ignore[arg-type]
     rig.home()
     for block in Schedule(("a", ("b", 2)), repeats=2).on(rig):
         for _ in block:

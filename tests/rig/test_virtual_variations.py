@@ -18,6 +18,8 @@ from rig.session.session import NewRun, Session, dry_run
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
 PRESS = """\
 def run(rig):
     rig.mount("bar:3.0")
@@ -35,7 +37,7 @@ def pressed(folder: Path, finger: Fingertip, how: str, **virtual: Any) -> Run:
 def carried_out(folder: Path, finger: Fingertip, source: str, tables: dict[str, Any]) -> Run:
     path = folder / "press.py"
     path.write_text(source, encoding="utf-8")
-    script, config = load_script(str(path)), Config.model_validate(tables)
+    script, config = load_script(str(path)), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
     assert done.problem is None
