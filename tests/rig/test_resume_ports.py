@@ -26,9 +26,6 @@ STANDA = {
     "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
     "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
 }
-    "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
-    "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
-}
 
 
 @pytest.fixture
