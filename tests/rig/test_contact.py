@@ -219,14 +219,6 @@ def bench(tmp_path: Path, settings: Config) -> FaultyBench:
     return found
 
 
-def test_a_press_writes_twice_before_it_goes_down_and_when_it_is_lifted(bench: FaultyBench) -> None:
-    kept: list[tuple[str, float]] = []
-    bench.engine.keep_contact = lambda known: kept.append((known.kind, round(bench.height_mm, 2)))
-    indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
-    assert kept == [("unknown", 2.0), ("lifted", 2.0)]
-    bench.journal.close()
-
-
 def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that_is_confirmed(
     bench: FaultyBench, settings: Config, tmp_path: Path
 ) -> None:

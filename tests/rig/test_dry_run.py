@@ -3,7 +3,7 @@
 import base64
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -178,12 +178,6 @@ def test_a_finger_higher_than_configured_is_found(bar: Run, finger: Fingertip, t
     assert hold["doi_mm"] == pytest.approx(0.5, abs=0.0025)
     assert hold["true_doi_mm"] == pytest.approx(right["true_doi_mm"], abs=0.012)
     assert hold["force_gwt"] == pytest.approx(right["force_gwt"], abs=0.25)
-
-
-def test_a_finger_beside_its_place_is_pressed_beside_its_place(finger: Fingertip, tmp_path: Path) -> None:
-    run = read_run(_run(tmp_path, finger, BAR, virtual={"finger_x_offset_mm": 0.4}).folder.path)
-    hold = run.stream("hold_end")[0]
-    assert (hold["x_mm"], hold["true_x_mm"]) == (0.0, pytest.approx(-0.4, abs=0.5 / 400))
 
 
 def test_a_finger_out_of_reach_trips(finger: Fingertip, tmp_path: Path) -> None:

@@ -155,18 +155,6 @@ def test_a_hold_is_journalled_as_it_was() -> None:
     ]
 
 
-def test_readings_that_a_move_delays_are_said_to_be_uneven() -> None:
-    """A move of 0.005 mm at 1 mm/s between three readings: by √2 / 3 of 5 ms."""
-    bench, press = pressing(lambda bench: 9.95 if bench.of("hold_start") and not bench.stage.moves else 10.0, 1.0)
-    press.hold_at(Target("force_gwt", 10.0), hold=1, hold_s=0.12)
-    (end,) = bench.of("hold_end")
-    move_s = _law(1.0, 9.95, 10.075)
-    assert end["interval_sd_s"] == pytest.approx(move_s * 2**0.5 / 3, abs=2e-6)
-    assert end["hold_s"] == pytest.approx(0.15 + move_s, abs=2e-6)
-    assert end["readings"] == len(bench.readings("hold")) == 3
-    assert end["force_gwt"] == pytest.approx((9.95 + 2 * 10.0) / 3, abs=2e-6)
-
-
 def test_the_mean_under_noise_is_what_a_second_hold_rises_from() -> None:
     """A noise of 0.02 gwt: the last three of 2.0, 2.2, 2.3 and 2.4."""
     shown = [2.0, 2.2, 2.3, 2.4]

@@ -13,7 +13,7 @@ import pytest
 from rig.engine import LimitError, RecordError, TripError
 from rig.engine.corridor import PRINTED_MM
 from rig.engine.indentation import ramp
-from rig.engine.limits import UNREAD_S, RampBound
+from rig.engine.limits import UNREAD_S
 from rig.records import Indentation
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -105,26 +105,6 @@ def test_a_ramp_goes_deeper_by_what_the_rig_gives() -> None:
     assert end["doi_sd_mm"] == pytest.approx(math.hypot(STEP_MM / math.sqrt(12), 0.2 * force_n), abs=2e-6)
     floor_mm = bench.stage.floors_mm[-1] - bench.settings.frame.apex_z_mm
     assert floor_mm == pytest.approx(contact_mm - DEPTH_MM - force_n - INCREMENT_MM, abs=0.003)
-
-
-@pytest.mark.parametrize("more_gwt", [0.5, -0.5])
-def test_the_peak_of_a_hold_is_the_highest_reading_of_its_ramp_and_of_nothing_before(more_gwt: float) -> None:
-    """A pulse of the finger in the middle of the ramp, or a slack one: the press before showed the law."""
-    at_gwt: list[float] = []
-
-    def pulse(bench: Finger) -> float:
-        if _below(bench) > 0.7 and not at_gwt:
-            at_gwt.append(_law(bench) + 3.0)
-            return at_gwt[0]
-        return _law(bench) + min(more_gwt, 0.0)
-
-    bench = Finger(pulse if more_gwt > 0 else lambda bench: 0.9 * _law(bench))
-    bench.ramp()
-    peak_gwt = bench.of("hold_end")[0]["peak_gwt"]
-    assert peak_gwt == pytest.approx(at_gwt[0] if more_gwt > 0 else 0.9 * LAW_GWT, abs=0.03)
-    if more_gwt < 0:
-        bench.ramp(0.2)
-        assert bench.of("hold_end")[1]["peak_gwt"] == pytest.approx(0.9 * K_GWT * 0.2**1.5, abs=0.03)
 
 
 def test_the_limit_of_depth_follows_the_approach_the_touch_and_the_ramp() -> None:
@@ -220,25 +200,6 @@ def test_a_ramp_may_go_unread_for_so_far_and_no_farther(more_s: float, ends: boo
         assert len(bench.within("ramp")) == sum(one["doi_mm"] <= 0.5 for one in bench.within("ramp"))
     else:
         assert bench.ramp().holds
-
-
-def test_what_a_ramp_may_do_is_journalled_before_it_to_a_millionth() -> None:
-    gives = {"value": 0.123456789, "sd": 0.2, "date": "2026-01-01", "expires": "2036-01-01"}
-    bench = Finger(tables={**ZABER, "calibration": {"compliance_mm_per_n": gives}})
-    bench.ramp(0.7123456789, 0.2123456789)
-    (begun,) = bench.of("ramp")
-    gwt, trip_gwt = begun["measured_gwt"], 0.1 / GWT_N
-    bound = RampBound.of(bench.settings, 0.2123456789, trip_gwt, gwt, 0.7123456789)
-    loads = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt}
-    assert begun == {
-        "index": 0, "speed_mm_s": 0.2123456789, "measured_gwt": gwt, "stop_mm": round(bound.stop_mm, 6),
-        **{key: pytest.approx(value, rel=1e-5) for key, value in loads.items()},
-    }  # fmt: skip
-    samples = [one for one in bench.of("sample") if one["doi_mm"] is not None]
-    lengths = [one[key] for one in samples for key in ("doi_mm", "height_mm", "contact_s")]
-    lengths += [one[key] for stream in ("hold_start", "hold_end") for one in bench.of(stream)
-                for key in ("doi_mm", "ramp_s", "hold_s", "doi_sd_mm", "interval_sd_s") if key in one]  # fmt: skip
-    assert lengths == [round(length, 6) for length in lengths]
 
 
 @pytest.mark.parametrize(("sample_period_s", "look_s"), [(0.02, 0.02), (0.05, 0.05), (0.2, 0.1)])

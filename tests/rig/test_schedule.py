@@ -16,7 +16,7 @@ from rig.data.documents import as_line
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol import ReferencePress, Rig, Schedule, ScheduledParameters
+from rig.protocol import ReferencePress, Rig, Schedule
 from rig.protocol.script import load_script
 from rig.protocol.steps import Checkpoint, Note, Reference, Rest, Step, Zero
 from rig.session.rehearsal_summary import preflight
@@ -152,16 +152,6 @@ def test_repeats_are_counted_from_one_in_each_block() -> None:
     assert [s.repeat for s in _steps(Schedule("aab")) if s.condition] == [1, 2, 1]
 
 
-# --- the parameters ---
-
-
-def test_parameters_go_into_the_schedule() -> None:
-    given = {"order": "random", "seed": 5, "repeats": 2, "blocks": 3, "rest_s": 1.0, "block_rest_s": 2.0}
-    reference = {"reference_every": 4, "reference_x_mm": -1.0, "reference_doi_mm": 0.2}
-    schedule = ScheduledParameters.model_validate({**given, **reference}).schedule("ab")
-    assert schedule == Schedule("ab", "random", 5, 2, 3, 1.0, 2.0, ReferencePress(4, -1.0, 0.2))
-
-
 # --- a run by a schedule ---
 
 
@@ -190,14 +180,6 @@ def test_blocks_rests_checkpoints_and_zeros_are_journalled(done: FinishedRun) ->
     drifts = [event["drift_gwt"] for event in run.stream("zero")]
     assert drifts == [None, 0.0, 0.0, 0.0]
     assert not run.stream("alarm")
-
-
-def test_a_rest_is_as_long_as_was_asked(done: FinishedRun) -> None:
-    """From the end of one indentation to the move to the next there is the rest and nothing else."""
-    ends = [event["t_s"] for event in done.run.stream("indentation_end")]
-    rests = [event["t_s"] for event in done.run.stream("rest") if event["rest_s"] == 1.5]
-    pauses = [rest - max(end for end in ends if end < rest) for rest in rests]
-    assert pauses == pytest.approx([1.5] * 4, abs=1e-3)
 
 
 def test_preconditioning_is_no_data(done: FinishedRun) -> None:

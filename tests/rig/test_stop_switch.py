@@ -110,20 +110,6 @@ def test_a_stop_before_the_main_thread_begins_is_known_to_it_when_it_does(stage:
     assert (stage.told, interrupts) == (2, []), "it is ending already"
 
 
-def test_a_stop_under_way_when_the_main_thread_begins_ends_it_once(stage: Any, interrupts: list[str]) -> None:
-    switch = StopSwitch(stage, lambda: interrupts.append("main"))
-    begun: list[str] = []
-
-    def begins() -> None:
-        with pytest.raises(KeyboardInterrupt):
-            switch.begins()
-        begun.append("main")
-
-    stage.act = begins
-    switch.stop()
-    assert (begun, interrupts) == (["main"], [])
-
-
 def test_from_its_end_on_nothing_is_interrupted_and_no_stop_is_taken(
     switch: StopSwitch, stage: Any, interrupts: list[str]
 ) -> None:

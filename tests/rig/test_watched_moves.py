@@ -95,6 +95,12 @@ def watched(request: pytest.FixtureRequest) -> Callable[..., Watched]:
     return lambda **limits: Watched(STAGES[request.param], **limits)
 
 
+def _stays(*, watched: str, motion: str) -> bool:
+    """All on one stage, on the other what it does itself."""
+    return watched == "grbl" or motion in ("home", "move_to")
+
+
+@pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_the_force_is_read_at_every_look_and_one_on_the_way_ends_the_motion_and_trips(
     watched: Callable[..., Watched], motion: str
@@ -152,6 +158,7 @@ def _read_at_every_look(whole: Watched, motion: str) -> float:
     return now_s - begun_s
 
 
+@pytest.mark.quick(rows=_stays)
 @pytest.mark.parametrize("motion", [*MOTIONS, "ramp"])
 def test_an_error_in_the_program_ends_the_motion(
     watched: Callable[..., Watched], motion: str, monkeypatch: pytest.MonkeyPatch
