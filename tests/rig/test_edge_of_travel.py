@@ -22,7 +22,6 @@ from rig.records import Prediction
 from rig.session.rehearse import rehearsed
 from rig.settings import ZERO_LIFT_MM
 from sim.models.fingertip import Fingertip
-from tests.error_codes import raises
 
 READY = "rig.mount('cylinder:9'); rig.home(); rig.zero(); "
 PRESS = "rig.indent(doi_mm=0.2, hold_s=0); "
@@ -135,30 +134,6 @@ def _ended(script: Script, config: Config, finger: Fingertip) -> str:
     except StageError as error:
         pytest.fail(f"{script.name}: {error}")
     return "done"
-
-
-READY_TO_PRESS = "rig.mount('cylinder:9'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
-
-
-@pytest.mark.parametrize(
-    "body", ["rig.indent(doi_mm=0.1)", "rig.indent(force_gwt=0.2)", "rig.touch(); rig.indent(doi_mm=0.1)"]
-)
-def test_where_contact_is_searched_for_belongs_to_the_travel(finger: Fingertip, tmp_path: Path, body: str) -> None:
-    """0.4 mm below the apex there is travel: enough for 0.1 mm, and not for a search of 0.5 mm."""
-    path = tmp_path / "mine.py"
-    path.write_text(f"def run(rig):\n    {READY_TO_PRESS}{body}\n", encoding="utf-8")
-    near = {"frame": {"apex_z_mm": -39.6}}
-    beyond = {"axis": "z", "machine_mm": pytest.approx(-40.15, abs=0.05)}
-    with raises(BadInputError, "outside_travel", **beyond):
-        make_plan(load_script(str(path)), Config.model_validate(near), finger)
-    make_plan(load_script(str(path)), Config.model_validate({**near, "limits": {"search_mm": 0.3}}), finger)
-
-
-def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
-    """What ended in ALARM:2 with a position that nobody could trust."""
-    config = Config.model_validate({"frame": {"apex_z_mm": -39.4}})
-    with raises(BadInputError, "outside_travel", axis="z", machine_mm=pytest.approx(-40.5, abs=0.5)):
-        make_plan(load_script("find_finger"), config, finger)
 
 
 @pytest.mark.parametrize("frame", [{"apex_z_mm": -39.6}, {"apex_z_mm": -1.0}, {"pad_centre_x_mm": 0.5}])

@@ -102,7 +102,6 @@ class Asked:
     range: Callable[[float], Range]
     finger: Callable[[float], StandIn] = lambda value: StandIn()
     open_below: bool = False
-    whole: bool = False
 
 
 STIFF = StandIn(gwt_mm=1e3)
@@ -131,27 +130,13 @@ ASKED: Mapping[str, Asked] = {
     "move_to: along_mm within the travel": Asked(
         (20, 40), lambda limit: {"stage": {"travel_mm": [60.0, limit, 40.0]}, "limits": FAR},
         lambda rig, along_mm: ready(rig).move_to(x_mm=0, along_mm=along_mm), lambda limit: (15.0 - limit, 15.0)),
-    "reference: x_mm": Asked(
-        (0.1, 9.9), lambda limit: _limits(x_mm=[-limit, limit / 2]),  # the stand-in does not know x = 5 mm
-        lambda rig, x_mm: ready(rig).reference(x_mm=x_mm, doi_mm=0.1), lambda limit: (-limit, limit / 2)),
     "indent: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(doi_mm=doi_mm),
         lambda limit: (0, limit), open_below=True),
-    "precondition: doi_mm": Asked(
-        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
-        lambda rig, doi_mm: ready(rig).precondition(presses=2, doi_mm=doi_mm), lambda limit: (0, limit),
-        open_below=True),
-    "reference: doi_mm": Asked(
-        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
-        lambda rig, doi_mm: ready(rig).reference(x_mm=0, doi_mm=doi_mm), lambda limit: (0, limit), open_below=True),
     "indent: force_gwt": Asked(
         (1, 500), lambda limit: _strong(max_force_gwt=limit),
         lambda rig, force_gwt: ready(rig).indent(force_gwt=force_gwt), lambda limit: (0, limit), lambda value: STIFF,
         open_below=True),
-    "precondition: force_gwt": Asked(
-        (1, 500), lambda limit: _strong(max_force_gwt=limit),
-        lambda rig, force_gwt: ready(rig).precondition(presses=2, force_gwt=force_gwt), lambda limit: (0, limit),
-        lambda value: STIFF, open_below=True),
     "indent: the depth that a force means": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(force_gwt=1.0),
         lambda limit: (0, limit), lambda doi_mm: StandIn(gwt_mm=1 / doi_mm), open_below=True),
@@ -176,14 +161,6 @@ ASKED: Mapping[str, Asked] = {
     "indent: hold_s in all": Asked(
         (10, 3000), lambda limit: _limits(max_contact_s=limit),
         lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, increments=2, hold_s=hold_s / 2), lambda limit: (0, limit)),
-    "precondition: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).precondition(presses=4, doi_mm=0.1, hold_s=hold_s / 4),
-        lambda limit: (0, limit)),
-    "reference: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=2, hold_s=hold_s / 2),
-        lambda limit: (0, limit)),
     "ramp: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
         lambda rig, doi_mm: ready(rig).ramp(doi_mm=doi_mm, speed_mm_s=0.1), lambda limit: (0, limit),
@@ -195,13 +172,10 @@ ASKED: Mapping[str, Asked] = {
     "ramp: hold_s": Asked(
         (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
         lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
-    "ramp: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
 }  # fmt: skip
 ROUND_OFF = 1e-9
 JUST_BESIDE_MM = (-1e-3, -1e-6, 0.0, 1e-6, 1e-3)
-LEFT_OUT = ("indent: doi_mm", "precondition: doi_mm", "indent: speed_mm_s")
+LEFT_OUT = ("indent: doi_mm", "indent: speed_mm_s")
 
 
 @pytest.mark.parametrize("name", ASKED)
@@ -213,8 +187,6 @@ def test_a_number_of_a_script_is_accepted_where_it_is_in_range(name: str, data: 
     low, high = row.range(limit)
     for value in [*_edges(low, high), data.draw(_about(low, high), label="value")]:
         _is_answered_in_range(name, limit, value)
-        if row.whole and math.isfinite(value):
-            _is_answered_in_range(name, limit, round(value))
 
 
 def _is_answered_in_range(name: str, limit: float, value: float) -> None:
@@ -226,7 +198,6 @@ def _is_answered_in_range(name: str, limit: float, value: float) -> None:
     if ("travel" in name or "in all" in name) and 0 < min(abs(value - low), abs(value - high)) < ROUND_OFF:
         return
     accepted = (low < value if row.open_below else low <= value) and value <= high
-    accepted = accepted and (isinstance(value, int) or not row.whole)
     try:
         walked(lambda rig: row.ask(rig, value), row.finger(value), **row.tables(limit))
     except BadInputError:
@@ -326,6 +297,10 @@ RULES: Mapping[str, tuple[Tables, StandIn, Callable[[Rig], object], str | None]]
     "a touch below the travel": ({"frame": {"apex_z_mm": -39.21}}, StandIn(), _touched, "outside_travel"),
     "clearance up to the switches": ({"frame": {"apex_z_mm": -2.4}}, StandIn(), _over(0.0), None),
     "clearance above the switches": ({"frame": {"apex_z_mm": -1.9}}, StandIn(), _over(0.0), "outside_travel"),
+    "a precondition too deep": (
+        {}, StandIn(), lambda rig: ready(rig).precondition(presses=2, doi_mm=1.51), "beyond_limit"),
+    "a reference too deep": ({}, StandIn(), lambda rig: ready(rig).reference(x_mm=0, doi_mm=1.51), "beyond_limit"),
+    "a reference aside": ({}, StandIn(), lambda rig: ready(rig).reference(x_mm=6.01, doi_mm=0.1), "outside_limits"),
     "no axis along, and not along": (PLANE, StandIn(), _over(1.0), None),
     "no axis along": (PLANE, StandIn(), _over(0.0, 1.0), "no_such_axis"),
 }  # fmt: skip

@@ -2,14 +2,13 @@
 
 import contextlib
 import itertools
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from rig.engine import LimitError, Target, TripError, indent
 from rig.engine.press import Press
-from rig.settings import RigSettings
 from tests.error_codes import has_code, raises
 from tests.rig.plain_bench import PlainBench, pressing, shows
 
@@ -361,19 +360,6 @@ def _heights(bench: Any) -> list[float]:
     return [event["height_mm"] for event in _samples(bench, "touch")[-1:] + _samples(bench, "press")]
 
 
-def _freeze(bench: Any, when: Callable[[dict[str, Any]], bool]) -> None:
-    """From the first reading of a press on that `when` likes, the balance shows what it shows."""
-    live = bench.force_n
-
-    def look(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "sample" and data["phase"] == "press" and when(dict(data)):
-            bench.on_event = lambda stream, data: None
-            held = live(bench.clock.monotonic_s())
-            bench.force_n = lambda t_s: held
-
-    bench.on_event = look
-
-
 def test_a_press_goes_nine_tenths_of_the_way_to_a_trip_at_a_time_and_never_past_it(spring: Make) -> None:
     """6 gwt at 1 mm, a trip of 2.09: each move leaves a tenth of the way, until a tenth is less than a step."""
     bench = spring(soft_trip_n=0.0205)
@@ -385,35 +371,3 @@ def test_a_press_goes_nine_tenths_of_the_way_to_a_trip_at_a_time_and_never_past_
     near = next(later / earlier for earlier, later in itertools.pairwise(left) if earlier < 0.06)
     assert near == pytest.approx(0.1, abs=0.03)
     assert max(e["force_gwt"] for e in bench.of("sample")) <= 0.0205 / 9.80665e-3
-
-
-# --- a force that does not answer, of a balance behind its wire ---
-
-
-@pytest.mark.parametrize(
-    ("from_gwt", "stays_gwt", "k_gwt", "increment_mm", "target", "moves"),
-    [
-        # each should have shown: three moves are the least
-        (0.51, pytest.approx(0.8, abs=0.3), 6.0, 0.05, Target("doi_mm", 1.0), 3),
-        # 1.27 gwt short of the target: every move expects that much, and four are more than a tenth, 4.72 gwt
-        (47.0, pytest.approx(47.23, abs=0.005), 60.0, 0.05, Target("force_gwt", 48.5), 4),
-        # at 0.153 mm, 0.01 mm at a time: 0.0059 … 0.0045 gwt each, and ten are more than five steps of the sensor
-        (0.06, pytest.approx(0.06, abs=0.005), 1.0, 0.01, Target("doi_mm", 1.0), 10),
-    ],
-)
-def test_a_balance_that_freezes_is_found_after_so_many_moves(
-    spring: Make, from_gwt: float, stays_gwt: float, k_gwt: float, increment_mm: float, target: Target, moves: int
-) -> None:
-    habits = {"increment_mm": increment_mm}
-    bench = spring(k_gwt=k_gwt, settings=RigSettings.model_validate({"habits": habits}))
-    engine = bench.ready()
-    _freeze(bench, lambda data: data["force_gwt"] >= from_gwt)
-    with raises(TripError, "frozen", force_gwt=stays_gwt):
-        indent(engine, target)
-    assert _unanswered(bench) == moves
-
-
-def _unanswered(bench: Any) -> int:
-    """Moves after which the last force was shown again."""
-    shown = [event["force_gwt"] for event in _samples(bench, "press")]
-    return shown.count(shown[-1]) - 1
