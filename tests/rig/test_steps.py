@@ -134,7 +134,7 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
 def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
     """The whole run as a kill leaves it just after an indentation."""
 
-    def make(index: int, *, without_soft_trip: bool = False) -> Path:
+    def make(index: int) -> Path:
         folder = tmp_path / "cut"
         shutil.copytree(whole.folder.path, folder)
         documents = [json.loads(line) for line in (folder / "events.jsonl").read_bytes().splitlines()]
@@ -143,8 +143,6 @@ def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
             for n, d in enumerate(documents)
             if d.get("stream") == "indentation_end" and d["doc"] == "event" and d["data"]["index"] == index
         )
-        if without_soft_trip:
-            del documents[0]["soft_trip_n"]
         (folder / "events.jsonl").write_bytes(b"".join(as_line(d) for d in documents[: last + 1]))
         return folder
 
