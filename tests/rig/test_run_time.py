@@ -151,24 +151,17 @@ def _rewritten(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -
     path.write_text("".join(json.dumps(change(line)) + "\n" for line in lines), encoding="ascii")
 
 
-def _as_before(folder: Path) -> Path:
-    """Rewrite a run with the times of earlier versions: since boot, or from the end of the part before a reboot."""
-    documents = list(read_journal(folder / "events.jsonl"))
-    begins = [n for n, one in enumerate(documents) if one["doc"] in ("start", "resume")]
-    resumed_s = documents[begins[1]]["t_s"] if len(begins) > 1 else float("inf")
-    last_s = BOOTED_S + (documents[begins[1] - 1]["t_s"] if len(begins) > 1 else 0.0)
+def _as_before(folder: Path) -> None:
+    """Rewrite a run with the times of earlier versions: since boot."""
 
     def late(line: dict[str, Any]) -> dict[str, Any]:
-        # The bytes of a part may precede its first document.
-        ahead_s = last_s - resumed_s if line["t_s"] >= resumed_s - 1.0 else BOOTED_S
         data = dict(line.get("data", {}))
-        data |= {"rise_s": data["rise_s"] + ahead_s} if "rise_s" in data else {}
+        data |= {"rise_s": data["rise_s"] + BOOTED_S} if "rise_s" in data else {}
         line = {key: value for key, value in line.items() if key != "crc32"}
-        return {**line, "t_s": round(line["t_s"] + ahead_s, 6)} | ({"data": data} if data else {})
+        return {**line, "t_s": round(line["t_s"] + BOOTED_S, 6)} | ({"data": data} if data else {})
 
     for name in ("events.jsonl", "bytes.jsonl"):
         _rewritten(folder / name, late)
-    return folder
 
 
 def _kind(name: str, run: Run, resume: Run, tmp_path: Path) -> Path:
@@ -240,6 +233,7 @@ def _of_run(folder: Path) -> list[float]:
     run = read_run(folder)
     assert run.start["t_s"] == 0.0
     assert run.end_s == pytest.approx(_true_s(folder)[-1], abs=60.0)
+    assert all(abs(pulse["t_s"] - pulse["rise_s"]) < 0.2 for pulse in run.stream("sync"))
     return [event["t_s"] for event in run.stream("hold_end")]
 
 
