@@ -102,6 +102,15 @@ def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
     assert engine.problem is tripped.value
 
 
+def test_a_reading_above_the_trip_that_cannot_be_written_is_a_trip() -> None:
+    bench = StubBench(soft_trip_n=0.5)
+    engine = bench.in_contact()
+    bench.at_event, bench.force.shows_gwt = raising(RecordError("the disk is full")), 60.0
+    with raises(TripError, "soft_trip"):
+        engine.read_force_gwt(PressId(0), "press")
+    assert engine.state is State.TRIPPED
+
+
 @pytest.mark.parametrize(("on_alarm", "trips"), [("warn", False), ("trip", True)])
 def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips: bool) -> None:
     bench = StubBench({"limits": {"on_alarm": on_alarm}})
