@@ -169,6 +169,19 @@ def test_a_resumed_run_plans_only_what_is_missing(
     ]
 
 
+def test_a_run_whose_journal_has_no_soft_trip_is_planned_whole(
+    finger: Fingertip, whole: Run, cut: Callable[..., Path]
+) -> None:
+    events = cut(6) / "events.jsonl"
+    first, *rest = [json.loads(line) for line in events.read_bytes().splitlines()]
+    del first["soft_trip_n"]
+    events.write_bytes(b"".join(as_line(document) for document in (first, *rest)))
+    stopped = read_stopped(events.parent)
+    plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
+    assert len(plan.indentations) == 9
+    assert plan.soft_trip_n == pytest.approx(whole.start["soft_trip_n"])
+
+
 class _Two:
     """A journal with one indentation done and one note written."""
 
