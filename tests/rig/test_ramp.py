@@ -12,6 +12,7 @@ import pytest
 import rig.engine.indentation as indentations
 import rig.protocol.check as checks
 from rig.devices.base import StageError
+from rig.devices.registry import StageKind
 from rig.devices.standa_link import StandaLink
 from rig.devices.tmcl_link import TmclLink
 from rig.devices.zaber_link import ZaberLink
@@ -223,6 +224,11 @@ def test_a_stage_that_cannot_ramp_is_refused_by_engine_and_plan(
     assert len(bench.moves()) == moves
     with raises(BadInputError, "no_ramps", kind="grbl"):
         make_plan(_script(tmp_path, "rig.ramp(doi_mm=0.5, speed_mm_s=0.2)"), Config(), finger)
+
+
+def test_a_stage_of_another_package_cannot_ramp_unless_it_says_so() -> None:
+    kind = StageKind(name="other", device="another stage", tests=(), driver=lambda *_: None)  # type: ignore[arg-type, return-value]
+    assert kind.ramps is False
 
 
 # --- what ends it: every stage, real bytes ---
