@@ -8,7 +8,7 @@ import pytest
 
 from rig.engine import Engine, LimitError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.indentation import touch_place
-from rig.engine.limits import UNREAD_S, Stopping, Touched, refuse_height
+from rig.engine.limits import Stopping, Touched, refuse_height
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -39,7 +39,6 @@ def _approached(bench: PlainBench) -> list[list[float]]:
 
 
 def test_the_force_may_go_unread_in_a_move_as_long_as_was_measured() -> None:
-    assert UNREAD_S == 0.35
     settings = RigSettings.model_validate({"force": {"latency_s": 0.02}, "stage": {"acceleration_mm_s2": 80.0}})
     late = Stopping.in_one_move(settings, 0.5)
     assert late == Stopping(0.5, pytest.approx(0.02 + 0.05 + 0.11 + 0.35), 80.0, float("inf"))

@@ -3,7 +3,6 @@
 import base64
 import json
 import re
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, get_args
@@ -12,14 +11,13 @@ import pytest
 
 from rig.data import Run, read_run
 from rig.data.journal import read_journal
-from rig.engine import RunAborted, TripError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
 from rig.records import Phase
 from rig.report.run_report import write_report
 from rig.report.run_tables import phases
-from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
+from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 
 PRESS = """\
@@ -180,47 +178,7 @@ def test_a_finger_higher_than_configured_is_found(bar: Run, finger: Fingertip, t
     assert hold["force_gwt"] == pytest.approx(right["force_gwt"], abs=0.25)
 
 
-def test_a_finger_out_of_reach_trips(finger: Fingertip, tmp_path: Path) -> None:
-    """A screw so wrong that half a millimetre below where contact is expected is still above the skin."""
-    done = _run(tmp_path, finger, BAR, virtual={"z_screw_steps_per_mm": 460.0})
-    assert isinstance(done.problem, TripError)
-    assert not done.complete
-    run = read_run(done.folder.path)
-    assert run.stop is not None
-    assert run.stop["status"] == "tripped"
-    assert done.problem.code == "no_contact"
-    assert run.stop["reason"] == str(done.problem)
-    assert "no contact at x = " in write_report(run, finger).read_text(encoding="utf-8")
-
-
 # --- many holds, and an operator ---
-
-
-def test_an_operators_stop_ends_the_run_lifted(finger: Fingertip, tmp_path: Path) -> None:
-    path = tmp_path / "press.py"
-    path.write_text(PRESS.format(**BAR), encoding="utf-8")
-    script, config = load_script(str(path)), Config()
-    plan = make_plan(script, config, finger)
-    seen: list[str] = []
-
-    class Hasty(NoAttendant):
-        def watch(self, stream: str, data: Mapping[str, Any]) -> None:
-            seen.append(stream)
-
-        def interrupted(self) -> bool:
-            return "touch" in seen
-
-    session = Session(script, config, finger, plan, NewRun(tmp_path / "runs"), Hasty())
-    done = dry_run(session)
-    assert isinstance(done.problem, RunAborted)
-    run = read_run(done.folder.path)
-    assert run.stop is not None
-    assert run.stop["status"] == "aborted"
-    assert [d.get("stream") for d in read_journal(run.folder.events) if d["doc"] == "event"][-2:] == [
-        "retract",
-        "paused",
-    ]
-    assert run.folder.data.exists()
 
 
 def test_every_phase_of_a_run_has_a_place_among_its_durations(bar: Run) -> None:

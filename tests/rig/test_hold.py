@@ -153,14 +153,3 @@ def test_a_hold_is_journalled_as_it_was() -> None:
         pytest.approx((0.6, 3.1, 0.02**0.5)),
         pytest.approx((0.65, 3.7, 0.0)),
     ]
-
-
-def test_the_mean_under_noise_is_what_a_second_hold_rises_from() -> None:
-    """A noise of 0.02 gwt: the last three of 2.0, 2.2, 2.3 and 2.4."""
-    shown = [2.0, 2.2, 2.3, 2.4]
-    bench, press = pressing(
-        lambda bench: 3.0 if bench.stage.moves else shown[min(len(bench.readings("hold")), 3)], 0.5, noise_gwt=0.02
-    )
-    for k, doi_mm in enumerate((0.5, 0.55), 1):
-        press.hold_at(Target("doi_mm", doi_mm), hold=k, hold_s=0.18)
-    assert bench.of("hold_end")[1]["ramp_gwt"] == pytest.approx(0.7, abs=2e-6)

@@ -121,17 +121,6 @@ def test_lateral_moves_only_at_clearance(spring: Make) -> None:
         z = move.get("Z", z)
 
 
-def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
-    first = {move["F"] for move in bench.moves() if "Z" in move}
-    assert first == {300.0, 48.0, 30.0, 60.0}  # 0.8 mm/s down to clearance after homing
-    before = len(bench.moves())
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1, speed_mm_s=0.2)
-    assert {move["F"] for move in bench.moves()[before:] if "Z" in move} == {300.0, 30.0, 12.0}
-
-
 def test_no_finger_in_place(spring: Make) -> None:
     bench = spring(contact_mm=-50.0)
     engine = bench.ready(0.25)

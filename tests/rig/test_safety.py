@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.clock import WallClock
-from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
+from rig.engine import EngineError, Target, TripError, indent
 from rig.engine.bench import Heartbeat, monitored
 from rig.engine.engine import State
 from rig.engine.limits import Stopping
@@ -67,23 +67,6 @@ def test_a_reading_from_before_the_question_is_stale(spring: Make, monkeypatch: 
     with raises(TripError, "stale_reading"):
         indent(engine, FORCE)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-# --- the indentor ---
-
-
-def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-
-    def nobody(indentor: str, meanwhile: object) -> str:
-        raise NotReadyError("nobody answered", code="nobody")
-
-    monkeypatch.setattr(bench, "mount", nobody)
-    with raises(NotReadyError, "nobody"):
-        verbs.mount(engine, "step:1")
-    with raises(NotReadyError, "no_indentor"):
-        indent(engine, FORCE)
 
 
 # --- the heartbeat ---

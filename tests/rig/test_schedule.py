@@ -96,18 +96,6 @@ def _steps(schedule: Schedule[Any]) -> list[Step[Any, Any]]:
     return walked(script).steps[2:]
 
 
-def test_items_alone_are_done_once_in_one_block() -> None:
-    assert _steps(Schedule(("a", "b"))) == [
-        Checkpoint(name="block 1 of 1"),
-        Zero(),
-        Note(text="begun", block=1),
-        Note(text="a", block=1, repeat=1, condition="a"),
-        Note(text="b", block=1, repeat=1, condition="b"),
-        Note(text="ended", block=1),
-        Zero(),
-    ]
-
-
 def test_rests_lie_between_items_and_between_blocks() -> None:
     """Neither before the first nor after the last; a rest belongs to the block, not to an item."""
     found = _steps(Schedule(("a", "b", "c"), blocks=3, rest_s=1.5, block_rest_s=10.0))

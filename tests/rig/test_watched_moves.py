@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import VirtualBench, bench_around
-from rig.devices.base import LOOK_S, StageHeld, next_look_s
+from rig.devices.base import LOOK_S, next_look_s
 from rig.engine import LimitError, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
@@ -232,17 +232,6 @@ def test_a_sensor_that_does_not_answer_lets_nothing_move() -> None:
     assert bench.pose.x_mm == pytest.approx(at.x_mm, abs=1e-9)
 
 
-def test_a_board_that_is_held_by_hand_is_named_at_the_next_look() -> None:
-    bench = Watched(GRBL)
-    engine = bench.ready()
-    held_s = bench.clock.monotonic_s() + 0.25
-    bench.clock.call_at(held_s, lambda: bench.bench.stage.hold())  # type: ignore[attr-defined]
-    with pytest.raises(StageHeld, match=r"Hold:\d"):
-        verbs.move_to(engine, 6.0)
-    assert bench.clock.monotonic_s() - held_s < 2 * LOOK_S
-    assert engine.state is State.UNHOMED
-
-
 # --- how often ---
 
 
@@ -289,18 +278,3 @@ def test_below_clearance_nothing_goes_down_faster_than_the_limit() -> None:
     assert bench.pose == at
     engine.go_to_height(1.96, 1.0)
     engine.go_to_height(2.0, 5.0)  # up it may
-
-
-def test_no_height_beyond_the_travel_is_asked_of_a_stage(watched: Callable[..., Watched]) -> None:
-    """A finger that lies lower, or is softer, than could be planned: refused, and no alarm of the board."""
-    bench = watched(tables={"frame": {"apex_z_mm": -39.9}})
-    engine = bench.ready()
-    while engine.height_mm > -0.08:
-        engine.go_to_height(engine.height_mm - 0.05, 0.5)
-    with pytest.raises(LimitError, match=r"machine z = -40\.050 mm is outside the stage's travel, -40 … 0 mm"):
-        engine.go_to_height(engine.height_mm - 0.05, 0.5)
-    assert bench.bench.stage.homed
-    verbs.retract(engine)
-    with pytest.raises(LimitError, match=r"machine z = 0\.100 mm is outside the stage's travel"):
-        engine.go_to_height(40.0, 5.0)
-    assert bench.pose.above_apex_mm == pytest.approx(2.0, abs=0.003)
