@@ -13,6 +13,7 @@ from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import (
     Checkpoint,
+    ExpectedPresses,
     Note,
     Precondition,
     Reference,
@@ -26,6 +27,7 @@ from rig.records import (
     Pace,
     PlannedIndentation,
     Prediction,
+    PredictionBand,
     PressId,
     Target,
 )
@@ -171,6 +173,21 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
     live.handle(Reference(x_mm=1.0, doi_mm=0.2, increments=1, hold_s=0.1), owed)
     assert [(e["index"], e["x_mm"]) for e in bench.of("reference_hold_end")] == [(1, 1.0)]
     assert [e["index"] for e in bench.of("reference")] == [1]
+
+
+@pytest.mark.parametrize(("band_gwt", "alarms"), [((0.1, 10.0), 0), ((4.0, 6.0), 1)])
+def test_a_reference_is_held_to_the_band_of_an_identified_finger(
+    spring: Make, band_gwt: tuple[float, float], alarms: int
+) -> None:
+    """0.5 gwt at 0.2 mm."""
+    bench = spring()
+    planned = PlannedIndentation(
+        "bar:3.0", 0.0, Target("doi_mm", 0.2), -0.3, 0.5, 0.2, 40.0, 0.1, increments=1, hold_s=0.1,
+        band=PredictionBand(band_gwt, (0.1, 0.3), 7.0),
+    )  # fmt: skip
+    expected = ExpectedPresses((PressId(0, "reference"),), planned)
+    execute(bench.ready(), Reference(x_mm=0.0, doi_mm=0.2), expected)
+    assert len(bench.of("alarm")) == alarms
 
 
 def test_an_executor_that_leaves_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:
