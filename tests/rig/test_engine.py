@@ -488,6 +488,16 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     assert [sample["phase"] for sample in recorded] == 3 * ["rest"]
 
 
+def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
+    """The indentor goes up to habits.park_height_mm."""
+    bench = StubBench({"limits": {"max_contact_s": 2.0}})
+    engine = bench.ready()
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.0, lambda: setattr(bench.force, "shows_gwt", 1.0))
+    with raises(LimitError, "contact_time", limit_s=2.0):
+        verbs.rest(engine, 60.0)
+    assert bench.height_mm == pytest.approx(10.0)
+
+
 # --- zero ---
 
 
