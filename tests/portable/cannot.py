@@ -49,7 +49,6 @@ CANNOT = {
     "rig/test_how_it_ends.py::test_a_run_whose_terminal_goes_away_lifts_and_can_be_taken_up": _SIGNALS,
     "rig/test_init_command.py::test_a_port_in_use_is_left_alone_and_its_owner_is_named": _UNNAMED,
     "rig/test_kills.py::test_killed_runs_are_taken_up": _SIGNALS,
-    "rig/test_mistakes.py::test_what_the_model_takes_is_no_silence_of_the_script": _ALARMS,
     "rig/test_modbus_counterparties.py::test_minimalmodbus": _PTYS,
     "rig/test_modbus_counterparties.py::test_modbus_tk_on_a_serial_line": _PTYS,
     "rig/test_ownership.py": _LOCKS,
