@@ -118,6 +118,43 @@ CUT: dict[str, tuple[Callable[[dict[str, Any]], bool], int]] = {
 """The last document on disk, and how many indentations are begun anew."""
 
 
+TWO_INDENTORS = """\
+from rig.protocol import Rig
+
+METADATA = {"title": "Two indentors, the skin settled under the first"}
+
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.reference(x_mm=0.2, doi_mm=0.2, hold_s=0.1)
+    rig.move_to(x_mm=0.0)
+    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
+    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
+    rig.mount("cylinder:9")
+    rig.move_to(x_mm=0.5)
+    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
+"""
+
+
+@pytest.mark.parametrize("last", [_at("indentation_end", index=0), _at("mount", indentor="cylinder:9")])
+def test_a_run_goes_on_with_the_second_indentor_and_presses_no_more_with_the_first(
+    last: Callable[[dict[str, Any]], bool], finger: Fingertip, tmp_path: Path
+) -> None:
+    (tmp_path / "two.py").write_text(TWO_INDENTORS, encoding="utf-8")
+    script = load_script(str(tmp_path / "two.py"), [])
+    folder = dry_run(_session(script, Config(), finger, NewRun(tmp_path / "runs"))).folder.path
+    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+    (folder / "events.jsonl").write_bytes(b"".join(lines[: end + 1]))
+    done = _resume(folder, finger)
+    run = read_run(folder)
+    assert (done.problem, done.complete, run.missing, run.repeated) == (None, True, 0, 0)
+    assert [press[1] for press in _presses(folder)] == ["bar:3.0", "cylinder:9"]
+    assert [len(run.stream(f"{kind}_indentation_start")) for kind in ("reference", "precondition")] == [1, 1]
+
+
 @pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
 @pytest.mark.parametrize("after", CUT)
 def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
