@@ -138,7 +138,6 @@ def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
         row = [entry.device, table]
         if isinstance(entry, StageKind):
             row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
-        row += [f"`{entry.twin}`", ", ".join(f"`{path}`" for path in entry.tests)]
         assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
 
 

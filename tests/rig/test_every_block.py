@@ -104,6 +104,7 @@ NOT_RUN = {
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --counts counts.csv": DESIGN,
     'rig compare RUN --recorded "step:1=session.nix#unit 1" --columns sync=TTL': "tests/rig/compare/test_neo_file.py",
     "rig compare RUN --recorded afferents.csv --out group.html": "tests/rig/compare/test_afferents_table.py",
+    "pip install examples/rig_line_scale": "tests/test_third_party_device.py",
     "pip install 'indentation-rig[cluster]'": NETWORK,
     "pip install 'indentation-rig[lsl]'": NETWORK,
     "pip install 'indentation-rig[bluesky]'": NETWORK,

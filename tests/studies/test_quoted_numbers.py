@@ -49,15 +49,8 @@ def levels(first: str, at: int) -> list[float]:
     return [max(each("performance/levels", name, at, first=first)[0] for name in ("smooth", "bars", "step 1"))]
 
 
-FAMILIES = [f"{name}: force / width / SED / ep1 (%)" for name in ("smooth", "bars", "step 1")]
 BY_DOI = "by DOI, median / p95 (ms)"
 SMOOTH = ("step 5", "cylinder")
-
-
-def candidate(model: str, mesh: str, at: int) -> list[float]:
-    """Extent of an error over the three families, where a model has it."""
-    rows = [cells("performance/candidates", name, first=model, second=mesh)[0] for name in FAMILIES]
-    return extent([float(row.split(" / ")[at].replace("–", "nan")) for row in rows])
 
 
 def presses(smooth: bool) -> list[float]:
@@ -79,10 +72,9 @@ def truth(first: str, second: str) -> float:
 
 
 GIVEN, PLAUSIBLE = "given the default finger", "on all plausible fingers"
-DELAY, SPREAD, OFF = "delay p99, worst run (ms)", "largest spread", "off by"
+SPREAD = "largest spread"
 SETS = ("first", "second", "third")
 BUTTON = "median, worst (ms)"
-INTERPOLATED = "performance/interpolated"
 
 
 def counted(table: str) -> float:
@@ -140,30 +132,12 @@ QUOTED: list[tuple[str, str, list[float]]] = [
     ("index", r"bands of ± ([\d.]+) %", most("identification/demands", "third", first="median half-width")),
     ("index", r"(\d+) to (\d+) ms under smooth", presses(True)),
     ("index", r"(\d+) to (\d+) ms under sharp", presses(False)),
-    ("what_to_expect", r"(\d+) to (\d+) ms under smooth", presses(True)),
-    ("what_to_expect", r"(\d+) to (\d+) ms under sharp", presses(False)),
-    ("what_to_expect", r"\[force ([\d.]+) %, strain energy ([\d.]+) %", levels("default", 0) + levels("default", 1)),
-    ("what_to_expect", r"\[(\d+) ms; \d+ s", each("performance/candidates", "contact (ms)", second="fine")),
-    ("what_to_expect", r"; (\d+) s and", each("performance/candidates", "from nothing (s)", second="fine")),
-    ("what_to_expect", r"candidate\) \| ([\d.]+) %, ([\d.]+) %", levels("fine", 0) + levels("fine", 1)),
-    ("what_to_expect", r"\| strain energy (\d+) to (\d+) %", candidate("section", "default", 2)),
-    ("what_to_expect", r"force (\d+) to (\d+) %, strain", candidate("halfspace", "default", 0)),
-    ("what_to_expect", r"%, strain energy (\d+) to (\d+) %", candidate("halfspace", "default", 2)),
-    ("what_to_expect", r"interpolation\) \| ([\d.]+) %", most(INTERPOLATED, "force, median / largest (%)", 1)),
-    ("what_to_expect", r"interpolation\) \| [\d.]+ %, ([\d.]+)", most(INTERPOLATED, "SED, median / largest (%)", 1)),
-    ("what_to_expect", r"p99 ([\d.]+) or", most("speed/warm_delays", DELAY, second="100")),
-    ("what_to_expect", r"or ([\d.]+) ms\]", most("speed/warm_delays", DELAY, second="1000")),
+    ("index", r"`level = \"fine\"` ([\d.]+) and ([\d.]+) %", levels("fine", 0) + levels("fine", 1)),
     (
-        "what_to_expect",
-        r"sphere ([\d.]+) %",
-        most("speed/warm_delays", "largest error (%)", first="sphere 5", second="1000"),
-    ),
-    (
-        "what_to_expect",
+        "index",
         r"in the set: (\d+) %; on another finger and mesh (\d+) % with stated ranges, (\d+) %",
         [truth("right finger", GIVEN)] + [truth("another finger and mesh", way) for way in (PLAUSIBLE, GIVEN)],
     ),
-    ("what_to_expect", r"\[(\d+) s at the bench\]", most("identification/demands", "first", first=MEDIAN)),
     ("identify", r"\[(\d+) s at the bench\]", most("identification/demands", "first", first=MEDIAN)),
     ("small_strain", r"\| force \| (\d+) to (\d+) %", small_strain("force", "0.33")),
     ("small_strain", r"\| force \|[^|]*\| (\d+) to (\d+) %", small_strain("force", "0.67")),
