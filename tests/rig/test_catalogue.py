@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import re
 import sys
 from collections.abc import Callable, Iterator
@@ -25,7 +24,7 @@ from rig.bench.virtual import (
     with_stand_ins,
 )
 from rig.cli import main
-from rig.cli.device_catalogue import NOT_MEASURED, as_json, as_markdown, as_text
+from rig.cli.device_catalogue import NOT_MEASURED, as_json, as_text
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
@@ -139,17 +138,6 @@ def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
         if isinstance(entry, StageKind):
             row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
         assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
-
-
-def test_the_page_has_the_catalogue_that_the_command_prints() -> None:
-    """`rig config --devices --markdown`, without other packages."""
-    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-    found = as_markdown()
-    marked = f"<!-- rig config --devices --markdown -->\n{found}\n"
-    if os.environ.get("GOLDEN") == "write":
-        page = re.sub(r"<!-- rig config --devices --markdown -->\n(\|.*\n)*\n", lambda _: marked, page)
-        (ROOT / "docs" / "devices.md").write_text(page, encoding="utf-8")
-    assert marked in page
 
 
 @every_kind
