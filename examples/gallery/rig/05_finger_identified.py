@@ -5,7 +5,7 @@ A finger identified
 You get the force of each identification press beside the band that was predicted just before it. The finger is
 virtual: softer than the default one, and it stiffens and relaxes as fingers do.
 
-How-to: :doc:`/identify`. Explanation: :doc:`/identification`.
+How-to: :doc:`/identify`.
 """
 
 import json
