@@ -121,7 +121,6 @@ NOT_RUN = {
     r".venv\Scripts\pip install -e .": "a command of Windows",
     r".venv\Scripts\rig doctor": "a command of Windows",
     # --- blocks, by their first line ---
-    "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
     "about 2.6 s of processor time …": PRINTED,
     "21 indentations, 0:05:43 left": PRINTED,
