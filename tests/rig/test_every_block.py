@@ -23,10 +23,15 @@ from tests.rig.test_followed_pages import PAGES as FOLLOWED
 from tests.rig.test_followed_pages import expanded
 
 ROOT = Path(__file__).parents[2]
+GENERATED = (
+    *("columns.md", "commands.md", "device_interface.md", "json_output.md"),
+    *("python_names.md", "settings.md", "studies.md"),
+)
+"""Read off the program when the site is built."""
 PAGES = sorted(
     path
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    if path.name not in ("columns.md", "commands.md", "python_names.md", "studies.md")  # read off the program
+    if path.name not in GENERATED and "gallery" not in path.parts
 )
 DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}", "{csv-table}"}
 

@@ -22,7 +22,7 @@ SAYS = re.compile(r"pressures?\b[^.\n]{0,60}(N/cm²|pseudo|\bMPa\b)|N/cm²", re.
 MAY_SAY = (
     *("rig/report/coding_figures.py", "rig/cli/encode.py", "rig/cli/decode.py", "rig/cli/coding_options.py"),
     *("rig/compare/pressure_formula.py", "examples/gallery/library/12_decode.py", "docs/coding.md"),
-    *("docs/decisions/", "docs/model.md", "docs/library.md"),
+    *("docs/commands.md", "docs/decisions/", "docs/model.md", "docs/library.md"),
 )
 """Pages and modules of coding, of the source's formula, and of what was renamed."""
 

@@ -29,7 +29,8 @@ relaxation = [[0.2, 0.07], [0.2, 1.4]]
 """
 with TemporaryDirectory() as folder:
     Path(folder, "rehearsal.toml").write_text(REHEARSAL, encoding="utf-8")
-    options = ["--dry-run", "--config", "rehearsal.toml", "--shapes", "bar:3.0", "--to", "finger.toml", "--yes", "--json"]
+    options = ["--dry-run", "--config", "rehearsal.toml", "--to", "finger.toml", "--yes", "--json"]
+    options += ["--shapes", "bar:3.0"]  # the indentor that is on the bench
     command = [sys.executable, "-m", "rig", "identify", *options]
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     notes = read_run(Path(folder, json.loads(done.stdout)["run"])).stream("note")
