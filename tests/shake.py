@@ -1,8 +1,8 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
 Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move
-(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, all commands with an empty cache
-(studies/speed/silence), and a million mutated files and a million mutated replies of devices (tests/fuzz/campaign).
+(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and a hundred times as many hostile files
+and replies as the suite has (tests/fuzz).
 Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
 
@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
-    parser.add_argument("--inputs", type=int, default=1_000_000, help="mutated files that the program reads")
+    parser.add_argument("--hostile", type=int, default=100, help="times as many hostile files and replies")
     parser.add_argument("--fingers", type=int, default=1000, help="examples of each machine of a finger that moves")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()
@@ -38,9 +38,7 @@ def main() -> None:
     if not (asked.no_campaign or asked.tests):
         failed.update(campaign())
         failed.update(moving_fingers(asked.fingers))
-        failed.update(silences())
-        failed.update(hostile_files(asked.inputs))
-        failed.update(hostile_files(asked.inputs, "--devices"))
+        failed.update(hostile(asked.hostile))
     for name, times in failed.most_common():
         print(f"{times} × {name}")
     print(f"{failed.total()} failures")
@@ -84,17 +82,11 @@ def moving_fingers(examples: int) -> Iterator[str]:
         yield f"a finger that moves, FINGER_SEED={seed}"
 
 
-def silences() -> Iterator[str]:
-    """All commands with an empty cache, none of which may be silent for long."""
-    if subprocess.run([sys.executable, "-m", "studies.speed.silence"], check=False).returncode:
-        yield "a command is silent for too long"
-
-
-def hostile_files(inputs: int, *options: str) -> Iterator[str]:
-    """Files of every kind that the program reads, or replies of devices, mutated; prints what fails."""
-    command = [sys.executable, "-m", "tests.fuzz.campaign", "--inputs", str(inputs), *options]
-    if subprocess.run(command, check=False).returncode:
-        yield f"a mutated {'reply' if options else 'file'}"
+def hostile(times: int) -> Iterator[str]:
+    """Hostile files of every kind that the program reads, and replies of devices, from a new seed each time."""
+    command = [sys.executable, "-m", "pytest", "-n", "2", "-q", "tests/fuzz"]
+    if subprocess.run(command, env=os.environ | {"HOSTILE": str(times)}, check=False).returncode:
+        yield "a hostile file or reply"
 
 
 @contextmanager

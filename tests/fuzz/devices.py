@@ -1,21 +1,19 @@
-"""Odd lines and frames for the parsers of all device drivers: one reader for each table of tests/contracts/bytes.
+"""Odd lines and frames for the parsers of all device drivers, by the tables of tests/contracts/bytes.
 
-A "file" is one reply: how it travels, what the driver is doing, and the bytes. A kind of device is included by its
-table, which the contract asks of every entry in the registry.
+A kind of device is included by its table, which the contract asks of every entry in the registry.
 """
 
 import importlib
 import math
 import pkgutil
-import random
 import struct
-from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+from hypothesis import strategies as st
 
 from rig.devices.base import ForceError, StageError
 from rig.errors import RigError
@@ -23,15 +21,23 @@ from rig.transport import TransportError
 from tests.contracts import force, stage
 from tests.contracts.force import Connected, ForceBytes
 from tests.contracts.stage import StageBench, StageBytes
-from tests.fuzz import mutations as of
-from tests.fuzz.readers import Reader
+from tests.fuzz.hostile import hostile
 
-IN_SUITE = 1000
-"""Odd replies of each kind of device."""
 SEALED, PATCHED, RAW = range(3)
 """The reply in its frame; in a frame that is changed by three bytes; as it is."""
 READ_S, MOST_READS = 2e-3, 100_000
 """What each read of the wire takes, so that no device answers in no time; and how many there may be."""
+
+
+class Reply(NamedTuple):
+    """A reply: how it travels, whether again and again, what the driver does (by its number), and the bytes."""
+
+    form: int
+    always: bool
+    verb: int
+    content: bytes
+
+
 STOPPED = ("new", "rested", "slowing", "held")
 
 
@@ -91,11 +97,16 @@ class Parser:
     def verbs(self) -> Sequence[Callable[[Any], object]]:
         raise NotImplementedError
 
-    def read(self, path: Path) -> None:
-        """Hear the reply in a file. Raises the device's own errors, and AssertionError if anything else happens."""
-        how, verb, *reply = path.read_bytes().ljust(2, b"\0")
+    def hear(self, replies: Sequence[Reply]) -> None:
+        """Hear replies, one after another. Raises AssertionError if anything but the device's own errors happens."""
+        self._bench = None
+        for reply in replies:
+            with suppress(self.own, TransportError):
+                self._hear(reply)
+
+    def _hear(self, reply: Reply) -> None:
         self._odd.reply = None
-        act = self.verbs[verb % len(self.verbs)]
+        act = self.verbs[reply.verb % len(self.verbs)]
         bench, self._bench = self._bench, None
         self._reads = 0
         if bench is None or not self._may_stay(bench, act):
@@ -103,7 +114,7 @@ class Parser:
             self._bounded(bench)
         self._before(bench, act)
         begun_s = bench.clock.monotonic_s()
-        self._odd.form, self._odd.always, self._odd.reply = how % 3, how % 2 == 1, bytes(reply)
+        self._odd.form, self._odd.always, self._odd.reply = reply.form, reply.always, reply.content
         try:
             with self._only_own_errors():
                 act(bench)
@@ -224,26 +235,19 @@ def _usual(table: ForceBytes | StageBytes) -> bytes:
     return found[0] if isinstance(found, tuple) else found
 
 
-def _mutated(rng: random.Random, examples: Sequence[bytes], replies: Sequence[bytes]) -> bytes:
-    """Return a reply of the table, or noise, with mutations, in one of the ways."""
-    some = rng.choice(replies) if rng.random() < 0.6 else examples[0][2:]
-    form = rng.choice((SEALED, PATCHED, RAW)) + 3 * rng.randrange(2)
-    if form % 3 == PATCHED and rng.random() < 0.7:
-        return bytes([form, rng.randrange(4)]) + some + rng.randbytes(3)
-    odd = of.of_bytes(rng, [some, *replies]) if rng.random() < 0.8 else rng.randbytes(rng.randrange(1, 60)) + b"\r\n"
-    return bytes([form, rng.randrange(4)]) + odd[:4000]
+def conversations(table: ForceBytes | StageBytes) -> st.SearchStrategy[list[Reply]]:
+    """Return a strategy for some replies of a table, changed, or noise, each with what the driver does."""
+    noise = st.binary(min_size=1, max_size=60).map(lambda some: some + b"\r\n")
+    odd = st.sampled_from(_replies(table)) | hostile(_replies(table)).map(lambda some: some[:4000]) | noise
+    patched = st.builds(bytes.__add__, st.sampled_from(_replies(table)), st.binary(min_size=3, max_size=3))
+    one = st.builds(Reply, st.sampled_from((SEALED, PATCHED, RAW)), st.booleans(), st.integers(0, 3), odd | patched)
+    return st.lists(one, min_size=1, max_size=5)
 
 
-def _reader(table: ForceBytes | StageBytes, in_suite: int) -> Reader:
-    parser: Parser = StageParser(table) if isinstance(table, StageBytes) else ForceParser(table)
-    example = bytes([SEALED, 0]) + _usual(table)
-    return Reader(
-        "reply", partial(_mutated, replies=_replies(table)), lambda _: [example], parser.read, in_suite=in_suite
-    )
+def parser_of(table: ForceBytes | StageBytes) -> Parser:
+    """Return the parser of a table."""
+    return StageParser(table) if isinstance(table, StageBytes) else ForceParser(table)
 
 
-_TABLES = list(tables())
-_OF_A_KIND = Counter(table.kind for table in _TABLES)
-DEVICES = {table.name: _reader(table, math.ceil(IN_SUITE / _OF_A_KIND[table.kind])) for table in _TABLES}
-"""The parser of every table, by its name."""
-KINDS = set(_OF_A_KIND)
+TABLES = {table.name: table for table in tables()}
+KINDS = {table.kind for table in TABLES.values()}

@@ -1,17 +1,11 @@
-"""One input after another for a reader: mutate, write, read, and look at what became of it."""
+"""One input after another for a reader of files: write it, read it, and see what became of it."""
 
 import fnmatch
 import os
-import random
 import shutil
-import warnings
 from pathlib import Path
 
-from tests.fuzz.devices import DEVICES
-from tests.fuzz.readers import READERS, Reader, failure_of
-
-EVERY: dict[str, Reader] = READERS | DEVICES
-"""Readers of files, and parsers of what devices send."""
+from tests.fuzz.readers import READERS, failure_of
 
 
 class Target:
@@ -26,7 +20,7 @@ class Target:
     """
 
     def __init__(self, name: str, folder: Path) -> None:
-        self.name, self._reader, self._folder = name, EVERY[name], folder
+        self._reader, self._folder = READERS[name], folder
         scratch = folder.with_name(f"{folder.name} examples")
         scratch.mkdir(parents=True)
         self.examples = list(self._reader.examples(scratch))
@@ -36,12 +30,6 @@ class Target:
         self._reader.beside(self.path)
         self._there = self._files()
         self.succeeded = False  # the last input was read without an error
-
-    def mutated(self, seed: int) -> bytes:
-        """Return the content of the file with a number."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of numbers that no type holds
-            return self._reader.mutate(random.Random(f"{self.name} {seed}"), self.examples)
 
     def failure(self, content: bytes) -> str:
         """Return what is wrong with how the program reads a file of this content, or nothing."""

@@ -1,13 +1,17 @@
-"""Files that once failed, by reader: what each is, and its content, or the number of a mutated example."""
+"""Files that once failed, by reader, and replies, by device: what each is, and its content."""
 
 import io
+import sqlite3
 import struct
 import zlib
 from collections.abc import Callable
+from contextlib import closing
 
 import h5py
 import numpy as np
 
+from rig.data.index import _MARK
+from tests.fuzz.devices import PATCHED, SEALED, Reply
 from tests.fuzz.readers import MAP_POINTS, MAP_ROWS, RATES, ROW
 
 DEEP = 20_000
@@ -26,7 +30,8 @@ def _nwb(change: Callable[[h5py.File], None]) -> bytes:
 
 def _instead(name: str, value: object) -> Callable[[h5py.File], None]:
     def change(file: h5py.File) -> None:
-        del file[name]
+        if name in file:
+            del file[name]
         file[name] = value
 
     return change
@@ -67,9 +72,19 @@ def _event(data: str, stream: str = '"mount"', t_s: str = "0.0") -> bytes:
     return (start + event + event.replace(data, '{"indentor": "bar:3.0"}')).encode()
 
 
+def _index(summary: bytes) -> bytes:
+    """Return an index of one run, whose summary is not checked by SQLite."""
+    with closing(sqlite3.connect(":memory:")) as index:
+        index.execute("CREATE TABLE runs (name TEXT PRIMARY KEY, mark TEXT, summary TEXT, holds TEXT, sum INTEGER)")
+        index.execute(f"PRAGMA user_version = {_MARK}")
+        index.execute("INSERT INTO runs VALUES ('complete', '', CAST(? AS TEXT), '[]', 0)", (summary,))
+        index.commit()
+        return index.serialize()
+
+
 _FINGER = b"[identified]\n[finger]\n"
 
-ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
+ONCE_FAILED: dict[str, dict[str, bytes]] = {
     "configuration": {
         "lists nested too deeply": b"a = " + b"[" * DEEP,
         "an integer of 5 000 digits": b"a = " + b"1" * 5000,
@@ -97,7 +112,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "height map, picture": {
         "an animation without frames": _png((b"acTL", bytes(8))),
-        "a color profile without a method": 5000289,
+        "a color profile without a method": _png((b"iCCP", b"")),
         "half the size that is a bomb": _png((b"IHDR", struct.pack(">IIBBBBB", 10_000, 10_000, 8, 0, 0, 0, 0))),
     },
     "table of rates or counts": {"a rate of 1e308": RATES.replace("30", "1e308").encode()},
@@ -116,11 +131,11 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "complex times": _nwb(_instead("units/spike_times", np.array([1 + 2j, 2, 3]))),
         "records": _nwb(_instead("units/spike_times", np.zeros(3, [("a", "f8")]))),
         "an index of NaN": _nwb(_instead("units/spike_times_index", [np.nan])),
-        "all pulses at one late time": 5000787,
+        "all pulses at one late time": _nwb(_instead("acquisition/sync_pulses/timestamps", [-(2**60)] * 4)),
         "an index that falls": _nwb(_instead("units/spike_times_index", [-2])),
     },
-    "index of runs": {"a text that is no UTF-8": 5000070},
-    "script of a run": {"thousands of strings in a line": 5000351},
+    "index of runs": {"a text that is no UTF-8": _index(b"\xff")},
+    "script of a run": {"thousands of strings in a line": b"def run(rig):\n    " + b'{"a":' * DEEP + b"}" * DEEP},
     "table of afferents": {
         "many signs of equality": b"afferent,shape,force_gwt,file\na1,step" + b"{a=" * 30_000 + b",5,rates.csv\n",
         "many number signs": b"afferent,shape,force_gwt,file\na1,step:1,5,a.nwb" + b"#" * 60_000 + b"\n",
@@ -147,7 +162,7 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
     },
     "checksums": {"bytes that are no text": b"\xff\n", "a line without a name": b"0" * 64 + b"\n", "no lines": b""},
     "course of a run": {
-        "half of a surrogate pair": 5000243,
+        "half of a surrogate pair": b'{"duration_s": 9.0, "passes": [["mou\\ud800nt", 1, 0, 0.0, ""]]}',
         "a duration of 400 digits": b'{"duration_s": ' + b"9" * 400 + b', "passes": []}',
         "marks that are a list": b'{"duration_s": 1.0, "passes": [["mount", 1, 0, 0.0, "", [1]]]}',
     },
@@ -156,7 +171,9 @@ ONCE_FAILED: dict[str, dict[str, bytes | int]] = {
         "a key that is no hexadecimal number": b'{"pid": 1, "kind": "run", "virtual": true, "ports": ["a"], '
         b'"began_unix_s": 1.0, "address": "/nowhere", "key": "xyz"}',
     },
-    "zaber": {"at rest, then at another place": b"\x03\x02@02 1 OK IDLE -- 1000"},
-    "leadshine_tcp": {"a fault in the status of a move": bytes.fromhex("0402 0203020072 d96ad1")},
 }  # fmt: skip
-"""A number is the seed of a mutation, whose file stays the same only as long as mutations and examples do."""
+
+REPLIES_ONCE_FAILED = {
+    "zaber": {"at rest, then at another place": Reply(SEALED, True, 2, b"@02 1 OK IDLE -- 1000")},
+    "leadshine_tcp": {"a fault in the status of a move": Reply(PATCHED, False, 2, bytes.fromhex("0203020072d96ad1"))},
+}

@@ -47,7 +47,6 @@ from sim.config import FingertipConfig
 from sim.contact.shapes import parse_shape
 from sim.models import cache as model_cache
 from sim.tables import TableError
-from tests.fuzz import mutations as of
 from tests.rig.compare import test_every_kind_of_recording as recorded
 from tests.rig.compare import test_neo_file as neo_files
 from tests.rig.identify.finger_file import SERIES, identified_file
@@ -64,8 +63,6 @@ class Reader:
     ----------
     file : str
         Name of the file, below an empty folder.
-    mutate : Mutation
-        How its examples are mutated.
     examples : callable
         Makes valid files, in a scratch folder.
     read : callable
@@ -75,16 +72,15 @@ class Reader:
     writes : tuple of str
         Patterns of files that the call may write, relative to the folder.
     in_suite : int
-        Share of a campaign's inputs; `make test` reads a quarter of so many, `make test-studies` all.
+        Hostile files that `make test` reads; `make shake` reads a multiple of them.
     """
 
     file: str
-    mutate: of.Mutation
     examples: Callable[[Path], Sequence[bytes]]
     read: Callable[[Path], object]
     beside: Callable[[Path], object] = lambda _: None
     writes: tuple[str, ...] = ()
-    in_suite: int = 1000
+    in_suite: int = 100
 
 
 BY_COMMANDS = (TableError, CodingError, NoStageError)
@@ -403,105 +399,104 @@ RUN_WRITES = ("*/out", "*/out/*", "*/*.csv", "*/data.h5", "*/SHA256SUMS", "*/.lo
 
 READERS: dict[str, Reader] = {
     "configuration": Reader(
-        "rig.toml", of.of_toml,
+        "rig.toml",
         _files(OLD / "small.toml", OLD / "complete" / "config.toml"),
         load_config,
-        in_suite=200,
+        in_suite=50,
     ),
     "configuration, for a stop": Reader(
-        "rig.toml", of.of_toml, _files(OLD / "small.toml"), stage_alone,
-        in_suite=200,
+        "rig.toml", _files(OLD / "small.toml"), stage_alone,
+        in_suite=50,
     ),
-    "identified finger": Reader("finger.toml", of.of_toml, _finger_files, read_finger_file,
-        in_suite=250,
+    "identified finger": Reader("finger.toml", _finger_files, read_finger_file,
+        in_suite=62,
     ),
     "plausible fingers": Reader(
-        "fingers.toml", of.of_toml,
+        "fingers.toml",
         lambda folder: [
             *_files(*sorted((EXAMPLES / "plausible_fingers").glob("*.toml")))(folder), *_finger_files(folder)
         ],
         read_plausible,
-        in_suite=500,
+        in_suite=100,
     ),
-    "parameter study": Reader("study.toml", of.of_toml, _texts(STUDY), read_study),
+    "parameter study": Reader("study.toml", _texts(STUDY), read_study),
     "points of a skin": Reader(
-        "points.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_points.csv"),
+        "points.csv", _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_points.csv"),
         _skin("points"),
-        in_suite=200,
+        in_suite=50,
     ),
     "sections of a finger": Reader(
-        "sections.csv", of.of_table, _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_sections.csv"),
+        "sections.csv", _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_sections.csv"),
         _skin("sections"),
-        in_suite=200,
+        in_suite=50,
     ),
-    "profile": Reader("a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path}")),
+    "profile": Reader("a.csv", _texts(PROFILE), lambda path: parse_shape(f"profile:{path}")),
     "profile of lines": Reader(
-        "a.csv", of.of_table, _texts(PROFILE), lambda path: parse_shape(f"profile:{path},linear")
+        "a.csv", _texts(PROFILE), lambda path: parse_shape(f"profile:{path},linear")
     ),
     "height map of points": Reader(
-        "a.csv", of.of_table, _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5,raised=low")
+        "a.csv", _texts(MAP_POINTS), lambda path: parse_shape(f"heightmap:{path},edge_mm=0.5,raised=low")
     ),
     "height map of rows": Reader(
         "a.csv",
-        of.of_table,
         _texts(MAP_ROWS),
         lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
-        in_suite=200,
+        in_suite=50,
     ),
     "height map, NumPy": Reader(
-        "a.npy", of.of_npy, _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
-        in_suite=400,
+        "a.npy", _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
+        in_suite=100,
     ),
     "height map, picture": Reader(
-        "a.png", of.of_png, _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3"),
-        in_suite=150,
+        "a.png", _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3"),
+        in_suite=38,
     ),
-    "table of rates or counts": Reader("a.csv", of.of_table, _texts(RATES, REPEATS, COUNTS), _recording()),
+    "table of rates or counts": Reader("a.csv", _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
-        "a.csv", of.of_table, _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
+        "a.csv", _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
     ),
-    "spike times": Reader("a.csv", of.of_table, _spike_rows, _spikes_in_a_table,
-        in_suite=700,
+    "spike times": Reader("a.csv", _spike_rows, _spikes_in_a_table,
+        in_suite=100,
     ),
-    "spike times, NWB": Reader("a.nwb", of.of_hdf5, _nwb, _recording("#7"),
-        in_suite=250,
+    "spike times, NWB": Reader("a.nwb", _nwb, _recording("#7"),
+        in_suite=62,
     ),
-    "spike times, NIX": Reader("a.nix", of.of_hdf5, _by_neo("NIX"), _recording("#unit 1"),
-        in_suite=3,
+    "spike times, NIX": Reader("a.nix", _by_neo("NIX"), _recording("#unit 1"),
+        in_suite=1,
     ),
     "spike times, Spike2": Reader(
-        "a.smr", of.of_bytes, _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=50
+        "a.smr", _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=12
     ),
     "spike times, Plexon": Reader(
-        "a.plx", of.of_bytes, _by_neo("Plexon"), _recording("#ch1#1", "sync=pulses"), in_suite=50
+        "a.plx", _by_neo("Plexon"), _recording("#ch1#1", "sync=pulses"), in_suite=12
     ),
     "spike times, NeuroExplorer": Reader(
-        "a.nex", of.of_bytes, _by_neo("NeuroExplorer"), _recording("#unit 1", "sync=pulses"), in_suite=50
+        "a.nex", _by_neo("NeuroExplorer"), _recording("#unit 1", "sync=pulses"), in_suite=12
     ),
-    "spike times, Blackrock": Reader("a.nev", of.of_bytes, _by_neo("Plexon"), _recording("#ch1#1"), in_suite=50),
+    "spike times, Blackrock": Reader("a.nev", _by_neo("Plexon"), _recording("#ch1#1"), in_suite=12),
     "Open Ephys, structure": Reader(
-        OEBIN, of.of_json, _inside(OEBIN), _open_ephys_recording(3),
-        beside=lambda path: _open_ephys(path.parents[3]), in_suite=50,
+        OEBIN, _inside(OEBIN), _open_ephys_recording(3),
+        beside=lambda path: _open_ephys(path.parents[3]), in_suite=12,
     ),
     "Open Ephys, times": Reader(
-        STAMPS, of.of_npy, _inside(STAMPS), _open_ephys_recording(5),
-        beside=lambda path: _open_ephys(path.parents[5]), in_suite=50,
+        STAMPS, _inside(STAMPS), _open_ephys_recording(5),
+        beside=lambda path: _open_ephys(path.parents[5]), in_suite=12,
     ),
-    "table of afferents": Reader("a.csv", of.of_table, _texts(AFFERENTS), _afferents, beside=_beside_the_table,
-        in_suite=250,
+    "table of afferents": Reader("a.csv", _texts(AFFERENTS), _afferents, beside=_beside_the_table,
+        in_suite=62,
     ),
-    "deflection of the skin": Reader("a.csv", of.of_table, _texts(SKIN), read_skin_deflection),
-    "deflection along the finger": Reader("a.csv", of.of_table, _texts(AXIAL), read_deflections),
-    "readings of a row": Reader("a.csv", of.of_table, _texts(ROW), lambda path: read_readings(path, _finger()),
-        in_suite=60,
+    "deflection of the skin": Reader("a.csv", _texts(SKIN), read_skin_deflection),
+    "deflection along the finger": Reader("a.csv", _texts(AXIAL), read_deflections),
+    "readings of a row": Reader("a.csv", _texts(ROW), lambda path: read_readings(path, _finger()),
+        in_suite=15,
     ),
-    "readings of a sheet": Reader("a.csv", of.of_table, _texts(SHEET), lambda path: read_readings(path, _finger()),
-        in_suite=80,
+    "readings of a sheet": Reader("a.csv", _texts(SHEET), lambda path: read_readings(path, _finger()),
+        in_suite=20,
     ),
-    "pressures": Reader("a.csv", of.of_table, _texts("pressure\n0\n1\n5\n2\n0\n"), read_pressures),
-    "script": Reader("a.py", of.of_bytes, _texts(SCRIPT), lambda path: load_script(str(path))),
+    "pressures": Reader("a.csv", _texts("pressure\n0\n1\n5\n2\n0\n"), read_pressures),
+    "script": Reader("a.py", _texts(SCRIPT), lambda path: load_script(str(path))),
     "journal": Reader(
-        "run/events.jsonl", of.of_json_lines, _short_journals,
+        "run/events.jsonl", _short_journals,
         _all_of(
             lambda path: show_command(path.parent, as_json=True),
             lambda path: show_command(path.parent),
@@ -511,64 +506,64 @@ READERS: dict[str, Reader] = {
             _bundle,
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=50,
+        in_suite=12,
     ),
     "journal, exported": Reader(
-        "run/events.jsonl", of.of_json_lines, _short_journals, lambda path: export_command(path.parent, as_csv=True),
+        "run/events.jsonl", _short_journals, lambda path: export_command(path.parent, as_csv=True),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=10,
+        in_suite=2,
     ),
     "journal, resumed": Reader(
-        "run/events.jsonl", of.of_json_lines, _short_journals, _resume, beside=_run_folder,
+        "run/events.jsonl", _short_journals, _resume, beside=_run_folder,
         writes=("*/events.jsonl", *RUN_WRITES),
-        in_suite=150,
+        in_suite=38,
     ),
     "provenance": Reader(
-        "run/provenance.json", of.of_json, _of_runs("provenance.json"),
+        "run/provenance.json", _of_runs("provenance.json"),
         _all_of(
             _resume, lambda path: show_command(path.parent), _bundle,
             lambda path: left_on_record(path.parents[1], load_config(None)),
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=40,
+        in_suite=10,
     ),
     "configuration of a run": Reader(
-        "run/config.toml", of.of_toml, _of_runs("config.toml"),
+        "run/config.toml", _of_runs("config.toml"),
         _all_of(_resume, lambda path: show_command(path.parent), _panel),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=60,
+        in_suite=15,
     ),
     "checksums": Reader(
-        "run/SHA256SUMS", of.of_bytes, _of_runs("SHA256SUMS"), _resume, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=300,
+        "run/SHA256SUMS", _of_runs("SHA256SUMS"), _resume, beside=_run_folder, writes=RUN_WRITES,
+        in_suite=75,
     ),
     "script of a run": Reader(
-        "run/protocol.py", of.of_bytes, _of_runs("protocol.py"), _all_of(_resume, _bundle), beside=_run_folder,
+        "run/protocol.py", _of_runs("protocol.py"), _all_of(_resume, _bundle), beside=_run_folder,
         writes=RUN_WRITES,
-        in_suite=60,
+        in_suite=15,
     ),
     "course of a run": Reader(
-        "run/timeline.json", of.of_json, _texts(json.dumps(COURSE)),
+        "run/timeline.json", _texts(json.dumps(COURSE)),
         _all_of(lambda path: Course.load(RunView(path.parent).folder), _panel, _bundle),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=60,
+        in_suite=15,
     ),
     "byte log": Reader(
-        "run/bytes.jsonl", of.of_json_lines, _texts(BYTES), _bundle, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=60,
+        "run/bytes.jsonl", _texts(BYTES), _bundle, beside=_run_folder, writes=RUN_WRITES,
+        in_suite=15,
     ),
     "index of runs": Reader(
-        f"runs/{INDEX}", of.of_bytes, _indexes, lambda path: runs_command(path.parent, as_json=True),
+        f"runs/{INDEX}", _indexes, lambda path: runs_command(path.parent, as_json=True),
         beside=lambda path: shutil.copytree(OLD / "complete", path.parent / "complete"),
         writes=(f"*{INDEX}*",),
-        in_suite=80,
+        in_suite=20,
     ),
-    "memory of a bench": Reader("a.json", of.of_json, _texts(json.dumps(KNOWN)), _memory),
+    "memory of a bench": Reader("a.json", _texts(json.dumps(KNOWN)), _memory),
     "notes of owners": Reader(
-        "a.json", of.of_json, _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=200
+        "a.json", _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=50
     ),
     "model in the cache": Reader(
-        "a.model", of.of_bytes, _model_files, lambda path: model_cache._read(path, "key", None)
+        "a.model", _model_files, lambda path: model_cache._read(path, "key", None)
     ),
 }  # fmt: skip
 

@@ -1,25 +1,72 @@
 """Every file that the program reads, and every reply of a device: a success, or its own error with a code.
 
-In the suite a thousand replies to each kind of device, 250 files for each quick reader, fewer for slow ones, and all
-that once failed. `make test-studies` reads a thousand files, `make shake` a million (tests/fuzz/campaign.py). The
-program reads in this process here; limits of time and memory are the campaign's.
+HOSTILE=100 reads a hundred times as many files and hears as many more replies, from a seed of their own (make shake);
+then each file may take 5 s of processor time and 1 GB.
 """
 
 import math
-from collections.abc import Callable
+import os
+import resource
+import signal
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import NoReturn
 
 import pytest
+from hypothesis import HealthCheck, given, settings
 
 from rig.devices.base import ForceError, ForceReading, StageError
 from rig.devices.registry import BUILT_IN
 from tests.contracts.force import Connected, ForceBytes
 from tests.fuzz import devices
-from tests.fuzz.campaign import shares
-from tests.fuzz.harness import EVERY, Target
-from tests.fuzz.once_failed import ONCE_FAILED
-from tests.fuzz.readers import NOT_READ, failure_of
+from tests.fuzz.harness import Target
+from tests.fuzz.hostile import hostile
+from tests.fuzz.once_failed import ONCE_FAILED, REPLIES_ONCE_FAILED
+from tests.fuzz.readers import NOT_READ, READERS, failure_of
+
+TIMES = int(os.environ.get("HOSTILE", "0"))
+MOST_S, MOST_BYTES = 5.0, 1 << 30
+CONVERSATIONS = 60
+
+
+def examples(number: int) -> settings:
+    """Return settings for so many examples, always the same ones unless HOSTILE says how many times more."""
+    return settings(
+        max_examples=number * max(TIMES, 1), derandomize=not TIMES, database=None, deadline=None,
+        suppress_health_check=list(HealthCheck), print_blob=True,
+    )  # fmt: skip
+
+
+class TooLongError(BaseException):
+    """A file takes longer than it may."""
+
+
+@contextmanager
+def bounded() -> Iterator[None]:
+    """End what takes longer than it may."""
+
+    def end(*_: object) -> NoReturn:
+        raise TooLongError(f"more than {MOST_S:g} s of processor time")
+
+    before = signal.signal(signal.SIGPROF, end)
+    signal.setitimer(signal.ITIMER_PROF, MOST_S if TIMES else 0.0)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, before)
+
+
+@pytest.fixture(autouse=True)
+def little_memory() -> Iterator[None]:
+    """Leave a campaign 1 GB beyond what the process has."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    if TIMES:
+        size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        resource.setrlimit(resource.RLIMIT_AS, (size + MOST_BYTES, before[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_AS, before)
 
 
 @pytest.fixture
@@ -31,31 +78,26 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
-@pytest.mark.quick(rows=lambda name, part: part == "a quarter" or name in devices.DEVICES)
-@pytest.mark.parametrize("part", ["a quarter", "the rest"])
-@pytest.mark.parametrize("name", EVERY)
-def test_a_reader_ends_well(name: str, part: str, here: Path) -> None:
-    target, count = Target(name, here / "files"), EVERY[name].in_suite
+@pytest.mark.parametrize("name", READERS)
+def test_a_hostile_file_is_read_or_refused_with_a_code(name: str, here: Path) -> None:
+    target = Target(name, here / "files")
     for example in target.examples:
         assert target.failure(example) == ""
         assert name in NOT_READ or target.succeeded
-    failed = {}
-    quarter = math.ceil(count / 4)
-    for seed in range(quarter) if part == "a quarter" else range(quarter, count):
-        if what := target.failure(target.mutated(seed)):
-            failed[seed] = what
-    assert failed == {}
+    for what, content in ONCE_FAILED.get(name, {}).items():
+        assert target.failure(content) == "", what
+
+    @examples(READERS[name].in_suite)
+    @given(content=hostile(target.examples))
+    def ends_well(content: bytes) -> None:
+        with bounded():
+            assert target.failure(content) == ""
+
+    ends_well()
     assert [path.name for path in here.iterdir()] == ["files"]
 
 
-@pytest.mark.parametrize("name", ONCE_FAILED)
-def test_what_once_failed(name: str, here: Path) -> None:
-    target = Target(name, here / "files")
-    for what, content in ONCE_FAILED[name].items():
-        assert target.failure(target.mutated(content) if isinstance(content, int) else content) == "", what
-
-
-def test_the_harness_sees_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_harness_sees_what_is_wrong(tmp_path: Path) -> None:
     path = tmp_path / "a"
 
     def raising(error: BaseException) -> str:
@@ -71,20 +113,26 @@ def test_the_harness_sees_what_is_wrong(tmp_path: Path, capsys: pytest.CaptureFi
     assert raising(FileNotFoundError(2, "No such file", "a")) == ""
 
 
-def test_a_million_inputs_leave_none_out() -> None:
-    each = shares(1_000_000, list(EVERY))
-    assert sum(each.values()) == pytest.approx(1_000_000, rel=1e-3)
-    assert min(each.values()) >= 100
-
-
 # --- devices ---
 
 
 def test_every_kind_of_device_is_in_the_table() -> None:
     assert {name for names in BUILT_IN.values() for name in names} == devices.KINDS
-    for kind in devices.KINDS:
-        of_a_kind = [table.name for table in devices.tables() if table.kind == kind]
-        assert sum(EVERY[name].in_suite for name in of_a_kind) >= devices.IN_SUITE
+
+
+@pytest.mark.parametrize("name", devices.TABLES)
+def test_a_driver_raises_only_its_own_errors_in_bounded_time_and_moves_nothing(name: str) -> None:
+    table = devices.TABLES[name]
+    parser = devices.parser_of(table)
+    for reply in REPLIES_ONCE_FAILED.get(name, {}).values():
+        parser.hear([reply])
+
+    @examples(CONVERSATIONS)
+    @given(replies=devices.conversations(table))
+    def ends_well(replies: list[devices.Reply]) -> None:
+        parser.hear(replies)
+
+    ends_well()
 
 
 def raise_(error: Exception) -> NoReturn:
@@ -102,20 +150,19 @@ class Wrong:
 @pytest.mark.parametrize(
     ("mistake", "found"),
     [
-        (lambda bench: float("x"), "ValueError"),
-        (lambda bench: ForceReading(math.nan, True, 0.0), "AssertionError"),
-        (lambda bench: raise_(StageError("of another device")), "AssertionError"),
-        (lambda bench: bench.clock.wait_s(60.0), "AssertionError"),
-        (lambda bench: bench.wire.asked.append(bench.device.zero), "AssertionError"),
-        (lambda bench: [bench.wire.read(0.0) for _ in range(devices.MOST_READS + 1)], "AssertionError"),
-        (lambda bench: raise_(ForceError("its own")), ""),
+        (lambda bench: float("x"), ValueError),
+        (lambda bench: ForceReading(math.nan, True, 0.0), AssertionError),
+        (lambda bench: raise_(StageError("of another device")), AssertionError),
+        (lambda bench: bench.clock.wait_s(60.0), AssertionError),
+        (lambda bench: bench.wire.asked.append(bench.device.zero), AssertionError),
+        (lambda bench: [bench.wire.read(0.0) for _ in range(devices.MOST_READS + 1)], AssertionError),
+        (lambda bench: raise_(ForceError("its own")), None),
     ],
 )
 def test_a_parser_with_a_mistake_is_seen(
-    mistake: Callable[[Connected], object], found: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    mistake: Callable[[Connected], object], found: type[Exception] | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    table = next(table for table in devices.tables() if isinstance(table, ForceBytes))
-    parser = devices.ForceParser(table)
+    parser = devices.ForceParser(next(one for one in devices.TABLES.values() if isinstance(one, ForceBytes)))
     made = parser._new
 
     def with_a_mistake() -> Connected:
@@ -124,5 +171,9 @@ def test_a_parser_with_a_mistake_is_seen(
         return bench
 
     monkeypatch.setattr(parser, "_new", with_a_mistake)
-    (tmp_path / "reply").write_bytes(b"\0\0")
-    assert failure_of(parser.read, tmp_path / "reply").partition(":")[0] == found
+    heard = devices.Reply(devices.SEALED, False, 0, b"")
+    if found is None:
+        parser.hear([heard])
+    else:
+        with pytest.raises(found):
+            parser.hear([heard])

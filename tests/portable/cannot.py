@@ -30,7 +30,7 @@ CANNOT = {
     "rig/real_time/test_who_gives_way.py::test_a_served_finger_gives_way_to_nobody": _NICE,
     "rig/real_time/test_who_gives_way.py::test_a_session_s_niceness": _NICE,
     "rig/real_time/test_who_gives_way.py::test_each_gives_way": _NICE,
-    "rig/test_at_work.py::test_both_devices_name_it": _UNNAMED,
+    "rig/test_at_work.py::test_status_and_doctor_name_the_owner_of_both_ports": _UNNAMED,
     "rig/test_control_socket.py::test_only_this_user_reads_the_note_and_the_socket[unix]": _UNIX,
     "rig/test_control_socket.py::test_a_path_too_long_for_a_socket_is_replaced": _UNIX,
     "rig/test_control_socket.py::test_the_longest_path_for_a_socket": _UNIX,

@@ -26,6 +26,7 @@ from tests.rig.test_by_hand import AtHand, codes
 ZERO, TRIP_N, CLEARANCE_MM, TOUCH_GWT = ForceZero(0.0, 0.0), 0.16, 2.0, 0.05
 AXES = [(kind, axis) for kind in STAGES for axis in ("x", "y") if axis == "x" or kind == "grbl"]
 """Only one of the stages moves along the finger."""
+UPS_MM, AFTER_S = (2.3, 3.0, 4.0), (0.3, 1.7, 2.9)
 RISES_MM_S, LATE_S = 20.0, 0.25  # how fast the finger moves; a sample of the sensor and its reply
 
 
@@ -62,6 +63,11 @@ class Finger(Spring):
         return 0.002
 
 
+def in_square(*at: int) -> bool:
+    """Return whether a row belongs to the third of a table that has every pair of values."""
+    return sum(at) % 3 == 0
+
+
 def limit_mm(bench: AtHand) -> float:
     """Longest way in contact, as documented, from where this softer finger reaches the touch threshold."""
     trip_gwt, unknown = Trips(bench.config.limits, None).lowest_gwt, FingerStiffness.unknown()
@@ -94,10 +100,15 @@ def test_no_motion_sideways_begins_on_a_finger_that_came_up_after_the_lift(
     assert bench.hand.measured_contact().kind == "lifted"
 
 
+@pytest.mark.quick(
+    rows=lambda kind, axis, up_mm, for_s, after_s: in_square(
+        [*STAGES].index(kind), UPS_MM.index(up_mm), AFTER_S.index(after_s)
+    )
+)
 @pytest.mark.parametrize(("kind", "axis"), AXES)
-@pytest.mark.parametrize("up_mm", [2.3, 3.0, 4.0])
+@pytest.mark.parametrize("up_mm", UPS_MM)
 @pytest.mark.parametrize("for_s", [0.3, math.inf], ids=["pulse", "stays"])
-@pytest.mark.parametrize("after_s", [0.3, 1.7, 2.9])
+@pytest.mark.parametrize("after_s", AFTER_S)
 def test_a_finger_that_comes_up_in_a_motion_sideways_ends_it_and_is_lifted_off(
     kind: str, axis: str, up_mm: float, for_s: float, after_s: float
 ) -> None:
@@ -258,8 +269,11 @@ def test_the_page_before_a_run_says_nothing_of_a_lift_on_record_and_when_a_touch
 # --- zero ---
 
 
+@pytest.mark.quick(
+    rows=lambda kind, up_mm, at_s: in_square([*STAGES].index(kind), UPS_MM.index(up_mm), round(at_s / 0.15))
+)
 @pytest.mark.parametrize("kind", STAGES)
-@pytest.mark.parametrize("up_mm", [2.3, 3.0, 4.0])
+@pytest.mark.parametrize("up_mm", UPS_MM)
 @pytest.mark.parametrize("at_s", [0.0, 0.15, 0.3, 0.45, 0.6, 0.75, 0.9])
 def test_a_finger_that_comes_up_in_a_zero_is_not_zeroed_away(kind: str, up_mm: float, at_s: float) -> None:
     """It came up before, at any instant of it, or in the lift; what is then zero is less than a touch."""

@@ -3,7 +3,6 @@
 A command that only a program starts, and help, say nothing of it.
 
 Work is replaced by a function that looks at standard error when it is first called; no test waits or asserts seconds.
-How long commands are silent is measured by `python -m studies.speed.silence`, which `make shake` runs.
 """
 
 import importlib
@@ -28,7 +27,6 @@ from rig.control.stop import OwnedStage
 from rig.plan.config import load_config
 from rig.session.resume import StoppedRun, read_stopped
 from sim.models.fingertip import Fingertip
-from studies.speed.silence import WORDS
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 LOAD = "sim.models.fingertip.Fingertip.load"
@@ -108,9 +106,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_walk_has_every_command() -> None:
-    """And so has the study of how long they are silent, but for those that only a program starts."""
     assert WALK.keys() == COMMANDS.keys()
-    assert WORDS.keys() == {name for name, command in COMMANDS.items() if not command.by_program}
 
 
 @pytest.mark.usefixtures("here")

@@ -4,7 +4,7 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -12,7 +12,7 @@ from typing import NamedTuple
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
 from rig.compare.recordings.number_cells import number_format
-from rig.compare.recordings.reading import Reading, read_recordings, unit_of
+from rig.compare.recordings.reading import Reading, read_recordings, signs_of_a_copy
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
@@ -58,7 +58,7 @@ def read_afferents(
     table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
     named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
     found: Recordings = {}
-    seen: dict[tuple[str, str, str], _Named] = {}
+    seen: dict[Hashable, _Named] = {}
     for one in named:
         try:
             ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
@@ -102,7 +102,7 @@ def _refuse(
     key: str,
     recording: Recording,
     found: Recordings,
-    seen: dict[tuple[str, str, str], _Named],
+    seen: dict[Hashable, _Named],
     stimuli: Sequence[StimulusRow],
 ) -> None:
     """Refuse a shape that the runs do not have, and a recording that is named twice, also as a copy."""
@@ -127,18 +127,23 @@ def _refuse(
             afferent=one.afferent,
             shape=key,
         )
-    same = seen.setdefault((recording.sha256, unit_of(one.file), "" if recording.spikes is None else key), one)
-    if same is not one:
-        copy = "" if Path(one.file).resolve() == Path(same.file).resolve() else ", in a file with the same content"
-        raise RecordingError(
-            "{file} is the recording of {shape} of afferent {other} already ({where}){copy}",
-            code="file_twice",
-            copy=copy,
-            file=one.file,
-            shape=same.shape,
-            other=same.afferent,
-            where=same.where,
-        )
+    for sign in signs_of_a_copy(recording, one.file):
+        same = seen.setdefault((sign, "" if recording.spikes is None else key), one)
+        if same is not one:
+            copy = (
+                ""
+                if Path(one.file).resolve() == Path(same.file).resolve()
+                else ", in a file with the same rates or spikes"
+            )
+            raise RecordingError(
+                "{file} is the recording of {shape} of afferent {other} already ({where}){copy}",
+                code="file_twice",
+                copy=copy,
+                file=one.file,
+                shape=same.shape,
+                other=same.afferent,
+                where=same.where,
+            )
 
 
 def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str, Recording]:

@@ -143,13 +143,9 @@ def header_name(text: str, of: Dimension) -> HeaderName:
     return HeaderName(_plain(text), "", False, 1.0)
 
 
-def unknown_unit_of_rates(text: str) -> str:
-    """Return the word in the name of a column of rates that may be an unknown unit, e.g. "spm", "" for none."""
-    said = header_name(text, RATE)
-    words = said.words.split()
-    if said.unit or not ("per" in words or any(means(" ".join(words[:n]), "rate") for n in range(1, len(words)))):
-        return ""
-    return "" if means(said.words, "rate") or words[-1] in _AVERAGES else words[-1]
+def names_a_rate(text: str) -> bool:
+    """Return whether the name of a column means a rate, such as "FR" or "mean_rate", also without a unit."""
+    return means(" ".join(word for word in header_name(text, RATE).words.split() if word not in _AVERAGES), "rate")
 
 
 _AVERAGES = ("mean", "avg", "average", "median")

@@ -22,7 +22,7 @@ from rig.compare.recordings.column_units import (
     header_name,
     is_own_unit,
     means,
-    unknown_unit_of_rates,
+    names_a_rate,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
 from rig.compare.recordings.table_cells import table_lines
@@ -340,7 +340,9 @@ def _may_be_a_condition(rows: Sequence[Row], name: str) -> bool:
     return len(set().union(*at.values())) <= len(rows) // 2 and any(len(values) > 1 for values in at.values())
 
 
-COLUMNS_HINT = "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN, or time=COLUMN:ms for spike times"
+COLUMNS_HINT = (
+    "; name yours with --columns, e.g. position=COLUMN:um,rate=COLUMN:Hz, or time=COLUMN:ms for spike times"
+)
 """Advice on a wrong header of a recording."""
 
 
@@ -500,9 +502,9 @@ _NEED_A_UNIT = (LENGTH, TIME, WINDOW, FORCE)
 
 
 def _refuse_unknown_unit(path: Path, row: int, name: str, column: RecordingColumn) -> None:
-    """Refuse a column whose unit is needed and is neither in its name nor stated, or is an unknown one of rates."""
+    """Refuse a column whose unit is needed and is neither in its name nor stated; what means a rate is in 1/s."""
     of = dimension_of(name)
-    if column.unit or not (of in _NEED_A_UNIT or (name == "rate" and unknown_unit_of_rates(column.name))):
+    if column.unit or not (of in _NEED_A_UNIT or (name == "rate" and not names_a_rate(column.name))):
         return
     raise RecordingError(
         "{path}, row {row}, column {column!r}: states no unit that is known ({units}); if it is {unit}, {remedy}",

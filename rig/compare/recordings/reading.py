@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -224,21 +224,39 @@ def read_recordings(
     return {str(key): one for key, one in found.items()}
 
 
+def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
+    """Return what two recordings have in common only if one is a copy: their file and sheet, and the same rates.
+
+    Spike times have all presses of a run, so their file may be named for several stimuli. Rates are compared if at
+    least three of them differ and are above 0: two stimuli may leave an afferent silent.
+    """
+    if found.spikes is not None:
+        return [(found.sha256, unit_of(file))]
+    sheet = file_and_sheet(Path(file))[1]
+    rates = tuple(tuple(sorted(some.tolist())) for some in found.repeats)
+    tell = len({rate for some in rates for rate in some} - {0.0}) >= _FEWEST_RATES
+    return [(found.sha256, sheet)] + [(tuple(found.position_mm.tolist()), rates)] * tell
+
+
+_FEWEST_RATES = 3
+
+
 def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:
-    """Refuse a table that is the recording of two stimuli: it would count twice. Spike times have all presses."""
-    seen: dict[str, ShapeKey] = {}
+    """Refuse a table that is the recording of two stimuli: it would count twice."""
+    seen: dict[Hashable, ShapeKey] = {}
     for key, one in found.items():
-        other = seen.setdefault(one.sha256, key) if one.spikes is None else key
-        if other != key:
-            raise RecordingError(
-                "--recorded {shape}={file}: the recording of {other} already, in {other_file}; the rates of one "
-                "stimulus are not those of another: name a file of its own for each",
-                code="file_twice",
-                shape=str(key),
-                file=files[key],
-                other=str(other),
-                other_file=files[other],
-            )
+        signs = signs_of_a_copy(one, files[key]) if one.spikes is None else []
+        for other in (seen.setdefault(sign, key) for sign in signs):
+            if other != key:
+                raise RecordingError(
+                    "--recorded {shape}={file}: the recording of {other} already, in {other_file}, with the same "
+                    "rates; those of one stimulus are not those of another: name a file of its own for each",
+                    code="file_twice",
+                    shape=str(key),
+                    file=files[key],
+                    other=str(other),
+                    other_file=files[other],
+                )
 
 
 def _shape_and_file(text: str) -> tuple[str, str]:

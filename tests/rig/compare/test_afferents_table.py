@@ -35,8 +35,9 @@ def folder(tmp_path: Path) -> Path:
         peak = {"a": "9", "b": "8", "c": "7", "d": "6"}[name]
         (tmp_path / f"{name}.csv").write_text(CSV.replace("9", peak), encoding="utf-8")
     (tmp_path / "copy_of_d.csv").write_text((tmp_path / "d.csv").read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "d_written_otherwise.csv").write_text(CSV.replace("9", "6.0"), encoding="utf-8")
     (tmp_path / "bad.csv").write_text(CSV.replace("5,4", "5,x"), encoding="utf-8")
-    (tmp_path / "named.csv").write_text(CSV.replace("rate", "Q"), encoding="utf-8")
+    (tmp_path / "named.csv").write_text(CSV.replace("rate", "Q").replace("9", "5.5"), encoding="utf-8")
     return tmp_path
 
 
@@ -64,8 +65,8 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
 
 def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     header = "afferent,shape,file,columns"
-    path = table(folder, "a1,bar:3,named.csv,rate=Q;position=position_mm", "a2,bar:3,a.csv,", header=header)
-    assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 9, 4]
+    path = table(folder, "a1,bar:3,named.csv,rate=Q:Hz;position=position_mm", "a2,bar:3,a.csv,", header=header)
+    assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 5.5, 4]
 
 
 def test_a_folder_of_folders(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
@@ -105,6 +106,7 @@ BAD = {
     "a1,bar:3,deep,a.csv": "no_number",
     "a9,bar:3,1.0,d.csv": "file_twice",
     "a10,bar:3,1.0,copy_of_d.csv": "file_twice",
+    "a11,bar:3,1.0,d_written_otherwise.csv": "file_twice",
     "a8,bar:3,,c.csv": "recorded_twice",
 }
 

@@ -88,6 +88,7 @@ def test_one_shape_at_several_forces(srp: Path) -> None:
         (["bar:3@8gwt={srp}", "bar:3@8.0gwt={srp}"], [], "recorded_twice", {"shape": "bar:3@8.0gwt"}),
         (["bar:3={srp}", "step:1={srp}"], [], "file_twice", {"shape": "step:1", "other": "bar:3"}),
         (["bar:3@8gwt={srp}", "bar:3@4gwt={srp}"], [], "file_twice", {"shape": "bar:3@4 gwt"}),
+        (["bar:3={srp}", "step:1={again}"], [], "file_twice", {"shape": "step:1", "other": "bar:3"}),
         (["bar:3={srp}"], ["step:1"], "nothing_to_mirror", {"shape": "step:1"}),
         (["bar:3@8gwt={srp}"], ["bar:3@2gwt"], "nothing_to_mirror", {"shape": "bar:3@2gwt"}),
     ],
@@ -95,8 +96,10 @@ def test_one_shape_at_several_forces(srp: Path) -> None:
 def test_what_is_named_wrongly(
     srp: Path, recorded: list[str], mirror: list[str], code: str, fields: dict[str, Any]
 ) -> None:
+    again = srp.with_name("written_otherwise.csv")
+    again.write_text(srp.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     with raises(RecordingError, code, **fields):
-        read_recordings([text.format(srp=srp) for text in recorded], mirror, [], Reading())
+        read_recordings([text.format(srp=srp, again=again) for text in recorded], mirror, [], Reading())
 
 
 def test_columns_without_a_recording() -> None:

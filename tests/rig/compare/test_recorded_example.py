@@ -14,7 +14,6 @@ from rig.compare.example import (
     positions,
     recorded,
     rehearse,
-    with_errors,
 )
 from rig.report.example_page import Level, lead_sentences, moved_axes, undecided
 from sim.config import FingertipConfig
@@ -36,13 +35,6 @@ def test_the_rehearsal_holds_every_recorded_position_of_a_receptor_at_0() -> Non
     x_mm = positions()
     assert set(recorded("static").position_mm.round(6)) <= set(x_mm)
     assert np.abs(x_mm).max() <= FARTHEST_MM + 1e-9
-
-
-def test_digitization_errors_are_those_of_the_source() -> None:
-    found, first = recorded("dynamic"), with_errors(recorded("dynamic"), np.random.default_rng(1))
-    assert 0 < np.abs(first.position_mm - found.position_mm).max() <= 0.05
-    assert 0 < np.abs(first.rate - found.rate).max() <= 3.0
-    assert (first.rate[found.rate == 0] == 0).all()
 
 
 def test_rates_of_a_proportional_ramp() -> None:

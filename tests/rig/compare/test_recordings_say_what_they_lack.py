@@ -811,7 +811,7 @@ DOUBLES = {
 OTHER_UNITS = {
     "position": ("position_steps", "pos_thou", "x mils", "angle deg", "x_px", "position_deg", "index", "x"),
     "window": ("window_frames", "window_samples", "bins", "window"),
-    "rate": ("rate_spm", "rate_per_trial", "rate_zscore", "spikes per trial"),
+    "rate": ("rate_spm", "rate_per_trial", "rate_zscore", "spikes per trial", "norm rate", "dF/F", "response", "z"),
     "time": ("t", "time_ticks", "frames"),
 }
 
@@ -836,8 +836,10 @@ UNKNOWN_UNITS = {
                                  ("position=pos_thou:um",), rates=ALL, read_as="pos_thou as position in um"),
     "rate_mean": Case("a mean is no unit", named("rate", "rate_mean"), ("rate=rate_mean",), rates=ALL,
                       read_as="rate_mean as rate in 1/s"),
-    "rate=response": Case("a name without a unit is taken as 1/s, and said", named("rate", "response"),
-                          ("rate=response",), rates=ALL, read_as="response as rate in 1/s"),
+    "mean FR": Case("also of another name", named("rate", "mean FR"), ("rate=mean FR",), rates=ALL,
+                    read_as="mean FR as rate in 1/s"),
+    "rate=response:1/s": Case("stated", named("rate", "response"), ("rate=response:1/s",), rates=ALL,
+                              read_as="response as rate in 1/s"),
     "unit in brackets": Case(
         "the remedy has no unit that would be wrong", table("position (mil),rate", "1,6", "2,24", "3,12"),
         code="unknown_unit", says=("convert the numbers", "position=position (mil):UNIT"),
