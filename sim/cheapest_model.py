@@ -135,7 +135,7 @@ def _reach(
 
 # --- expected errors ---
 #
-# The study `choice-table` measured errors and costs by family of shapes, depth and position.
+# `python -m studies.choice.table` measures errors and costs by family of shapes, depth and position.
 
 FILE = "expected_errors.json"
 
@@ -221,7 +221,7 @@ def bundled() -> Expected:
 
 
 def from_json(text: str) -> Expected:
-    """Read the table that the study `choice-table` wrote."""
+    """Read the table that `studies/choice/table.py` writes."""
     content = json.loads(text)
     largest = {
         Cell(row["family"], row["depth_mm"], row["place_mm"]): {

@@ -85,15 +85,7 @@ def test_a_measure_is_settled_where_it_leads_at_every_level() -> None:
     assert moved_axes(LEVELS[:2], "static") == []
 
 
-@pytest.mark.parametrize(
-    "more",
-    [["runs/one"], ["--recorded", "bar:3=x.csv"], ["--place"], ["--friction", "0.3"], ["--normalize"], ["--exact"]],
-)
+@pytest.mark.parametrize("more", [["runs/one"], ["--friction", "0.3"]])
 def test_an_option_that_the_example_would_ignore_is_refused(more: list[str], program: Program) -> None:
     ended = program("compare", "--example", "bar3", *more, "--json")
     assert (ended.code, ended.json["code"]) == (2, "example_alone")
-
-
-def test_an_example_that_is_not_shipped_is_refused(program: Program) -> None:
-    ended = program("compare", "--example", "bar4", "--json")
-    assert (ended.code, ended.json["code"]) == (2, "no_such_example")
