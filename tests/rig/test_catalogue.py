@@ -2,7 +2,6 @@
 
 import io
 import json
-import os
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -22,7 +21,6 @@ from rig.bench.virtual import (
     with_kinds,
     with_stand_ins,
 )
-from rig.cli.device_catalogue import as_markdown
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
@@ -114,17 +112,6 @@ def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> No
     assert f"`{name}`" in page.read_text(encoding="utf-8") or f'"{name}"' in page.read_text(encoding="utf-8")
     assert not [twin for twin in [entry.twin] if twin.startswith("rig.")]
     assert not entry.table or entry.settings
-
-
-def test_the_page_has_the_catalogue_that_the_command_prints() -> None:
-    """`rig config --devices --markdown`, without other packages."""
-    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-    found = as_markdown()
-    marked = f"<!-- rig config --devices --markdown -->\n{found}\n"
-    if os.environ.get("GOLDEN") == "write":
-        page = re.sub(r"<!-- rig config --devices --markdown -->\n(\|.*\n)*\n", lambda _: marked, page)
-        (ROOT / "docs" / "devices.md").write_text(page, encoding="utf-8")
-    assert marked in page
 
 
 @every_kind

@@ -23,10 +23,15 @@ from tests.rig.test_followed_pages import PAGES as FOLLOWED
 from tests.rig.test_followed_pages import expanded
 
 ROOT = Path(__file__).parents[2]
+GENERATED = (
+    *("columns.md", "commands.md", "device_interface.md", "json_output.md"),
+    *("python_names.md", "settings.md", "studies.md"),
+)
+"""Read off the program when the site is built."""
 PAGES = sorted(
     path
     for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / "examples").rglob("*.md")]
-    if path.name not in ("columns.md", "commands.md", "python_names.md", "studies.md")  # read off the program
+    if path.name not in GENERATED and "gallery" not in path.parts
 )
 DRAWN = {"mermaid", "{toctree}", "{eval-rst}", "{literalinclude}", "{csv-table}"}
 
@@ -104,6 +109,7 @@ NOT_RUN = {
     "rig design --candidates ep1,sed,e12,s22,e11,mean --shapes step:1,bar:3.0,cylinder:3 --counts counts.csv": DESIGN,
     'rig compare RUN --recorded "step:1=session.nix#unit 1" --columns sync=TTL': "tests/rig/compare/test_neo_file.py",
     "rig compare RUN --recorded afferents.csv --out group.html": "tests/rig/compare/test_afferents_table.py",
+    "pip install examples/rig_line_scale": "tests/test_third_party_device.py",
     "pip install 'indentation-rig[cluster]'": NETWORK,
     "pip install 'indentation-rig[lsl]'": NETWORK,
     "pip install 'indentation-rig[bluesky]'": NETWORK,
@@ -120,7 +126,6 @@ NOT_RUN = {
     r".venv\Scripts\pip install -e .": "a command of Windows",
     r".venv\Scripts\rig doctor": "a command of Windows",
     # --- blocks, by their first line ---
-    "git clone https://github.com/gnea/grbl && git clone https://github.com/grbl/grbl-sim grbl/grbl/sim": NETWORK,
     "auto chose finger, level coarse: force and contact, no receptors; patch ± 3.30 × ± 3.50 mm; "
     "about 2.6 s of processor time …": PRINTED,
     "21 indentations, 0:05:43 left": PRINTED,
