@@ -21,6 +21,7 @@ from rig.compare.recordings.columns import (
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import (
+    SAME_PLACE_DECIMALS,
     FromSpikes,
     Recording,
     condition_of,
@@ -39,8 +40,6 @@ from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
-
-_SAME_PLACE_DECIMALS = 3
 
 
 SPIKES = (("time",), ("kind", "unit", "sync", "observed"))
@@ -320,7 +319,7 @@ def rates_in_run(
                 x_mm=x_mm,
                 hold_s=stop_s - start_s,
             )
-        at_mm = round(x_mm - centre_mm, _SAME_PLACE_DECIMALS)
+        at_mm = round(x_mm - centre_mm, SAME_PLACE_DECIMALS)
         if not times.observed(start_s + begin, start_s + end):
             lost_mm.append(at_mm)
             continue

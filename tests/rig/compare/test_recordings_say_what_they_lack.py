@@ -450,6 +450,52 @@ NUMBERS = {
                                                          "2;3;20"), code="no_number", says=("row 2", "'1 449'")),
 }  # fmt: skip
 
+TWICE = [(x, y + d, n) for n, d in ((1, -1), (2, 1)) for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True)]
+"""Two repeats at each position, whose means are the rates."""
+
+
+def twice(*last: str, shift_mm: float = 0.0, header: str = "position_mm,rate,repeat") -> Callable[[Path], str]:
+    """A table of repeats, the second ones at shifted positions, with more rows below."""
+    return table(header, *(f"{x + shift_mm * (n - 1)!r},{y},{n}" for x, y, n in TWICE), *last)
+
+
+ROWS = {
+    "positions that differ by a rounding error": Case("they are one position", twice(shift_mm=4e-16), rates=ALL),
+    "positions that differ by 0.1 µm": Case("they are one position", twice(shift_mm=1e-4), rates=ALL),
+    "positions that differ by 2 µm": Case("readings of a stage; four positions or eight?", twice(shift_mm=2e-3),
+                                          code="close_positions", says=("row 6", "-0.498", "row 2", "round")),
+    "positions 2 µm apart in one repeat": Case(
+        "two positions, and it is said", table("position_mm,rate", "-0.5,6", "-0.498,24", "0.25,12", "1,1"),
+        rates=ALL, read_as="-0.5 and -0.498 mm lie within 0.01 mm",
+    ),
+    "an sd is missing": Case("the others would not count either", table("position_mm,rate,sd", "-0.5,6,1", "0,24,",
+                                                                        "0.25,12,1"),
+                             code="no_number", says=("row 3", "sd", "0 or more")),
+    "an sd of no row": Case("there is none", table("position_mm,rate,sd", "-0.5,6,", "0,24,", "0.25,12,", "1,1,"),
+                            rates=ALL),
+    "an sd and repeats": Case("which of the two?", table("position_mm,rate,repeat,sd", *(
+        f"{x},{y},{n},9" for x, y, n in TWICE)), code="sd_and_repeats", says=("column sd", "delete")),
+    **{
+        f"a row with repeat {word!r}": Case("a summary is no press", twice(f"0,99,{word}"), code="no_repeat",
+                                            says=("row 10", repr(word), "delete"))
+        for word in ("", "Mean", "sum", "Mittelwert")
+    },
+    "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
+                                                                          "0,2,mean"), code="no_repeat"),
+    "repeats with names": Case("allowed", table("position_mm,rate,repeat", *(
+        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL),
+    "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
+                          code="totals", says=("row 6", "'43'", "sums")),
+    "a row of sums of counts": Case("no press", table("position_mm,count,window_s", "-1,6,1", "-.5,24,1", "1.5,12,1",
+                                                      "0,42,3"), ("window=1",), code="totals", says=("sums",)),
+    "a row of means": Case("no press", table("position_mm,rate", "-0.5,6", "0.1,24", "0.4,12", "1,1", "0.25,10.75"),
+                           code="totals", says=("means",)),
+    "a last press at the mean position": Case("its rate is not the mean's", table(
+        "position_mm,rate", "-0.5,6", "0,24", "0.25,12", "0.75,1", "0.125,11"), rates=[6, 24, 11, 12, 1]),
+    "the same rate everywhere": Case("a last press at 0 is no mean", table(
+        "position_mm,rate", "-1,6", "1,6", "-.5,6", ".5,6", "0,6"), rates=[6] * 5),
+}  # fmt: skip
+
 MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
 MS_SPIKES = {"units__spike_times": 1e3 * amplifier(TIMES)}
 
@@ -945,7 +991,7 @@ SHOWN = {
 }  # fmt: skip
 
 CASES = (
-    UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
+    UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
     | NO_PULSES_THERE | SHOWN
 )  # fmt: skip
 
