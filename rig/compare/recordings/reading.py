@@ -2,7 +2,7 @@
 
 import hashlib
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -189,7 +189,7 @@ def _close_positions(rows: list[tuple[Row, float]]) -> str:
         if one.cells.get(repeat) != other.cells.get(repeat):
             column = role_name("position")
             raise other.wrong(
-                column, "close_positions", "the position of row {first_row}, {first}, or at least {near_mm:g} mm from "
+                column, "close_positions", "the position of row {first_row}, {first}, or {near_mm:g} mm or more from "
                 "it: presses at one position are repeats only if it is the same number; round the positions",
                 first_row=one.row, first=one.cells[column], near_mm=_NEAR_MM,
             )  # fmt: skip
@@ -450,6 +450,23 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
                 column=column.name,
                 roles=", ".join(sorted(used)),
             )
+
+
+def refuse_unused_options(found: Iterable[Recording], reading: Reading) -> None:
+    """Refuse options of spike times if no recording has any. Raises RecordingError."""
+    usual = Reading()
+    given = {
+        "--window-s": reading.window_s != usual.window_s,
+        "--field-centre-mm": reading.field_centre_mm != usual.field_centre_mm,
+    }
+    option = next((name for name, is_given in given.items() if is_given), None)
+    if option and not any(one.spikes for one in found):
+        raise RecordingError(
+            "{option} applies to spike times, and no recording has any: rates, counts and their positions are taken "
+            "from a table as they are; remove it",
+            code="unused_option",
+            option=option,
+        )
 
 
 def sha256(path: Path) -> str:

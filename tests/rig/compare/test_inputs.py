@@ -1,6 +1,7 @@
 """Recordings as they are named on the command line."""
 
 import hashlib
+import json
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
 from tests.error_codes import raises
+from tests.program import Program
 
 THROUGHOUT = column_map(["observed=throughout"])
 
@@ -105,3 +107,26 @@ def test_what_is_named_wrongly(
 def test_columns_without_a_recording() -> None:
     with raises(RecordingError, "unused_column", role="rate", column="FR", roles=""):
         read_recordings([], [], [], Reading(columns=column_map(["rate=FR"])))
+
+
+@pytest.mark.parametrize("option", [("--window-s", "0,0.5"), ("--field-centre-mm", "0.5")])
+@pytest.mark.parametrize("several", [False, True])
+def test_options_of_spike_times_do_not_apply_to_a_table(
+    program: Program, bar_run: Run, srp: Path, option: tuple[str, str], several: bool
+) -> None:
+    table = srp.with_name("afferents.csv")
+    table.write_text(f"afferent,shape,file\na1,bar:3,{srp}\n", encoding="utf-8")
+    recorded = table if several else f"bar:3.0={srp}"
+    line = (
+        "compare",
+        bar_run.folder.path,
+        "--recorded",
+        recorded,
+        *option,
+        "--json",
+        "--out",
+        srp.with_name("a.html"),
+    )
+    told = json.loads(program(*line).out)
+    assert (told["exit_code"], told["code"]) == (2, "unused_option")
+    assert option[0] in told["error_text"]
