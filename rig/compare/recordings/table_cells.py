@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import numpy as np
-
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
@@ -33,6 +31,12 @@ _MOST_LISTED = 20
 _SEPARATORS = (",", ";", "\t")
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
+
+
+class SameInAllRows(str):
+    """A cell that a file has once for all rows."""
+
+    __slots__ = ()
 
 
 def file_and_sheet(path: Path) -> tuple[Path, str]:
@@ -139,7 +143,8 @@ _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
 _DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
 _PERCENT_FORMATS = (9, 10)
-_QUOTED, _LETTER = re.compile(r'"[^"]*"|\\.'), re.compile(r"[^\W\d_]")
+_QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
+_LETTER = re.compile(r"[^\W\d_]|[%‰]")
 _SCALED = re.compile(r"[0#],+(?![0#,])")
 _NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
 _DAMAGE = (
@@ -223,10 +228,14 @@ def _shared_texts(archive: zipfile.ZipFile) -> list[str]:
 
 
 def _text(element: ElementTree.Element) -> str:
-    """Return the text of runs, without phonetic hints."""
-    return "".join(
-        one.text or "" for part in ([element, *element.findall(f"{_MAIN}r")]) for one in part.findall(f"{_MAIN}t")
-    )
+    """Return the text of runs, without phonetic hints; one that is not what it seems says why, so it is no number."""
+    runs = element.findall(f"{_MAIN}r")
+    text = "".join(one.text or "" for part in (element, *runs) for one in part.findall(f"{_MAIN}t"))
+    styles = [style for run in runs for style in run.findall(f"{_MAIN}rPr/*")]
+    if any(style.tag == f"{_MAIN}strike" and _is_on(style) for style in styles):
+        return f"{text} (partly struck out in Excel)"
+    raised = any(style.tag == f"{_MAIN}vertAlign" and style.get("val") != "baseline" for style in styles)
+    return f"{text} (partly superscript or subscript in Excel)" if raised and not _LETTER.search(text) else text
 
 
 def _styles(archive: zipfile.ZipFile) -> tuple[dict[int, str], frozenset[int]]:
@@ -258,7 +267,7 @@ def _shown_as(number: int, code: str) -> str:
         return "a date or time in Excel"
     if number in _PERCENT_FORMATS or "%" in plain:
         return "a percentage in Excel"
-    if words := "".join(_QUOTED.findall(code)).strip('" \\'):
+    if words := "".join(map("".join, _QUOTED.findall(code))).strip():
         return f"shown as {words} in Excel; write the unit into the header" if _LETTER.search(words) else ""
     return "in thousands in Excel" if _SCALED.search(plain) else ""
 
@@ -374,13 +383,16 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
             path=str(path),
             held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
         )
-    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()}, others)
+    return _as_lines(vectors, others, max(lengths))
 
 
-def _as_lines(columns: Mapping[str, Any], others: Mapping[str, str]) -> Lines:
-    """Yield the rows of columns; those of `others`, which are no vectors of numbers, have one text in all rows."""
-    numbers = {name: values for name, values in columns.items() if name not in others}
+def _as_lines(vectors: Mapping[str, Any], others: Mapping[str, str], length: int) -> Lines:
+    """Yield the rows of vectors and scalars; `others`, which are no vectors of numbers, have one text in all rows."""
+    numbers = {
+        name: [f"{value:.17g}" for value in values] if len(values) == length else
+        [SameInAllRows(f"{values[0]:.17g}")] * length
+        for name, values in vectors.items() if name not in others
+    }  # fmt: skip
     yield 1, [*numbers, *others]
-    length = len(next(iter(columns.values())))
     for row in range(length):
-        yield row + 2, [*(f"{values[row]:.17g}" for values in numbers.values()), *others.values()]
+        yield row + 2, [*(texts[row] for texts in numbers.values()), *others.values()]

@@ -741,6 +741,15 @@ KINDS = {
         mat(x_um=1000 * POSITIONS[:, None], n=np.array([3, 12, 6, 1])[:, None], window_ms=250.0),
         ("position=x_um,count=n",), rates=IN_QUARTER,
     ),
+    **{
+        f"mat, a scalar {name}": Case("a rate or a position is measured for each row", mat(
+            **{"position_mm": POSITIONS, "rate": THESE, "sd": 1.0} | {name: 6.0}), code="same_in_all_rows",
+            says=(name, "6", "vector"))
+        for name in ("position_mm", "rate")
+    },
+    "mat, a scalar count": Case("a count is of one press", mat(position_mm=POSITIONS, count=6.0, window_s=1.0),
+                                code="same_in_all_rows"),
+    "mat, a scalar sd": Case("one sd for all", mat(position_mm=POSITIONS, rate=THESE, sd=1.0, repeat=1.0), rates=ALL),
     "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
                              rates=ALL, pulses=False),
     "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
@@ -964,6 +973,23 @@ SHOWN = {
     "scaled": Case("2000 is shown as 2", styled("0.0,"), code="no_number", says=("in thousands",)),
     "a unit in the format": Case("shown in another unit than the header's", styled("0.0&quot; 1/min&quot;"),
                                  code="no_number", says=("1/min", "header")),
+    **{
+        f"a unit in the format {code}": Case(
+            "shown in another unit than the header's", styled(code), code="no_number", says=(unit, "header")
+        )
+        for code, unit in (("0.0[$/min]", "/min"), ("0.0[$ µm]", "µm"), ("0.0\\ \\k", "k"), ("0[$%-409]", "%"))
+    },
+    "a language in the format": Case("the same numbers", styled("[$-409]0.0"), rates=ALL),
+    **{
+        f"a digit {said}": Case("a reader sees another number", styled(
+            value=f"<is><r><t>{{y}}</t></r><r><rPr>{style}</rPr><t>1</t></r></is>", kind=' t="inlineStr"'),
+            code="no_number", says=("row 2", "'6.01", said))
+        for said, style in (("superscript", '<vertAlign val="superscript"/>'), ("struck out", "<strike/>"),
+                            ("subscript", '<vertAlign val="subscript"/>'))
+    },
+    "a digit in bold": Case("the same number", styled(
+        value='<is><r><t>{y}</t></r><r><rPr><b/><strike val="0"/><vertAlign val="baseline"/></rPr><t>0</t></r></is>',
+        kind=' t="inlineStr"'), rates=ALL),
     "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
                          says=("hidden", "(3)", "visible rows")),
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
