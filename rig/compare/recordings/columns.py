@@ -25,7 +25,7 @@ from rig.compare.recordings.column_units import (
     names_a_rate,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.table_cells import SameInAllRows, table_lines
+from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -396,7 +396,7 @@ def read_table(
             )
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
         rows.append((number, {name: cells[k] for name, k in at.items()}, unread))
-    numbers = number_format(cells for _, cells, _ in rows)
+    numbers = number_format((cells for _, cells, _ in rows), semicolons=has_semicolons(path))
     found = [Row(path, number, cells, columns, numbers, unread) for number, cells, unread in rows]
     for name, cell in found[0].cells.items() if found else ():
         if isinstance(cell, SameInAllRows) and name not in _MAY_BE_SAME:

@@ -120,10 +120,7 @@ def _of_csv(path: Path, content: bytes) -> Lines:
     row = 1
     try:
         lines = text_of(content, encoding="utf-16" if utf_16 else "utf-8-sig")
-        header = next(lines, "")
-        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
-            row, header = row + 1, next(lines, "")
-        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+        row, header, sign = _header(lines)
         for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), row):
             yield number, [cell.strip() for cell in line]
             row = number
@@ -133,6 +130,23 @@ def _of_csv(path: Path, content: bytes) -> Lines:
         raise _no_table(path, "", "its text is not complete" if utf_16 else reason) from None
     except csv.Error as error:
         raise _no_table(path, "", str(error)) from None
+
+
+def _header(lines: Iterator[str]) -> tuple[int, str, str]:
+    """Return the row, the text and the separator of the first line with names of columns."""
+    row, header = 1, next(lines, "")
+    while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
+        row, header = row + 1, next(lines, "")
+    return row, header, max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+
+
+def has_semicolons(path: Path) -> bool:
+    """Return whether a table that can be read is a CSV whose columns are separated by semicolons."""
+    content = read_bytes(file_and_sheet(path)[0], MOST_TABLE_BYTES)
+    if content.startswith((ZIP, MATLAB)):
+        return False
+    encoding = "utf-16" if content.startswith(UTF_16) else "utf-8-sig"
+    return _header(text_of(content, encoding=encoding))[2] == ";"
 
 
 # Workbooks: Office Open XML, ECMA-376. Sheets are read in the order of the workbook.

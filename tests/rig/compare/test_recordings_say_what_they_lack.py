@@ -437,6 +437,18 @@ NUMBERS = {
                                 code="ambiguous_number", says=("row 3", "'1,449'")),
     "thousands with a point": Case("−2000 or −2.000 µm?", table("x (um);rate", "-2.000;6", "-800;24", "0;12"),
                                    code="ambiguous_number", says=("row 2", "'-2.000'")),
+    "points with three digits in every cell, semicolons": Case(
+        "1120/min or 1.12/min?", table("position_mm;rate per min", "-1;1.120", "0;4.300", "1;2.500"),
+        code="ambiguous_number", says=("row 2", "'1.120'", "1120"),
+    ),
+    "points with three digits, semicolons, and a decimal point": Case(
+        "-0.5 is no thousand, so the point is decimal",
+        table("position_mm;rate", "-0.5;6.000", "0;24.000", "0.25;12.000", "1;1.000"), rates=ALL,
+    ),
+    "points with three digits, commas": Case(
+        "where commas separate columns, the point is decimal",
+        table("position_mm,rate", "-1,6.000", "0,24.000", "2,12.000", "3,1.000"), rates=ALL,
+    ),
     "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
                      code="ambiguous_number", says=("'-2,000,000'",)),
     "decimal commas with three digits": Case("0,250 is no thousand, so the comma is decimal",
