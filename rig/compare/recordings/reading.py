@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit
+from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit, same_name
 from rig.compare.recordings.columns import (
     COLUMNS_HINT,
     ColumnMap,
@@ -373,7 +373,7 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
     named = (one for one in reversed(parted) if file_and_sheet(Path(one[0]))[1] and _may_have_units(Path(one[0])))
     others = (one for one in parted if _may_have_units(Path(one[0])))
     file, unit = next(named, next(others, (text, "")))
-    return Path(file), unit
+    return Path(file), same_name(unit)
 
 
 def unit_of(text: str) -> str:

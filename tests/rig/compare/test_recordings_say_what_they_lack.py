@@ -576,6 +576,7 @@ def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path],
     return lambda folder: write(folder) + choice
 
 
+E_ACUTE = ["\u00e9", "e\u0301"]
 NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
 
 IDENTITIES = {
@@ -600,6 +601,16 @@ IDENTITIES = {
     "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
     "no choice": Case(
         "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
+    ),
+    **{
+        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
+            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
+        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
+    },
+    "CSV, one unit written in two ways": Case(
+        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
+            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
+        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
     ),
     "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
                          says=("unit_name A0",)),
