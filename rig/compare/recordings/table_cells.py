@@ -176,6 +176,8 @@ class _Workbook(NamedTuple):
     shown: Mapping[int, str]
     """What cells of a style are not plain numbers for, by the number of the style, e.g. "a percentage"."""
     struck: frozenset[int]
+    hidden: frozenset[str]
+    """Names of hidden sheets."""
 
 
 @lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
@@ -184,8 +186,9 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if "xl/workbook.xml" not in archive.namelist():
                 raise _no_table(path, kind_of(content))
-            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive))
-            return _one_sheet(book, _sheets(archive), sheet)
+            sheets, hidden = _sheets(archive)
+            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive), hidden)
+            return _one_sheet(book, sheets, sheet)
     except RecordingError:
         raise
     except _DAMAGE as error:
@@ -215,6 +218,12 @@ def _one_sheet(book: _Workbook, sheets: Mapping[str, str], sheet: str) -> list[t
             first=next(iter(full)),
             sheets=", ".join(list(full)[:_MOST_LISTED]),
         )
+    if not sheet and (unseen := book.hidden.intersection(full)):
+        (name,) = unseen
+        raise RecordingError(
+            "{path}: the only sheet with rows, {sheet}, is hidden; show it, or name it as {file}#{sheet}",
+            code="hidden_sheet", path=str(book.path), sheet=name, file=book.path.name,
+        )  # fmt: skip
     return next(iter(full.values()), [])
 
 
@@ -286,26 +295,30 @@ def _shown_as(number: int, code: str) -> str:
     return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 
-def _sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return the part of each sheet by its name."""
+def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
+    """Return the part of each sheet by its name, and the names of those that are hidden."""
     targets = {
         element.get("Id", ""): element.get("Target", "")
         for element in _xml(archive, "xl/_rels/workbook.xml.rels")
         if element.tag.endswith("}Relationship")
     }
-    found = {}
+    found, hidden = {}, set[str]()
     for element in _xml(archive, "xl/workbook.xml"):
         if element.tag == f"{_MAIN}sheet":
             key = next((value for name, value in element.attrib.items() if name.endswith("}id")), "")
             target = targets[key]
+            hidden |= {element.get("name", "")} if element.get("state", "visible") != "visible" else set()
             found[element.get("name", "")] = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
-    return {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
+    tables = {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
+    return tables, frozenset(hidden)
 
 
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
-    hidden, struck, merged = list[int](), list[int](), list[str]()
+    hidden, struck, merged, columns = list[int](), list[int](), list[str](), set[int]()
     for element in _xml(book.archive, part):
+        if element.tag == f"{_MAIN}col" and element.get("hidden", "0") in ("1", "true"):
+            columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
         if element.tag == f"{_MAIN}mergeCell":
             merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
         if element.tag != f"{_MAIN}row":
@@ -325,7 +338,8 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
             struck += [number] if crossed else []
         element.clear()
         found.append((number, row))
-    _refuse_unclear(book.path, hidden, struck, merged)
+    unseen = sorted({n for _, row in found for n, cell in enumerate(row, 1) if cell and n in columns})
+    _refuse_unclear(book.path, hidden, struck, unseen, merged)
     before = min((next(n for n, cell in enumerate(row) if cell) for _, row in found if any(row)), default=0)
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
@@ -337,16 +351,17 @@ def _has_rows(merged: str) -> bool:
     return len({end[2] for end in ends if end is not None}) > 1
 
 
-def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], merged: list[str]) -> None:
-    """Refuse a sheet in which a reader sees other rows than a program, or cells that belong to several rows."""
+def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: list[int], merged: list[str]) -> None:
+    """Refuse a sheet in which a reader sees other rows or columns than a program, or cells of several rows."""
     for rows, are, remedy in (
-        (hidden, "hidden, by a filter or by hand", "copy the visible rows to a new sheet, or show all"),
-        (struck, "struck out", "delete them, or remove the strikethrough"),
+        (hidden, "rows are hidden, by a filter or by hand", "copy the visible rows to a new sheet, or show all"),
+        (struck, "rows are struck out", "delete them, or remove the strikethrough"),
+        (unseen, "columns are hidden, by their number", "copy the visible columns to a new sheet, or show all"),
     ):
         if rows:
             listed = ", ".join(map(str, rows[:_MOST_LISTED])) + ", …" * (len(rows) > _MOST_LISTED)
             raise RecordingError(
-                "{path}: {number} rows are " + are + " ({rows}); " + remedy,
+                "{path}: {number} " + are + " ({rows}); " + remedy,
                 code="unclear_rows", path=str(path), number=len(rows), rows=listed,
             )  # fmt: skip
     if merged:

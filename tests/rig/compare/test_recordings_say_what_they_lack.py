@@ -628,7 +628,14 @@ _MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
 _RELATIONS = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
 
 
-def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = False, inline: bool = False) -> Any:
+def xlsx(
+    sheets: dict[str, list[list[Any]]],
+    choice: str = "",
+    *,
+    dates: bool = False,
+    inline: bool = False,
+    hidden: str = "",
+) -> Any:
     """A workbook as Excel writes it: texts are shared, numbers are plain; `dates`: numbers have a date's format."""
 
     def write(folder: Path) -> str:
@@ -652,7 +659,10 @@ def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = 
             made[f"xl/worksheets/sheet{number}.xml"] = (
                 f"{_XML}<worksheet {_MAIN}><sheetData>{''.join(each)}</sheetData></worksheet>"
             )
-        names = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(sheets, 1))
+        names = "".join(
+            f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"' + ' state="hidden"' * (name == hidden) + "/>"
+            for n, name in enumerate(sheets, 1)
+        )
         book = f'<workbook {_MAIN} xmlns:r="{_RELATIONS}"><sheets>{names}</sheets></workbook>'
         made["xl/workbook.xml"] = f"{_XML}{book}"
         targets = "".join(
@@ -962,7 +972,9 @@ NO_PULSES_THERE = {
 }  # fmt: skip
 
 
-def styled(style: str = "", row: str = "", after: str = "", value: str = "<v>{y}</v>", kind: str = "") -> Any:
+def styled(
+    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = ""
+) -> Any:
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": RATES_ROWS}, inline=True)
 
@@ -975,6 +987,7 @@ def styled(style: str = "", row: str = "", after: str = "", value: str = "<v>{y}
             cell = f'<c r="B{n}" s="1"{kind}>{value.format(y=y)}</c>'
             sheet = sheet.replace(f'<c r="B{n}" s="0"><v>{y}</v></c>', cell)
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
+        sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
         xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="0"/></cellXfs>'
         code = "0.0" if style in ("", "struck") else style
@@ -1015,6 +1028,15 @@ SHOWN = {
         kind=' t="inlineStr"'), rates=ALL),
     "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
                          says=("hidden", "(3)", "visible rows")),
+    "a hidden column": Case(
+        "a reader does not see it", styled(before='<cols><col min="2" max="3" hidden="1"/></cols>'),
+        code="unclear_rows", says=("hidden", "(2)", "visible columns"),
+    ),
+    "a hidden column, empty": Case("nothing to see", styled(before='<cols><col min="3" max="9" hidden="1"/></cols>'),
+                                   rates=ALL),
+    "a hidden sheet": Case("a reader does not see it", xlsx({"A": [], "old": RATES_ROWS}, hidden="old"),
+                           code="hidden_sheet", says=("with rows, old, is hidden", "synthetic.xlsx#old")),
+    "a hidden sheet, named": Case("chosen", xlsx({"A": [], "old": RATES_ROWS}, "#old", hidden="old"), rates=ALL),
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
