@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim import Aim, Fingertip, Tissue, choose, load, to_pandas
+from sim import Aim, Fingertip, HeightMap, MeasuredProfile, Tissue, choose, indent_many, load, to_pandas
 from sim.errors import ArgumentError
 from tests.error_codes import raises
 
@@ -18,7 +18,7 @@ def simple() -> Fingertip:
 
 
 @pytest.mark.parametrize("name", ["x_mm", "z_mm", "doi_mm", "force_gwt"])
-@pytest.mark.parametrize("value", [[0.2, 0.3], np.array([0.2, 0.3]), "0.2", {}])
+@pytest.mark.parametrize("value", [[0.2, 0.3], np.array([0.2, 0.3]), "0.2", {}, True, np.True_])
 def test_a_press_takes_one_number_of_each(simple: Fingertip, name: str, value: Any) -> None:
     given = {"x_mm": 0.0, name: value} | ({} if name in ("doi_mm", "force_gwt") else {"doi_mm": 0.2})
     for call in (lambda: simple.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
@@ -29,6 +29,67 @@ def test_a_press_takes_one_number_of_each(simple: Fingertip, name: str, value: A
 @pytest.mark.parametrize("value", [0.2, np.float32(0.2), np.array(0.2), np.int64(1), 1])
 def test_a_number_is_one_of_any_kind(simple: Fingertip, value: Any) -> None:
     assert simple.indent("sphere:4", doi_mm=value).force_gwt > 0
+
+
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("friction", lambda one: one.indent("sphere:4", doi_mm=0.2, friction=True)),
+        ("friction", lambda one: one.with_friction(True)),
+        ("friction", lambda one: one.with_friction("0.5")),
+        ("increment_mm", lambda one: one.indent("sphere:4", doi_mm=0.2, increment_mm=True)),
+        ("target", lambda one: one.indent("sphere:4", doi_mm=0.2, target=True)),
+        ("doi_mm", lambda one: one.with_friction(0.5).drag("sphere:4", [0.0, 0.1], True)),
+        ("x_mm", lambda one: one.with_friction(0.5).drag("sphere:4", [0.0, True], 0.2)),
+        ("x_mm", lambda one: one.point_load(True, 1.0)),
+        ("force_gwt", lambda one: one.point_load(0.0, True)),
+        ("x_mm", lambda one: one.touch_height_mm("sphere:4", True)),
+        ("cores", lambda one: indent_many(one, "sphere:4", doi_mm=0.2, cores=True)),
+    ],
+)
+def test_true_is_no_number(simple: Fingertip, name: str, call: Callable[[Fingertip], Any]) -> None:
+    """True is 1 to Python, so a flag at the place of a depth was pressed at 1 mm."""
+    with raises(ArgumentError, "not_a_number", name=name):
+        call(simple)
+
+
+@pytest.mark.parametrize(
+    "value", [True, [0.0, True], np.array([True, False]), "0,1", ["0", "1"], [[0.0], [0.0, 1.0]]]
+)
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("receptor_x_mm", lambda _, value: load("halfspace", receptor_x_mm=value)),
+        ("receptor_depth_mm", lambda _, value: load("halfspace", receptor_depth_mm=value)),
+        ("x_mm", lambda one, value: indent_many(one, "sphere:4", value, doi_mm=0.2)),
+        ("doi_mm", lambda one, value: indent_many(one, "sphere:4", doi_mm=value)),
+        ("force_gwt", lambda one, value: indent_many(one, "sphere:4", force_gwt=value)),
+        ("points_mm", lambda one, value: one.fields(one.indent("sphere:4", doi_mm=0.2), value)),
+        ("depth_mm", lambda one, value: one.points_below(0.0, value)),
+        ("height_mm", lambda _, value: HeightMap.from_arrays([0, 1], [0, 1], value, raised="up")),
+        ("height_mm", lambda _, value: MeasuredProfile.from_arrays([0, 1], value)),
+    ],
+)
+def test_an_array_has_numbers(
+    simple: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], value: Any
+) -> None:
+    with raises(ArgumentError, "not_numbers", name=name):
+        call(simple, value)
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda one: indent_many(one, "sphere:4", [0.0, 0.1, 0.2], doi_mm=[0.1, 0.2]),
+        lambda one: one.points_below([0.0, 0.1, 0.2], [0.7, 0.8]),
+    ],
+)
+def test_arrays_of_unequal_lengths_are_named_with_their_lengths(
+    simple: Fingertip, call: Callable[[Fingertip], Any]
+) -> None:
+    with raises(ArgumentError, "unequal_lengths") as caught:
+        call(simple)
+    assert all(words in str(caught.value) for words in ("x_mm 3", "_mm 2"))
 
 
 ARRAY: Any = np.zeros((5, 5))
