@@ -1,12 +1,27 @@
 """Arguments of the library that only a Python caller can get wrong: each has one line, not the error of a package."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 
-from sim import Aim, Fingertip, HeightMap, MeasuredProfile, Tissue, choose, indent_many, load, to_pandas
+from sim import (
+    Aim,
+    Fingertip,
+    HeightMap,
+    MeasuredProfile,
+    ShapeError,
+    Tissue,
+    choose,
+    indent_many,
+    load,
+    parse_shape,
+    to_pandas,
+)
+from sim.contact.shapes import shape_size
 from sim.errors import ArgumentError
 from tests.error_codes import raises
 
@@ -90,6 +105,28 @@ def test_arrays_of_unequal_lengths_are_named_with_their_lengths(
     with raises(ArgumentError, "unequal_lengths") as caught:
         call(simple)
     assert all(words in str(caught.value) for words in ("x_mm 3", "_mm 2"))
+
+
+@pytest.mark.parametrize("text", ["x_mm;z_mm;height_mm\n0;0;0,5\n", "0,5;0,7\n0,5;0,6\n", "0.5\t0.7\n0.5\t0.6\n"])
+@pytest.mark.parametrize("options", ["", ",spacing_mm=0.1"])
+def test_a_height_map_says_how_numbers_are_separated(tmp_path: Path, text: str, options: str) -> None:
+    path = tmp_path / "map.csv"
+    path.write_text(text, encoding="utf-8")
+    with pytest.raises(ShapeError, match="by commas, and write decimal points"):
+        parse_shape(f"heightmap:{path}{options},raised=high")
+
+
+@pytest.mark.parametrize(("white", "says"), [(4095, "its relief is 0.025 mm, not 0.4 mm"), (65535, "")])
+def test_a_picture_that_is_shallower_than_stated_says_so(tmp_path: Path, white: int, says: str) -> None:
+    """12 bits in a file of 16: its white is nearly black."""
+    path = tmp_path / "dots.png"
+    grays = np.full((40, 40), white, dtype=np.uint16)
+    grays[10:30, 10:30] = 0
+    Image.fromarray(grays).save(path)
+    size = shape_size(f"heightmap:{path},width_mm=4,height_mm=0.4")
+    assert size.startswith("dark is raised")
+    assert says in size
+    assert ("relief" in size) == bool(says)
 
 
 ARRAY: Any = np.zeros((5, 5))

@@ -186,4 +186,4 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
 
 def means(words: str, name: str) -> bool:
     """Return whether the words of a header mean one of the program's columns."""
-    return words in SYNONYMS.get(name, ())
+    return words in SYNONYMS.get(name, (name,))

@@ -73,6 +73,11 @@ def test_one_name_is_one_afferent_however_it_is_written(folder: Path, stimuli: l
     assert list(read(folder / "names", stimuli)) == ["\u00e9"]
 
 
+def test_a_header_in_capitals(folder: Path, stimuli: list[StimulusRow]) -> None:
+    path = table(folder, "a1,bar:3,1.0,a.csv", header="Afferent,SHAPE,Depth (mm),File")
+    assert list(read(path, stimuli)["a1"]) == ["bar:3@1 mm"]
+
+
 def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     header = "afferent,shape,file,columns"
     path = table(folder, "a1,bar:3,named.csv,rate=Q:Hz;position=position_mm", "a2,bar:3,a.csv,", header=header)

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.exceptions import RecordingError
+from rig.compare.comparison import compare
+from rig.compare.exceptions import ComparisonError, RecordingError
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
@@ -54,6 +55,18 @@ def test_spike_times_belong_to_one_run(bar_run: Run, tmp_path: Path) -> None:
     for runs, n in (([], 0), ([bar_run, bar_run], 2)):
         with raises(RecordingError, "not_one_run", path=str(path), shape="bar:3.0", runs=n):
             read_recordings([f"bar:3.0={path}"], [], runs, Reading())
+
+
+def test_a_shape_at_another_depth_says_at_which_it_is(bar_run: Run, make_stimulus: Any, srp: Path) -> None:
+    spikes = srp.with_name("u.csv")
+    spikes.write_text("time_s\n1.0\n", encoding="utf-8")
+    with raises(RecordingError, "never_pressed", shape="bar:3@8gwt", held="bar:3@0.4 mm"):
+        read_recordings([f"bar:3@8gwt={spikes}"], [], [bar_run], Reading((0.0, 0.4)))
+    x = np.linspace(-2, 2, 9)
+    stimulus = make_stimulus("bar:3.0", x, np.array([0.0]), {}, kind="doi_mm", commanded=0.4)
+    found = read_recordings([f"bar:3@8gwt={srp}"], [], [], Reading())
+    with raises(ComparisonError, "never_pressed", shape="bar:3@8 gwt", names="bar:3.0 at 0.4 mm"):
+        compare([stimulus], found)
 
 
 def test_a_shape_may_have_a_sign_of_equality_in_it(srp: Path) -> None:

@@ -207,6 +207,11 @@ UNOBSERVED = {
         nwb(units__obs_intervals=[[500.0, 2000.0]], units__obs_intervals_index=[1]), ("sync=none",),
         code="spikes_outside_observed", says=("obs_intervals", "observed=obs_intervals:ms"),
     ),
+    "NWB, spikes beside obs_intervals": Case(
+        "the spike at 80 s has no press that counts, and it is said",
+        of_amplifier(**PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
+        read_as="1 of 43 spikes lies outside of the times at which the unit was observed",
+    ),
     "NWB, malformed obs_intervals": Case(
         "what is there and not understood is no absence",
         nwb(units__obs_intervals=[[0.0, 50.0]]), ("sync=none",), code="bad_obs_intervals", says=("obs_intervals",),
@@ -263,6 +268,10 @@ PRESENT = {
     ),
     "NWB, a pulse is missing": Case(
         "the other seven tell the clock", of_amplifier(**pulses_at(np.delete(amplifier(RISES), 3))), rates=ALL,
+    ),
+    "NWB, half of the pulses are missing": Case(
+        "what is there may be other events", of_amplifier(**pulses_at(amplifier(RISES[:4])), **observed((0, 100))),
+        rates=ALL, read_as="These are 4 of the 8 pulses of the run: they may be other events",
     ),
     "NWB, one too many and one missing": Case(
         "as many as the run's, and still not the run's",
