@@ -13,7 +13,7 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
 from rig.compare.recordings.number_cells import number_format
-from rig.compare.recordings.reading import Reading, read_recordings, signs_of_a_copy
+from rig.compare.recordings.reading import Reading, read_recordings, saying_unused_sd, signs_of_a_copy
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
@@ -82,7 +82,7 @@ def read_afferents(
         )
     if not found:
         raise no_rows(table, "recordings")
-    return {afferent: _mirrored(found[afferent], mirror) for afferent in found}
+    return {afferent: saying_unused_sd(_mirrored(some, mirror)) for afferent, some in found.items()}
 
 
 Wrong = list[dict[str, object]]

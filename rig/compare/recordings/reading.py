@@ -308,7 +308,21 @@ def read_recordings(
                 shape=shape,
             )
         found |= {key: found[key].mirrored() for key in meant}
-    return {str(key): one for key, one in found.items()}
+    return saying_unused_sd({str(key): one for key, one in found.items()})
+
+
+def saying_unused_sd(found: Mapping[str, Recording]) -> dict[str, Recording]:
+    """Return the recordings of an afferent; one with an sd says so if it does not count, since others have none."""
+    stated = {
+        key: np.isfinite(one.sd) & np.array([len(rates) == 1 for rates in one.repeats]) for key, one in found.items()
+    }
+    if all(some.all() for some in stated.values()) and any((one.sd > 0).any() for one in found.values()):
+        return dict(found)
+    text = "Its sd is not used: every recording of the afferent needs one, without repeats, and above 0 somewhere."
+    return {
+        key: replace(one, read_as=f"{one.read_as.removesuffix(text).rstrip()} {text}") if stated[key].all() else one
+        for key, one in found.items()
+    }
 
 
 def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:

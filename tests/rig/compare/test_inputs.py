@@ -3,6 +3,7 @@
 import hashlib
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 
 from rig.compare.comparison import compare
 from rig.compare.exceptions import ComparisonError, RecordingError
+from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
@@ -67,6 +69,22 @@ def test_a_shape_at_another_depth_says_at_which_it_is(bar_run: Run, make_stimulu
     found = read_recordings([f"bar:3@8gwt={srp}"], [], [], Reading())
     with raises(ComparisonError, "never_pressed", shape="bar:3@8 gwt", names="bar:3.0 at 0.4 mm"):
         compare([stimulus], found)
+
+
+@pytest.mark.parametrize(("sd", "other", "used"), [("1", None, True), ("0", None, False), ("1", "srp.csv", False)])
+def test_an_sd_that_does_not_count_says_so(srp: Path, sd: str, other: str | None, used: bool) -> None:
+    """The likelihood uses it only if every recording has one."""
+    path = srp.with_name("sd.csv")
+    path.write_text(f"position_mm,rate,sd\n0,4,{sd}\n1,8,{sd}\n2,3,{sd}\n", encoding="utf-8")
+    recorded = [f"step:1={path}", *([] if other is None else [f"bar:3={srp.with_name(other)}"])]
+    found = read_recordings(recorded, [], [], Reading())
+    assert ("sd is not used" in found["step:1"].read_as) != used
+    assert all("not used" not in found[key].read_as for key in found if key != "step:1")
+    table = srp.with_name("afferents.csv")
+    rows = "".join(f"a1,{one.replace('=', ',')}\n" for one in recorded)
+    table.write_text(f"afferent,shape,file\n{rows}", encoding="utf-8")
+    held: Any = [SimpleNamespace(shape=shape, condition="1 mm") for shape in ("step:1", "bar:3")]
+    assert ("sd is not used" in read_afferents(table, [], [], held, Reading())["a1"]["step:1"].read_as) != used
 
 
 def test_a_shape_may_have_a_sign_of_equality_in_it(srp: Path) -> None:
