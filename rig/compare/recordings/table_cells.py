@@ -353,15 +353,23 @@ def _has_rows(merged: str) -> bool:
 
 def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: list[int], merged: list[str]) -> None:
     """Refuse a sheet in which a reader sees other rows or columns than a program, or cells of several rows."""
-    for rows, are, remedy in (
-        (hidden, "rows are hidden, by a filter or by hand", "copy the visible rows to a new sheet, or show all"),
-        (struck, "rows are struck out", "delete them, or remove the strikethrough"),
-        (unseen, "columns are hidden, by their number", "copy the visible columns to a new sheet, or show all"),
+    for rows, what, remedy in (
+        (
+            hidden,
+            "has rows that are hidden, by a filter or by hand",
+            "copy the visible rows to a new sheet, or show all",
+        ),
+        (struck, "has rows that are struck out", "delete them, or remove the strikethrough"),
+        (
+            unseen,
+            "has columns that are hidden, counted from A",
+            "copy the visible columns to a new sheet, or show all",
+        ),
     ):
         if rows:
             listed = ", ".join(map(str, rows[:_MOST_LISTED])) + ", …" * (len(rows) > _MOST_LISTED)
             raise RecordingError(
-                "{path}: {number} " + are + " ({rows}); " + remedy,
+                "{path}: " + what + " ({rows}); " + remedy,
                 code="unclear_rows", path=str(path), number=len(rows), rows=listed,
             )  # fmt: skip
     if merged:
