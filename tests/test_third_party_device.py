@@ -104,7 +104,9 @@ def _holds(run: Path) -> list[dict[str, Any]]:
     return [one["data"] for one in documents if one["doc"] == "event" and one["stream"] == "hold_end"]
 
 
-def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
+def test_a_sensor_of_a_package_presses_like_a_built_in_one(
+    folder: Path, ended: dict[str, tuple[int, str, str]]
+) -> None:
     """Both show 0.01 g of the same finger: at rest the same steps give the same counts."""
     own, built_in = (folder / json.loads(ended[name][1])["run"] for name in ("own", "built in"))
     for ours, theirs in zip(_holds(own), _holds(built_in), strict=True):
@@ -117,7 +119,7 @@ def test_it_is_pressed_with_like_a_built_in_sensor(folder: Path, ended: dict[str
     assert json.loads((own / "provenance.json").read_text("utf-8"))["devices"]["force"].endswith("line_scale")
 
 
-def test_commands_know_it(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
+def test_commands_offer_the_device_of_a_package(folder: Path, ended: dict[str, tuple[int, str, str]]) -> None:
     assert {name: code for name, (code, _, _) in ended.items() if code} == {"serve": 2, "init": 2}
     assert json.loads(ended["doctor"][1])["devices"][-1] == {
         "kind": "line_scale",
@@ -133,7 +135,7 @@ def test_commands_know_it(folder: Path, ended: dict[str, tuple[int, str, str]]) 
     assert 'kind = "line_scale"' in (folder / "found.toml").read_text(encoding="utf-8")  # without a probe
 
 
-def test_it_is_there_and_nowhere_else_and_only_what_is_used_is_imported(folder: Path) -> None:
+def test_a_package_is_imported_only_where_it_is_used(folder: Path) -> None:
     """Of the kinds: a stage, for its outputs; no sensor, no package, and no other stage."""
     used = "import sys; from rig.plan.config import Config; Config(); print(*sys.modules)\n"
     code = "import rig_line_scale, sys; print(rig_line_scale.__file__, sys.prefix)"

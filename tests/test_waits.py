@@ -132,7 +132,6 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
         "rig/compare/test_recordings_say_what_they_lack.py",  # another program, which nothing hurries
         "rig/test_ascii_locale.py",  # the same
         "rig/test_figures_without_settings.py",  # the same
-        "rig/test_same_run.py",  # commands, one after the other
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
         "sim/test_calculix.py",  # another program, which nothing hurries
         "test_adding_a_part.py",  # commands, one after the other

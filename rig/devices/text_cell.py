@@ -390,7 +390,7 @@ class TextCellForce:
 
     def _drop_arrived(self) -> None:
         """Drop whole lines that have arrived; a line that has begun is completed by the next bytes."""
-        while self._reader.next_pending() is not None:
+        for _ in self._reader.pending():
             pass
 
     def _timeout(self, timeout_s: float) -> ForceTimeout:

@@ -42,6 +42,7 @@ def page(rows: Sequence[Row], **about: Any) -> str:
         figures=figures(rows),
         table=_table(rows),
         families=_FAMILIES,
+        titles=_TITLES,
         **about,
     )
 

@@ -1,6 +1,7 @@
 """The report of a comparison: one self-contained HTML file, the same bytes for the same input."""
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 from functools import partial
 from importlib.metadata import version
 from itertools import groupby
@@ -17,6 +18,7 @@ from rig.compare.profile_shape_test import DRAWS, THRESHOLD, chance_rows
 from rig.compare.recordings.reading import sha256
 from rig.compare.stimuli import StimulusMap, StimulusRow
 from rig.compare.verdict import AfferentVerdict
+from rig.compare.verdict_text import probability
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.report import profile_figures
@@ -94,9 +96,10 @@ def _population(stimulus: StimulusRow, shown: Sequence[str]) -> PageFigure:
     return PageFigure(
         f"Population responses: {stimulus.title}",
         profile_figures.populations(stimulus, shown),
-        "The measures at all receptors for each position of the indentor. In images each row is a position. "
-        "Dotted: the indentor's reference point is over the receptor. Black: zero, where a measure has both "
-        "signs.",
+        "The measures at all receptors, a line for each position of the indentor."
+        if profile_figures.are_few(stimulus)
+        else "The measures at all receptors. Each row is a position of the indentor. Dotted: the indentor's "
+        "reference point is over the receptor. Black: zero, where a measure has both signs.",
     )
 
 
@@ -282,7 +285,7 @@ def write_comparison(
     finger: Fingertip,
     command: str,
     extra: Sequence[Section] = (),
-    title: str = "Which measure explains the response?",
+    title: str = "",
     maps: Sequence[StimulusMap] = (),
     answers: Sequence[AfferentVerdict] = (),
     lead: Sequence[Section] = (),
@@ -290,16 +293,20 @@ def write_comparison(
     """Write the report.
 
     `answers` are the verdicts on the recordings, after `lead` and before `extra` sections; `command` reproduces the
-    report.
+    report. Without recordings, a measured deflection comes first, or else the simulated profiles.
     """
     shown = shown_measures(comparison, answers)
     instead = () if answers else (_overview(comparison, shown),)
+    first = [] if comparison.overlays else [one for one in extra if one.rows]
+    extra = [one for one in extra if one not in first]
+    of_recordings = "Which measure explains the response?" if comparison.overlays else "Simulated responses"
     page = render(
         "comparison.html.j2",
-        title=title,
+        title=title or of_recordings,
         source=source_line(runs, "no run: a rehearsal on the virtual finger"),
         sections=[
             *lead,
+            *(part for one in first for part in _figure_before_table(one)),
             *answer_sections(
                 answers, frame(comparison.overlays), recorded=bool(comparison.overlays), instead=instead
             ),
@@ -311,6 +318,13 @@ def write_comparison(
         **_provenance(comparison, runs, finger, command),
     )
     replace_text(path, page)
+
+
+def _figure_before_table(section: Section) -> list[Section]:
+    """Return a section that opens a page with its first paragraph, and the rest with its table as another one."""
+    message, _, rest = section.text.partition("\n\n")
+    table = replace(section, title=f"{section.title}, in numbers", text=rest, figures=())
+    return [replace(section, text=message, header=(), rows=()), table]
 
 
 def _overview(comparison: Comparison, shown: Sequence[str]) -> PageFigure:
@@ -385,7 +399,8 @@ def place_section(found: ReceptorLocation) -> Section:
         "The maximum-likelihood location of each measure, with 95 % limits by profile likelihood. The search "
         f"covered x from {x} and depth from {depth}; {found.frame}. All locations were compared over the same "
         f"{found.positions} of {found.recorded} recorded positions. An interval at a limit of the search may "
-        "extend beyond it. The intervals assume this finger model.",
+        "extend beyond it. The intervals assume this finger model. All other sections use the receptors of "
+        "the command, without an offset.",
         HEADER,
         tuple(_cells(row, found) for row in found.rows),
     )
@@ -402,6 +417,6 @@ def _cells(row: PlaceRow, found: ReceptorLocation) -> tuple[str, ...]:
         as_number(row.k),
         as_number(row.eps0),
         f"{row.deviance:.1f}",
-        f"{fit} (p = {row.p_fit:.2g})",
+        f"{fit} ({probability(row.p_fit)})",
         ", ".join(row.at_bounds) or "–",
     )

@@ -56,7 +56,7 @@ def write_design_page(path: Path, page: DesignPage) -> None:
             f"{about_the_design(found)} Each row is one of the presses that differ. The session takes "
             f"{page.duration_s:.0f} s, {request.change_s:g} s for each change of indentor included. An experiment "
             f"fails if {FAILS}.",
-            ("shape", "x (mm)", _target(found), "repeats", "one more adds (bits)"),
+            ("shape", "x (mm)", _target(found), "repeats", "one more would add (bits)"),
             _press_rows(found),
         ),
         *([Section("What a quick design gives up", quick_line(found) or "")] if request.quick else []),
@@ -147,7 +147,7 @@ _CURVES = (
 )
 _CONFUSION = (
     "Share of experiments in which the column is the most probable candidate, when the row is true. Every row has as "
-    "many experiments."
+    "many experiments. Empty cells: less than 0.5 %."
 )
 _GROWTH = (
     "Information about the candidate as the design grew, before presses were exchanged, on the simulated data that "
@@ -312,7 +312,7 @@ def _assumptions(found: Design, command: str) -> Section:
         f"The evidence of a candidate is a mean over draws of fibers, of which {as_number(float(least), 2)} count "
         "effectively in nine of ten experiments. Where too few did, they were refined.",
     )
-    return Section("Assumptions", f"This command makes the same design: {command}", points=points)
+    return Section("Assumptions", f"This command makes the same design: `{command}`", points=points)
 
 
 def _between(ends: tuple[float, float]) -> str:

@@ -69,7 +69,7 @@ def write_group_page(path: Path, page: GroupPage) -> None:
 def group_sections(page: GroupPage) -> list[Section]:
     """Return the sections in page order."""
     verdict = page.verdict
-    figures = () if verdict is None else (_figure(verdict, page.title),)
+    figures = () if verdict is None else (_figure(verdict),)
     found = [Section("Verdict on the group", sentence_of_group(verdict), figures=figures)]
     if verdict is not None:
         found.append(Section("Details", "", points=(*sentences_of_group(verdict), *_left_out(page))))
@@ -131,8 +131,8 @@ def _afferents(page: GroupPage) -> Section:
     rows += [(name, f"Left out: {why}", "–", "–") for name, why in page.left_out.items()]
     return Section(
         "Verdict on each afferent",
-        "Each row is the verdict of its recordings alone. `rig compare` with --recorded SHAPE=FILE writes its whole "
-        "page.",
+        "Each row is the verdict of its recordings alone. `rig compare` with `--recorded SHAPE=FILE` writes its "
+        "whole page.",
         ("afferent", "verdict", "positions used", "explainable share"),
         tuple(rows),
         points=tuple(f"{name}: {positions(one)}" for name, one in page.verdicts.items() if one.left_out),
@@ -154,22 +154,27 @@ def _provenance(page: GroupPage) -> Section:
         (run.folder.path.name, sha256(run.folder.events), sha256(run.folder.path / "config.toml"))
         for run in page.runs
     ]
-    text = f"This command reproduces the page and its figure: {page.command}. {versions}. {page.small_strain}."
+    text = f"This command reproduces the page and its figure: `{page.command}`. {versions}. {page.small_strain}."
     return Section("Provenance", text, ("run", "SHA-256 of events.jsonl", "of config.toml"), tuple(rows))
 
 
-def _figure(verdict: GroupVerdict, title: str) -> PageFigure:
-    size = (_WIDE_IN, _AROUND_IN + _ROW_IN * (len(verdict.afferents) + 1))
+def _figure(verdict: GroupVerdict) -> PageFigure:
     return PageFigure(
         "Log-likelihood of each afferent under each measure in common",
-        Plot(size, lambda figure: _draw(figure, verdict, title)),
+        log_likelihoods(verdict),
         "Difference from the highest log-likelihood of the afferent; darker is worse, and differences above "
         f"{_MOST:g} look alike. Numbers at the top: probabilities in the group.",
         message=sentence_of_group(verdict),
     )
 
 
-def _draw(figure: Figure, verdict: GroupVerdict, title: str) -> None:
+def log_likelihoods(verdict: GroupVerdict) -> Plot:
+    """Plot how far the log-likelihood of each afferent under each measure is below the best one."""
+    size = (_WIDE_IN, _AROUND_IN + _ROW_IN * (len(verdict.afferents) + 1))
+    return Plot(size, lambda figure: _draw(figure, verdict))
+
+
+def _draw(figure: Figure, verdict: GroupVerdict) -> None:
     rows = verdict.rows[:_MOST_ROWS]
     below = np.array([row.by_afferent for row in rows])
     below = below - np.array([row.by_afferent for row in verdict.rows]).min(axis=0)
@@ -182,5 +187,5 @@ def _draw(figure: Figure, verdict: GroupVerdict, title: str) -> None:
         if row.in_set:
             axes.text(n, -0.65, f"{100 * row.probability:.0f} %", ha="center", va="bottom", fontsize=8)
     axes.spines[:].set_visible(False)
-    figure.colorbar(image, ax=axes, label="log-likelihood below the best", extend="both")
-    figure.suptitle(title, fontsize=9)
+    scale = figure.colorbar(image, ax=axes, label="log-likelihood\nbelow the best (1)", extend="both")
+    scale.set_ticks([_LEAST, 1.0, 10.0, _MOST], labels=[f"{value:g}" for value in (_LEAST, 1.0, 10.0, _MOST)])

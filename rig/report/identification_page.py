@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from rig.data.folder import replace_text
 from rig.plan.config import unit
 from rig.report.page_parts import PageFigure, Section, alone, render
-from rig.report.style import BLUE, GREY, ORANGE, Plot, signed
+from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number, signed
 from rig.report.title_lines import title_lines
 from rig_shared.plural import number_of
 from sim.identification.posterior import Learned
@@ -68,7 +68,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         Section(
             "Presses",
             f"Highest force of each press: predicted before it, and measured. {_IN_BRACKETS} The last column "
-            "says how well all requested forces are known after the press.",
+            "shows how well all requested forces are known after the press.",
             ("press", *_PRESS, "predicted (gwt)", "measured (gwt)", "all known to"),
             tuple(page.presses),
         ),
@@ -76,7 +76,7 @@ def write_identification_page(path: Path, page: IdentificationPage) -> None:
         Section(
             "Numbers of the finger",
             _AFTER_AND_BEFORE,
-            ("", "estimate", "after", "before"),
+            ("parameter", "estimate", "after", "before"),
             tuple(page.numbers),
         ),
         alone(before_and_after),
@@ -208,7 +208,9 @@ def marginals(page: IdentificationPage) -> Plot:
             axes.axvline(page.learned.most_likely[k], color=ORANGE, lw=1)
             axes.set_xlabel(f"{named(name)} ({unit(named(name)) or '1'})")
             axes.xaxis.set_major_locator(MaxNLocator(4))
-            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _, name=name: f"{plain(name, value):.2g}"))
+            axes.xaxis.set_major_formatter(
+                FuncFormatter(lambda value, _, name=name: as_number(plain(name, value), 2))
+            )
             axes.set_yticks([])
         for axes in grid[:, 0]:
             axes.set_ylabel("density (1)")

@@ -127,12 +127,49 @@ _CHART, _PAGE_SCRIPT = '<div class="zoom">', '<script type="module">'
 
 
 _QUOTED = re.compile(r"`([^`\n]+)`")
+_OPTION = re.compile(r"(?<![\w-])(--[a-z][\w-]*)(=[^\s;()]*[^\s;(),.])?")
 _SWAPPED = re.compile(r"\b(black|white)\b", re.IGNORECASE)
+_MINUS = re.compile(r"(?<![\w.,=/+-])-(?=\d)")
+_POWER = re.compile(r"(?<![\w.])(\d+(?:\.\d+)?)e([+−-]?)0*(\d+)\b")
+_LEAST_POWER = 1e6
+_HIGH = str.maketrans("0123456789-−", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻⁻")
+_UNBROKEN = re.compile(
+    r"(?<=[\d.)]) (?=(?:mm|µm|gwt|kPa|MPa|MB|N|s|ms|min|bits?|strain|%|\d{3})(?![\w/]))"
+    r"|(?<=[±×=<]) (?=[\d−])|(?<=\d) (?=[±×])|(?<=[\w²|]) (?=[=<] [\d−])"
+)
+_INTERVAL = re.compile(r"\[−?\d[^\[\]a-z]*\]")
+_NO_BREAK = "\N{NO-BREAK SPACE}"
 
 
 def prose(text: str) -> Markup:
-    """Return a text of a page with commands and names between backticks as code."""
-    return Markup(_QUOTED.sub(r"<code>\1</code>", str(escape(printable(text)))))
+    """Return a text of a page: commands between backticks and options as code, numbers as they are printed."""
+    parts = _QUOTED.split(printable(text))
+    return Markup("").join(_code(part) if number % 2 else _plain(part) for number, part in enumerate(parts))
+
+
+def _code(text: str) -> Markup:
+    """Return a command as code; no line ends within the name of an option."""
+    return Markup(f"<code>{_OPTION.sub(_whole, str(escape(printable(text))))}</code>")
+
+
+def _whole(option: re.Match[str]) -> str:
+    return f'<span class="one">{option[1]}</span>{option[2] or ""}'
+
+
+def _plain(text: str) -> Markup:
+    """Return words with a minus before negative numbers, powers of ten, and no line between a number and its unit."""
+    found = _OPTION.search(text)
+    if found is not None:
+        return _plain(text[: found.start()]) + _code(found[0]) + _plain(text[found.end() :])
+    numbers = _UNBROKEN.sub(_NO_BREAK, _POWER.sub(_power, _MINUS.sub("−", text)))
+    return escape(_INTERVAL.sub(lambda found: found[0].replace(" ", _NO_BREAK), numbers))
+
+
+def _power(number: re.Match[str]) -> str:
+    sign, plain = number[2].replace("+", ""), 10 ** int(number[3])
+    if not sign and plain < _LEAST_POWER:
+        return f"{float(number[1]) * plain:.0f}"
+    return f"{number[1]} × 10{(sign + number[3]).translate(_HIGH)}"
 
 
 def _caption(figure: PageFigure) -> Markup:

@@ -44,7 +44,7 @@ def ssrps(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
 
 def populations(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
     """Plot measures at all receptors for each indentor position: lines if there are few, else images."""
-    if _few(stimulus):
+    if are_few(stimulus):
         return Plot((0.8 + 2.4 * len(measures), 2.6), lambda figure: _lines(figure, stimulus, measures))
     return Plot((0.5 + 2.5 * len(measures), 2.9), lambda figure: _images(figure, stimulus, measures), layout=None)
 
@@ -83,7 +83,8 @@ def _one_ssrp(axes: Axes, stimulus: StimulusRow, profile: Array, k: int, of_meas
     axes.annotate(mark, (end, level), (4, 0), textcoords="offset points", fontsize=7, color=colour, va="center")
 
 
-def _few(stimulus: StimulusRow) -> bool:
+def are_few(stimulus: StimulusRow) -> bool:
+    """Return whether the positions are few enough for a line each."""
     return len(stimulus.x_mm) <= len(_MARKERS)
 
 

@@ -25,6 +25,7 @@ from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
 from rig.report.style import GREY, Plot, as_number, label, shade, signed, unit
 from rig.report.verdict_figures import stimulus_styles
+from rig_shared.plural import number_of
 from sim.contact.indentor import ACROSS
 from sim.contact.shapes import parse_shape
 from sim.measures.measures import MEASURES
@@ -213,12 +214,12 @@ def _figures(comparison: Comparison, one: PublishedRecordings) -> list[PageFigur
         PageFigure(
             f"Fig. {one.scatter} of the source: rate against measure",
             scatter(joint, pairs),
-            f"Each point is a recorded position; the line is that over all shapes. {files}.",
+            f"Each point is a recorded position; the line is that over all shapes. Data: {files}.",
         ),
         PageFigure(
             f"Fig. {one.profiles} of the source: predicted over recorded",
             overlays(joint, pairs),
-            f"Dots: recorded rates, ± 1 sd. Lines: rates predicted by this line. {files}.",
+            f"Dots: recorded rates, ± 1 sd. Lines: rates predicted by this line. Data: {files}.",
         ),
     ]
 
@@ -291,6 +292,7 @@ def partner(measured: Deflection, among: list[Deflection]) -> Deflection | None:
 def deflection_section(profiles: list[Deflection], measured: list[Deflection], source: str = "") -> Section:
     """Return the section on the profiles and the distance of measured points from them."""
     rows = tuple(_row(one, partner(one, profiles)) for one in measured)
+    compared = [found for one in measured if (found := _difference(one, partner(one, profiles))) is not None]
     figure = PageFigure(
         "Deflection of the skin along the finger",
         deflections(profiles, measured),
@@ -304,7 +306,15 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         "The indentor lies across the finger, so that the deflection of the skin beside it can be "
         "measured from outside."
     )
-    text += f" Measured: {source}." if source else ""
+    if compared:
+        rms, points = np.sqrt(np.mean(np.concatenate(compared) ** 2)), sum(map(len, compared))
+        text = (
+            f"The measured deflection of the skin differs from the simulated one by {rms:.2g} mm rms at "
+            f"{number_of(points, 'points')}."
+        )
+    elif measured:
+        text = "No run pressed to the depth of a measured deflection."
+    text += f"\n\nMeasured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (figure,))
 
@@ -316,14 +326,20 @@ def deflections(profiles: list[Deflection], measured: list[Deflection]) -> Plot:
 
 def _row(one: Deflection, other: Deflection | None) -> tuple[str, ...]:
     depth = "unknown" if math.isnan(one.doi_mm) else f"{one.doi_mm:g}"
-    if other is None:
-        return depth, f"{len(one.z_mm)}", "–", "–"
-    inside = (one.z_mm >= other.z_mm[0]) & (one.z_mm <= other.z_mm[-1])
-    left = (one.deflection_mm - np.interp(one.z_mm, other.z_mm, other.deflection_mm))[inside]
-    if not len(left):
-        return depth, "0", "–", "–"
+    left = _difference(one, other)
+    if left is None:
+        return depth, f"{0 if other else len(one.z_mm)}", "–", "–"
     mean, rms = f"{left.mean():+.3f}".replace("-", "−"), f"{np.sqrt(np.mean(left**2)):.3f}"
     return depth, f"{len(left)}", mean, rms
+
+
+def _difference(one: Deflection, other: Deflection | None) -> Array | None:
+    """Return measured minus simulated deflection (mm) at the points that the simulation covers; None without any."""
+    if other is None:
+        return None
+    inside = (one.z_mm >= other.z_mm[0]) & (one.z_mm <= other.z_mm[-1])
+    left = one.deflection_mm - np.interp(one.z_mm, other.z_mm, other.deflection_mm)
+    return left[inside] if inside.any() else None
 
 
 def _draw(canvas: Canvas, profiles: list[Deflection], measured: list[Deflection]) -> None:

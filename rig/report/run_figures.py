@@ -361,7 +361,7 @@ def _delivered(figure: Figure, found: Sequence[DeliveredPress], columns: int) ->
         reach = 1.15 * max(np.abs(got - asked + sd).max(), np.abs(got - asked - sd).max(), allowed.max(), 1e-9)
         below.set(ylabel=f"difference ({unit_})", xlabel="press, by index (1)", ylim=(-reach, reach))
         below.set_xlim(index.min() - 0.6, index.max() + 0.6)
-        below.xaxis.set_major_locator(MaxNLocator(integer=True))
+        below.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         for axes in (above, below):
             handles |= dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     figure.legend(list(handles.values()), list(handles), loc="lower center", ncols=_NAMES_A_LINE, fontsize=8)

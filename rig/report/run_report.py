@@ -56,9 +56,9 @@ def finger_section(run: Run, finger: Fingertip) -> FingerSection | None:
         replace_text(run.folder.path / AFTER, after.as_toml())
     inside = sum(one.kept for one in pairs)
     sentence = (
-        f"Identified on {identified.date} in {number_of(identified.presses, 'presses')}. {inside} of "
+        f"Identified on {identified.date[:10]} in {number_of(identified.presses, 'presses')}. {inside} of "
         f"{number_of(len(pairs), 'presses')} in this run lie within the predicted band, whose nominal coverage is "
-        f"{identified.band.coverage:.0%}."
+        f"{100 * identified.band.coverage:.0f} %."
     )
     return FingerSection(sentence, pairs, [] if after is None else _rows(identified.draw, after.identified.draw))
 

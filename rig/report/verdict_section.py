@@ -18,7 +18,8 @@ _PAIR = (
     "ε₀ [95 %]", "R²", "remarks",
 )  # fmt: skip
 _NOTHING = (
-    "No recording was given (--recorded SHAPE=FILE), so no measure is tested. The rest of this page is a simulation."
+    "No recording was given (`--recorded SHAPE=FILE`), so no measure is tested. The rest of this page is a "
+    "simulation."
 )
 _WOULD_CHANGE = {
     "explained": (
@@ -121,7 +122,7 @@ def _recorded(answer: AfferentVerdict, frame: str, of: str) -> Section:
         "One k and ε₀ for all stimuli. Bars: one standard error of the mean. Lines join the predictions at "
         "the recorded positions and stop where positions are left out. Crosses: recorded positions that are "
         "left out, since the simulation does not cover them at every receptor. "
-        f"{', '.join(answer.recordings)}.",
+        f"Data: {', '.join(answer.recordings)}.",
     )
     against = PageFigure(
         f"Rate against measure{of}",

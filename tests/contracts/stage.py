@@ -8,7 +8,7 @@ import pickle
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Any, ClassVar
 
 import pytest
@@ -269,7 +269,7 @@ class StageContract:
 
     # --- who it is ---
 
-    def test_it_connects_and_names_itself_and_nothing_is_homed_by_that(self, device: StageBytes) -> None:
+    def test_connecting_identifies_the_stage_and_homes_nothing(self, device: StageBytes) -> None:
         bench = StageBench(device, connected=False)
         assert not bench.stage.homed
         assert bench.stage.connect() == device.identity
@@ -311,6 +311,17 @@ class StageContract:
         assert caught.value.code in ("no_target", "not_one_axis")
         assert bench.wire.writes == []
         assert bench.stage.homed
+
+    @pytest.mark.parametrize("homed", [True, False])
+    def test_what_is_no_jog_is_refused_before_any_byte(self, device: StageBytes, homed: bool) -> None:
+        bench = StageBench(device, homed=homed)
+        for by_mm in (math.nan, math.inf, -math.inf):
+            with bench.fails(MoveError, "not_finite"):
+                bench.stage.jog("z", by_mm, 1.0)
+        with bench.fails(MoveError, "too_slow"):
+            bench.stage.jog("z", -0.1, 1e-9)
+        assert bench.wire.writes == []
+        assert bench.stage.homed is homed
 
     # --- a motion ---
 
@@ -441,6 +452,32 @@ class StageContract:
         if verb in ("connect", "status", "look"):
             assert bench.wire.asked.count(bench.wire.asked[0]) <= TRIES
 
+    @pytest.mark.parametrize("verb", ["home", "move_to"])
+    def test_a_command_without_a_reply_is_not_sent_again(self, device: StageBytes, verb: str) -> None:
+        """It may have been obeyed, and it may have been lost."""
+        bench, commands = StageBench(device, homed=verb == "move_to"), list[bytes]()
+        hear = bench.wire._hear
+
+        def losing(frame: bytes, port: bytes) -> None:
+            asked = port + device.heard(frame)
+            if isinstance({**device.usual, **device.states[bench.wire.state]}.get(asked), tuple):
+                commands.append(asked)
+            else:
+                hear(frame, port)
+
+        bench.wire._hear = losing  # type: ignore[method-assign]
+        with pytest.raises(StageError):
+            VERBS[verb](bench)
+        assert commands.count(commands[0]) == 1
+        assert not bench.stage.homed
+
+    def test_a_question_whose_reply_is_lost_is_asked_again(self, device: StageBytes) -> None:
+        bench = StageBench(device, homed=True)
+        lost, hear = [1], bench.wire._hear
+        bench.wire._hear = lambda frame, port: None if lost and lost.pop() else hear(frame, port)  # type: ignore[method-assign]
+        assert bench.stage.status() == device.home
+        assert not lost
+
     @pytest.mark.parametrize("verb", ["connect", "home", "move_to"])
     def test_after_a_silence_that_may_have_moved_it_the_position_is_lost(self, device: StageBytes, verb: str) -> None:
         bench = StageBench(device, homed=True)
@@ -458,6 +495,44 @@ class StageContract:
         bench.wire.instead.clear()
         bench.wire.mangled = as_it_is
         assert bench.stage.status() == device.home, "the next one is believed"
+
+    def test_a_reply_with_a_wrong_bit_is_an_error_or_is_not_believed(self, device: StageBytes) -> None:
+        """Where a checksum shows it: what is read is what was said."""
+        if "checksum" in device.lacks:
+            return
+        bench = StageBench(device, homed=True)
+        for place, bit in product(range(64), (0, 3, 7)):
+            bench.wire.mangled = (
+                lambda frame, place=place, bit=bit: (  # type: ignore[misc]
+                    frame[:place] + bytes([frame[place] ^ 1 << bit]) + frame[place + 1 :]
+                    if place < len(frame)
+                    else frame
+                )
+            )
+            try:
+                found = bench.stage.status()
+            except StageError:
+                bench = StageBench(device, homed=True)
+            else:
+                assert found == device.home, (place, bit)
+
+    @pytest.mark.parametrize("waits", [True, False], ids=["slow", "at once"])
+    @pytest.mark.parametrize("chatter", [b"\xaa", b"xyz", b"!02 1 IDLE --:95\r\n"], ids=repr)
+    def test_a_port_that_never_stops_talking_is_an_error_in_bounded_time(
+        self, device: StageBytes, chatter: bytes, waits: bool
+    ) -> None:
+        """Whether its bytes come by and by, or are always there."""
+        bench = StageBench(device, homed=True)
+
+        def chatting(timeout_s: float, port: bytes = b"") -> bytes:
+            bench.clock.wait_s(min(timeout_s, 0.01) if waits else 1e-3)
+            return b"" if waits and timeout_s < 0.01 else chatter
+
+        bench.wire.read = chatting  # type: ignore[method-assign]
+        begun_s = bench.clock.monotonic_s()
+        with pytest.raises((StageError, TransportError)):
+            bench.stage.status()
+        assert bench.clock.monotonic_s() - begun_s < GIVES_UP_S
 
     def test_a_refusal_has_the_makers_number(self, device: StageBytes) -> None:
         *_, code, number = device.unlock
@@ -515,16 +590,6 @@ class StageContract:
                 bench.stage.set_output(on)
         assert bench.wire.writes == []
         assert bench.stage.homed
-
-
-def _move_to(bench: StageBench, to: dict[str, float]) -> None:
-    bench.stage.move_to(**to)
-
-
-def _under_way(bench: StageBench, state: str) -> None:
-    looks = bench.under_way()
-    bench.wire.state = state
-    list(looks)
 
 
 def _garbled(bench: StageBench, garbled: Garbled) -> None:

@@ -8,12 +8,10 @@ import pytest
 
 from rig.devices.base import ForceError, ForceTimeout, ZeroedByDriver
 from rig.devices.registry import BUILT_IN
-from rig.engine.sensing import NoReadingError, read
 from sim.devices.clock import VirtualClock
 from tests.contracts.force import Connected, ForceBytes, ForceContract
 from tests.error_codes import raises
 from tests.parts.plain_driver import PlainForce
-from tests.stub_bench import StubSensor, raising
 
 TABLES = Path(__file__).parent / "bytes"
 DEVICES: list[ForceBytes] = [
@@ -68,17 +66,6 @@ def test_a_load_that_the_program_subtracts_is_subtracted_once_however_often_it_i
 
 
 # --- a driver that raises plain text ---
-
-
-@pytest.mark.parametrize(("kind", "code"), [(ForceError, "no_force"), (ForceTimeout, "no_reply")])
-def test_plain_text_is_told_as_it_is(kind: type[ForceError], code: str) -> None:
-    sensor = StubSensor(VirtualClock())
-    sensor.at_read = raising(kind("odd {text} of {0}, 100 %"))
-    with pytest.raises(NoReadingError) as caught:
-        read(sensor, sensor.clock, 0.0)
-    assert "odd {text} of {0}, 100 %" in str(caught.value)
-    assert isinstance(caught.value.__cause__, kind)
-    assert (caught.value.__cause__.code, caught.value.__cause__.fields) == (code, {})
 
 
 @pytest.mark.parametrize(

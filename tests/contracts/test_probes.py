@@ -14,7 +14,7 @@ from rig.devices.make_drivers import open_force, open_stage, probe
 from rig.devices.registry import BUILT_IN, KINDS, DeviceKind, KnownBench, Opener, find
 from rig.errors import RigError
 from rig.settings import BenchSettings
-from rig.transport import Transport, TransportError
+from rig.transport import Transport
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 
@@ -318,32 +318,6 @@ def test_a_device_that_has_named_its_kind_is_found_though_it_refuses_the_rest(
     """An overloaded balance, a board that is locked."""
     _, _, found = ask(table, {**table.questions, question: reply})
     assert found == identity
-
-
-HALVES: list[tuple[str, str, bytes, object]] = [
-    *(("leadshine_rtu", "one_drive", bytes([device, 3]), device) for device in (1, 2)),
-    *(("zaber", "one_device", b"/%d " % device, device) for device in (1, 2)),
-    *(("tmcl", "one_motor", bytes([1, 6, 1, motor]), f"module 1, motor {motor}") for motor in (0, 1)),
-]
-
-
-@pytest.mark.parametrize(("name", "code", "begins", "silent"), HALVES, ids=str)
-def test_of_two_on_one_port_the_silent_one_is_named(
-    name: str, code: str, begins: bytes, silent: object, ask: Ask
-) -> None:
-    table = TABLES[name]
-    heard = {question: reply for question, reply in table.questions.items() if not question.startswith(begins)}
-    with raises(StageError, code, silent=silent):
-        ask(table, heard)
-
-
-def test_a_port_that_does_not_open_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    def open_port(*words: Any, **more: Any) -> Port:
-        raise TransportError("no", code="no_permission")
-
-    monkeypatch.setattr(make_drivers, "open_port", open_port)
-    with raises(TransportError, "no_permission"):
-        probe(_kind(MTSICS), SERIAL, VirtualClock())
 
 
 class Wire:

@@ -1,7 +1,6 @@
 """Every registered stage keeps the contract, and has said all that it asks of its controller."""
 
 import importlib
-import math
 import pickle
 import pkgutil
 from pathlib import Path
@@ -17,7 +16,6 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
     arrive,
-    next_look_s,
 )
 from rig.devices.make_drivers import stage_driver
 from rig.devices.registry import BUILT_IN, StageKind, find
@@ -57,21 +55,6 @@ def test_a_table_leaves_nothing_open(device: StageBytes) -> None:
     assert set(device.states) >= TO_BE_SAID
     assert (device.limit is None) == ("limit" in device.lacks)
     assert len(device.garbled) >= 5
-
-
-@pytest.mark.parametrize(
-    ("last_s", "over_s", "look_s", "next_s"),
-    [
-        (1.0, 5.0, 0.5, 1.5), (1.0, 1.75, 0.5, 1.5), (1.0, 1.74, 0.5, 2.24), (1.0, 1.5, 0.5, 2.0),
-        (1.0, 1.25, 0.5, 1.75), (1.0, 1.0, 0.5, 1.5), (2.0, 1.0, 0.5, 2.5), (2.0, 1.875, 0.5, 2.5),
-        (1.0, 5.0, math.inf, math.inf),
-    ],
-)  # fmt: skip
-def test_a_look_is_never_just_before_or_just_after_the_end_of_a_motion(
-    last_s: float, over_s: float, look_s: float, next_s: float
-) -> None:
-    """Half of the time between two looks is near."""
-    assert next_look_s(last_s, over_s, look_s) == pytest.approx(next_s)
 
 
 # --- on its virtual twin ---
@@ -115,7 +98,7 @@ PLAIN = "odd {text} of {0}, 100 %"
         (StageOverridden, "overridden"), (MoveError, "bad_move"),
     ],
 )  # fmt: skip
-def test_plain_text_is_told_as_it_is(kind: type[StageError] | type[MoveError], code: str) -> None:
+def test_plain_text_of_a_driver_stays_as_it_is(kind: type[StageError] | type[MoveError], code: str) -> None:
     """A third-party driver knows no codes; what it raises comes out of a motion, and of a process, unchanged."""
     stage = StubStage(VirtualClock())
     arrive(stage.homing())

@@ -24,7 +24,7 @@ def _bench(stage: StageBytes, sensor: ForceBytes) -> tuple[Any, StageBench, Conn
 
 
 @pytest.mark.parametrize(("stage", "sensor"), PAIRS)
-def test_who_answers_is_asked_who_it_is_and_nothing_else(stage: StageBytes, sensor: ForceBytes) -> None:
+def test_a_sensor_that_answers_is_only_identified(stage: StageBytes, sensor: ForceBytes) -> None:
     bench, stands, reads = _bench(stage, sensor)
     refuse_silent_sensor(bench)
     assert (reads.wire.asked, stands.wire.asked) == (list(sensor.on_identify), [])

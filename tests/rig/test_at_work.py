@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 
-from rig.control import client as at_work_module
 from rig.control.client import Announcement, activity_of
 from rig.control.owner_socket import ControlSocket
 from rig.transport.ownership import PortOwnership
@@ -42,7 +41,7 @@ def announce() -> Iterator[Any]:
         ({"protocol": "steps"}, {"ok": False, "problem": "not now"}, "run of steps, not now", "rig stop"),
     ],
 )  # fmt: skip
-def test_what_the_owner_of_a_port_does(
+def test_the_activity_of_the_owner_of_a_port_is_reported(
     announce: Any, more: dict[str, Any], status: Any, does: str, stopped_by: str
 ) -> None:
     announce(status, **more)
@@ -53,18 +52,10 @@ def test_what_the_owner_of_a_port_does(
     assert activity_of(os.getpid() + 1) == {}
 
 
-def test_of_one_that_has_not_said_nothing_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert activity_of(os.getpid()) == {}
-
-    def not_ours() -> Any:
-        raise PermissionError(1, "somebody else's")
-
-    monkeypatch.setattr(at_work_module, "announced", not_ours)
-    assert activity_of(os.getpid()) == {}
-
-
 @pytest.mark.parametrize("command", ["status", "doctor"])
-def test_both_devices_name_it(announce: Any, program: Program, tmp_path: Path, command: str) -> None:
+def test_status_and_doctor_name_the_owner_of_both_ports(
+    announce: Any, program: Program, tmp_path: Path, command: str
+) -> None:
     config = tmp_path / "rig.toml"
     ports = [f"tcp://127.0.0.1:{number}" for number in (1, 2)]
     config.write_text(f"[stage]\nport = '{ports[0]}'\n[force]\nport = '{ports[1]}'\n", encoding="utf-8")

@@ -35,13 +35,6 @@ def memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> BenchMemory:
     return BenchMemory(RigSettings())
 
 
-def test_of_a_bench_that_nobody_used_nothing_is_known(memory: BenchMemory) -> None:
-    known = memory.read()
-    assert known == LastKnown()
-    assert known.zero is None
-    assert not known.is_where_left(AT)
-
-
 @pytest.mark.parametrize(
     ("at", "there"),
     [

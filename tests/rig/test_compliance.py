@@ -1,6 +1,5 @@
 """The rig's own compliance: measured on a rigid block, and what it does to a depth."""
 
-import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -33,38 +32,13 @@ def _block(spring: Make, rig_mm_per_n: float, top_mm: float = 0.1, noise_gwt: fl
     return bench
 
 
-@pytest.mark.parametrize("mm_per_n", [0.02, 0.05, 0.2])
-@pytest.mark.parametrize("noise_gwt", [0.0, 0.02])
+@pytest.mark.parametrize(("mm_per_n", "noise_gwt"), [(0.02, 0.0), (0.2, 0.02)])
 def test_the_truth_lies_within_the_uncertainty(spring: Make, mm_per_n: float, noise_gwt: float) -> None:
     """Three standard deviations; and these are no wider than a tenth of the value, some steps in 1 N."""
     bench = _block(spring, mm_per_n, noise_gwt=noise_gwt)
     found = measure_compliance(bench.ready(), 100.0)
     assert abs(found.mm_per_n - mm_per_n - BLOCK_MM_PER_N) < 3 * found.sd_mm_per_n
     assert found.sd_mm_per_n < 0.1 * mm_per_n
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_no_step_is_longer_than_the_stages_smallest_near_the_block(spring: Make) -> None:
-    """From search_mm above where the block is expected on: 0.0025 mm a move."""
-    bench = _block(spring, 0.05)
-    measure_compliance(bench.ready(), 100.0)
-    heights = [move["Z"] + 25.0 for move in bench.moves() if "Z" in move]
-    steps = [a - b for a, b in itertools.pairwise(heights) if b < a < 0.5]
-    assert max(steps) <= 0.0025 + 1e-3, "a board prints thousandths"
-    assert sum(steps) / len(steps) == pytest.approx(0.0025, abs=1e-4)
-
-
-def test_a_rig_too_stiff_to_tell(spring: Make) -> None:
-    bench = _block(spring, 0.002)
-    with raises(LimitError, "too_few_steps", step_mm=0.0025, fewest=4):
-        measure_compliance(bench.ready(), 100.0)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_no_block(spring: Make) -> None:
-    bench = _block(spring, 0.05, top_mm=-3.0)
-    with raises(TripError, "no_block", lowest_mm=-0.5):
-        measure_compliance(bench.ready(), 100.0)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
@@ -115,18 +89,6 @@ def test_the_compliance_is_a_line_through_what_is_at_least_a_fifth_of_the_force(
     assert bench.engine.state is State.READY
 
 
-def test_what_lies_off_the_line_makes_the_compliance_less_certain() -> None:
-    """0.07, 0.08, 0.13 and 0.22 N after four steps.
-
-    Σ (f - mean)² = 0.0141 N², Σ (f - mean) (h - mean) = -0.000625 N mm, Σ (h - mean)² =
-    3.125e-5 mm², of which the line leaves 3.546e-6; √(3.546e-6 / 2) / √0.0141 mm/N.
-    """
-    bench = _steps_block(lambda step: 0.02 * (1, 1, -1, -1)[step % 4])
-    found = measure_compliance(bench.engine, 0.2 / GWT_N)
-    assert found.mm_per_n == pytest.approx(0.000625 / 0.0141, rel=1e-4)
-    assert found.sd_mm_per_n == pytest.approx(0.011214, rel=1e-3)
-
-
 @pytest.mark.parametrize(("to_n", "readings"), [(0.19, 4), (0.14, 3)])
 def test_the_compliance_takes_four_steps_within_the_force(to_n: float, readings: int) -> None:
     bench = _steps_block()
@@ -146,14 +108,6 @@ def test_a_block_is_come_to_by_increments_and_looked_for_as_far_as_a_finger() ->
     heights = [height for height, _ in bench.readings("compliance")]
     assert heights[:31] == pytest.approx([2.0 - 0.05 * k for k in range(1, 32)])
     assert heights[31:] == pytest.approx([0.45 - 0.0025 * k for k in range(1, 373)])
-
-
-def test_a_soft_thing_gives_a_compliance_below_one_gwt_too() -> None:
-    """0.15 gwt a step of 0.0025 mm: six of them to 0.9 gwt."""
-    bench = PlainBench(lambda bench: 0.15 * max(round((0.1 - bench.height_mm) / 0.0025), 0), {})
-    found = measure_compliance(bench.ready(), 0.88)
-    assert found.readings == 5
-    assert found.mm_per_n == pytest.approx(0.0025 / (0.15 * GWT_N), rel=1e-4)
 
 
 def test_an_operator_stops_it_between_two_steps() -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from rig.plan.config import ABSENT, UNITS, Config, keys, load_config, unit
+from rig.plan.config import ABSENT, Config, keys, load_config
 from rig.settings import LimitSettings
 from tests.config_keys import TABLE
 from tests.program import Ended, Program
@@ -41,17 +41,6 @@ def test_every_key_there_is_is_told_once_in_one_line() -> None:
     for key in [*told, *keys(Config())]:
         assert re.fullmatch(r"[^\n|]{5,110}(?<![.])", key.what), f"{key.place}: {key.what!r}"
         assert key.allowed, key.place
-
-
-def test_the_unit_is_the_end_of_the_name() -> None:
-    assert [unit(name) for name in ("max_pressure_kpa", "soft_trip_n", "compliance_mm_per_n", "ramp_ms")] == [
-        "kPa", "N", "mm/N", "ms",
-    ]  # fmt: skip
-    assert [unit(name) for name in ("press_speed_mm_s", "heartbeat_s", "poisson", "count_g", "settle_readings")] == [
-        "mm/s", "s", "", "g", "",
-    ]  # fmt: skip
-    ends = list(UNITS)
-    assert not [(one, other) for k, one in enumerate(ends) for other in ends[:k] if one.endswith(f"_{other}")]
 
 
 def test_what_it_prints_is_a_file_that_gives_the_same(program: Program, tmp_path: Path) -> None:

@@ -11,7 +11,6 @@ from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.rig.test_corrupted_grbl_lines import _instead
-from tests.scripted_board import Board, at, connected
 
 BOUNDS = RigSettings().bounds
 HOME_STEPS = (-400, -400, -400)
@@ -58,7 +57,7 @@ def test_the_floor_lies_the_fall_of_the_skin_a_search_and_the_deepest_press_belo
     assert fast.bounds.fastest_mm_s == 8.0
 
 
-def test_it_is_written_once_and_only_where_it_differs() -> None:
+def test_settings_are_written_once_and_only_where_they_differ() -> None:
     bench = Bench()
     bench.stage.connect()
     assert bench.stored() == [b"$110=300\n", b"$111=300\n", b"$132=28.6\n"]
@@ -92,13 +91,6 @@ def test_soft_limits_that_a_killed_program_left_off_are_switched_on_by_the_next(
     stage = GrblStage(bench, bench.clock, expected=expected_settings(RigSettings()), bounds=BOUNDS)
     stage.connect()
     assert "$20=1" in bench.settings()
-
-
-@pytest.mark.parametrize("has_mm", [20.0, 28.601, 40.0, 60.0])
-def test_the_floor_is_set_whatever_the_board_had(has_mm: float) -> None:
-    bench = Bench(_132=has_mm)
-    bench.stage.connect()
-    assert "$132=28.600" in bench.settings()
 
 
 def test_a_board_that_is_slower_is_never_made_faster() -> None:
@@ -163,62 +155,3 @@ def test_whatever_becomes_of_the_homing_line_only_a_stage_that_went_home_is_home
         assert bench.stage.homed <= at_home, instead
         assert bench.clock.monotonic_s() < 60.0, "it does not wait for a homing that never began"
     assert (homed, not_homed) == (2, 33)
-
-
-def test_an_unlocking_instead_of_homing_is_found_out_though_the_board_believes_to_be_home() -> None:
-    bench = Bench()
-    bench.stage.connect()
-    bench.stage.home()
-    bench.instead[b"$H\n"] = b"$X\n"
-    with raises(StageError, "did_not_home"):
-        bench.stage.home()
-    assert not bench.stage.homed
-
-
-@pytest.mark.parametrize(
-    ("settings", "z_mm", "homes"),
-    [("$27=1", -1.0, True), ("$27=1", -1.003, False), ("$27=1", 0.0, False), ("$27=2.5", -2.5, True)],
-)
-def test_homing_ends_at_the_pull_off_of_the_board(settings: str, z_mm: float, homes: bool) -> None:
-    """X homes to the negative end here: its place is the travel, less the pull-off."""
-    board = Board(VirtualClock())
-    off_mm = float(settings.removeprefix("$27="))
-    board.answers[b"$$\n"] = (
-        f"$13=0\r\n$23=1\r\n{settings}\r\n$100=400\r\n$101=400\r\n$102=400\r\n$130=60\r\nok\r\n".encode()
-    )
-    stage = connected(board, homed=False)
-    board.status = at("Idle", -60.0 + off_mm, -off_mm, z_mm)
-    if homes:
-        stage.home()
-    else:
-        with raises(StageError, "did_not_home", axis="Z", at_mm=z_mm, target_mm=-off_mm):
-            stage.home()
-    assert stage.homed is homes
-
-
-@pytest.mark.parametrize("negative", range(4))
-@pytest.mark.parametrize("elsewhere", ["", "x_mm", "y_mm"])
-def test_each_axis_homes_to_the_end_that_the_board_names(negative: int, elsewhere: str) -> None:
-    """$23 has a bit for each axis that homes to its negative end; Z never does."""
-    board = Board(VirtualClock())
-    board.answers[b"$$\n"] = f"$13=0\r\n$23={negative}\r\n$27=1\r\n$130=60\r\n$131=30\r\nok\r\n".encode()
-    stage = connected(board, homed=False)
-    ends = {"x_mm": -59.0 if negative & 1 else -1.0, "y_mm": -29.0 if negative & 2 else -1.0, "z_mm": -1.0}
-    other = {"x_mm": -60.0 - ends["x_mm"], "y_mm": -30.0 - ends["y_mm"]}
-    board.status = at("Idle", **(ends | {name: mm for name, mm in other.items() if name == elsewhere}))
-    if elsewhere:
-        with raises(StageError, "did_not_home", axis=elsewhere[0].upper(), target_mm=ends[elsewhere]):
-            stage.home()
-    else:
-        stage.home()
-    assert stage.homed is not bool(elsewhere)
-
-
-def test_a_garbled_answer_to_the_settings_is_asked_for_again() -> None:
-    board = Board(VirtualClock())
-    right, wrong = b"$13=0\r\n$102=400.000\r\nok\r\n", b"$13=0\r\n$102=000.000\r\nok\r\n"
-    board.next[b"$$\n"] = [wrong, right, right]
-    assert connected(board, homed=False).steps_per_mm("z") == 400.0
-    board.next[b"$$\n"] = [right, wrong, right, wrong]
-    with raises(StageError, "answers_differ"):
-        connected(board, homed=False)

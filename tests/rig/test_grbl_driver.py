@@ -1,17 +1,28 @@
-"""The GRBL driver as pairs of bytes."""
+"""The GRBL driver: pairs of bytes, the settings that it expects of a board, and its words."""
 
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from rig.devices.base import Stage, StageAlarm, StageError, StageRejected, StageReset, StageStatus, StageTimeout
+from rig.devices.base import (
+    MoveError,
+    Stage,
+    StageAlarm,
+    StageError,
+    StageRejected,
+    StageReset,
+    StageStatus,
+    StageTimeout,
+)
 from rig.devices.grbl import GrblStage
-from rig.devices.grbl_link import ASK_TIMES, StatusFields, expected_settings, is_banner, parse_status
+from rig.devices.grbl_link import ASK_TIMES, expected_settings, parse_setting
+from rig.devices.registry import StageKind, find
+from rig.plan.config import Config
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-from tests.scripted_board import Board, at, connected
+from tests.scripted_board import Board
 
 BANNER = b"\r\nGrbl 1.1h ['$' for help]\r\n"
 HELLO = (b"$I\n", b"[VER:1.1h.20190825:]\r\n[OPT:V,15,128]\r\nok\r\n")
@@ -116,46 +127,7 @@ def test_a_board_that_is_not_set_as_configured_is_refused(
         stage.connect()
 
 
-@pytest.mark.parametrize(
-    ("setting", "keys", "wanted"),
-    [
-        (b"$130=50", " (stage.travel_mm)", {130: 60.0}),
-        (b"$131=50", " (stage.travel_mm)", {131: 30.0}),
-        (b"$13=1", "", {13: 0}),
-    ],
-)
-def test_a_travel_that_differs_is_told_by_the_key_of_the_configuration(
-    clock: VirtualClock, scripted: Callable[[list[Any]], Any], setting: bytes, keys: str, wanted: dict[int, float]
-) -> None:
-    board = b"$20=1\r\n$22=1\r\n$130=60.000\r\n$131=30.000\r\n$132=40.000\r\n" + setting + b"\r\nok\r\n"
-    stage = GrblStage(scripted([HELLO, *asked(board)]), clock, expected=expected_settings(RigSettings()))
-    with raises(StageError, "not_as_configured", keys=keys, wanted=wanted):
-        stage.connect()
-
-
-def test_where_no_travel_is_expected_none_is_named(clock: VirtualClock, scripted: Callable[[list[Any]], Any]) -> None:
-    stage = GrblStage(scripted([HELLO, *asked(b"$13=1\r\n$132=1\r\nok\r\n")]), clock)
-    with raises(StageError, "not_as_configured", keys="", wanted={13: 0}):
-        stage.connect()
-
-
-def test_what_was_calibrated_is_expected_of_the_board() -> None:
-    day = {"date": "2026-01-01", "expires": "2027-01-01"}
-    steps = {
-        f"{axis}_steps_per_mm": {"value": value, **day}
-        for axis, value in zip("xyz", (400, -401.5, -800), strict=True)
-    }
-    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
-    assert {100: 400.0, 101: 401.5, 102: 800.0, 3: 0b110}.items() <= expected.items()
-    assert 3 not in expected_settings(RigSettings()), "a direction that nobody measured is not compared"
-
-
 # --- lines and answers ---
-
-
-def test_settings_by_number(stage: Make) -> None:
-    board = stage([(b"$$\n", b"$0=10\r\n$N0=G21\r\n$100=400.000\r\n$120=50.5 (x accel)\r\nok\r\n")])
-    assert board.settings() == {0: 10.0, 100: 400.0, 120: 50.5}
 
 
 def test_push_messages_never_answer_a_line(stage: Make) -> None:
@@ -176,34 +148,6 @@ def test_no_answer_is_a_bounded_wait_and_then_only_a_reset_helps(stage: Make, cl
 # --- status ---
 
 
-@pytest.mark.parametrize(
-    ("line", "fields"),
-    [
-        ("<Idle|MPos:0.000,1.000,-2.500|Bf:15,128|FS:0,0|Pn:XZ|WCO:1,2,3|Ov:100,100,100>",
-         StatusFields("Idle", (0.0, 1.0, -2.5), None, (1.0, 2.0, 3.0), (100, 100, 100), "XZ")),
-        ("<Hold:1|WPos:0,0,0|FS:0,0>", StatusFields("Hold:1", None, (0.0, 0.0, 0.0), None)),
-        ("<Run|MPos:0,0,0,7.5|FS:0,0>", StatusFields("Run", (0.0, 0.0, 0.0), None, None)),
-        ("<Alarm>", StatusFields("Alarm", None, None, None)),
-        ("<Idle|MPos:0.000,1.0", None), ("<Idle|MPos:0.000,1.000>", None), ("<Idle|MPos:a,b,c>", None),
-        ("<Idle|MPos:nan,0,0>", None), ("<Idle|MPos:0,0<Idle|MPos:0,0,0>", None), ("ok", None), ("", None),
-    ],
-)  # fmt: skip
-def test_status_fields_whichever_come(line: str, fields: StatusFields | None) -> None:
-    assert parse_status(line) == fields
-
-
-def test_banners() -> None:
-    assert is_banner("Grbl 1.1h ['$' for help]")
-    assert is_banner("GrblHAL 1.1f ['$' or '$HELP' for help]")
-    assert is_banner("<Idle|MPos:0.0Grbl 1.1h ['$' for help]")
-    assert not is_banner("[VER:1.1h.20190825:Grbl on the bench]")
-
-
-def test_status_split_into_pieces(stage: Make) -> None:
-    board = stage([(b"?", [b"<Id", b"le|MPos:-1.0", b"00,-2.000,-3.000|FS:0", b",0>\r", b"\n"])])
-    assert board.status() == StageStatus("Idle", -1.0, -2.0, -3.0)
-
-
 def test_work_position_waits_for_the_offset_and_keeps_it(stage: Make) -> None:
     work = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0>\r\n"
     with_offset = b"<Idle|WPos:1.000,2.000,3.000|FS:0,0|WCO:-10.000,0.000,0.500>\r\n"
@@ -218,36 +162,6 @@ def test_a_status_without_position_is_an_error(stage: Make) -> None:
 
 
 # --- homing and moving ---
-
-
-def test_home_then_move(stage: Make, clock: VirtualClock) -> None:
-    board = stage(
-        [
-            *HOMING,
-            *confirmed("X10Y0Z0", 60, (-1, -1, -1), (-11, -1, -1)),
-            (b"G1X0\n", b"ok\r\n"),
-            (b"?", b"<Run|MPos:-10.990,-1.000,-1.000|FS:60,0>\r\n"),
-            (b"?", b"<Idle|MPos:-11.000,-1.000,-1.000|FS:0,0>\r\n"),
-        ]
-    )
-    assert not board.homed
-    board.home()
-    assert board.homed
-    start_s = clock.monotonic_s()
-    board.move_to(x_mm=-11.0, speed_mm_s=1.0)
-    # 10 mm at 1 mm/s and 50 mm/s², then one poll interval.
-    assert clock.monotonic_s() - start_s == pytest.approx(10.0 + 1.0 / 50 + 0.02)
-
-
-def test_a_move_that_does_not_end_has_a_bounded_wait(clock: VirtualClock) -> None:
-    stuck = Board(clock)
-    board = connected(stuck)
-    stuck.status = at("Run")
-    with raises(StageTimeout, "not_over", state="Run"):
-        board.move_to(x_mm=1.0, speed_mm_s=1.0)
-    stuck.status = at("Hold:0")
-    with raises(StageTimeout, "still_held", timeout_s=1.0):
-        board.resume(1.0)
 
 
 def test_a_banner_at_any_time_is_a_reset(stage: Make) -> None:
@@ -270,37 +184,7 @@ def test_an_alarm_that_came_between_is_raised_before_the_next_line(stage: Make, 
         board.move_to(x_mm=-2.0, speed_mm_s=1.0)
 
 
-def test_with_backlash_every_arrival_is_in_the_negative_direction(stage: Make) -> None:
-    """10 µm of it in Z, none in X: up by way of 20 µm more, down straight."""
-    board = stage(
-        [
-            (b"?", IDLE),
-            *confirmed("X0.5Y0Z-0.12", 60, AT, (-1.5, -2, -2.88)),
-            (b"G1X0Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.880|FS:0,0>\r\n"),
-            *confirmed("X0Y0Z0.02", 60, (-1.5, -2, -2.88), (-1.5, -2, -2.9), modes=False),
-            (b"G1X0Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-2.900|FS:0,0>\r\n"),
-            *confirmed("X0Y0Z0.1", 60, (-1.5, -2, -2.9), (-1.5, -2, -3), modes=False),
-            (b"G1Z0\n", b"ok\r\n"),
-            (b"?", b"<Idle|MPos:-1.500,-2.000,-3.000|FS:0,0>\r\n"),
-        ],
-        backlash_mm=(0.0, 0.0, 0.01),
-        homed=True,
-    )
-    board.status()
-    board.move_to(x_mm=-1.5, z_mm=-2.9, speed_mm_s=1.0)
-    board.move_to(z_mm=-3.0, speed_mm_s=1.0)
-
-
 # --- jogging and outputs ---
-
-
-def test_a_jog_is_queued_and_not_waited_for(stage: Make, clock: VirtualClock) -> None:
-    start_s = clock.monotonic_s()
-    going = confirmed("X0Y0Z0.1", 60, AT, (-1, -2, -3.1), modes=False)
-    stage([(b"?", IDLE), *going, (b"$J=Z0F60\n", b"ok\r\n")]).jog("z", -0.1, 1.0)
-    assert clock.monotonic_s() == start_s
 
 
 def test_a_jog_beyond_the_travel_is_refused_by_the_board(stage: Make) -> None:
@@ -349,3 +233,229 @@ def test_a_resume_is_sent_again_until_it_is_seen(stage: Make) -> None:
     )
     board.hold()
     board.resume()
+
+
+# --- settings, inputs and words ---
+
+
+@pytest.fixture
+def board(clock: VirtualClock) -> Board:
+    return Board(clock)
+
+
+@pytest.mark.parametrize("garbled", ["", "1\N{REPLACEMENT CHARACTER}", "x"])
+def test_a_garbled_number_is_an_error_and_an_alarm_all_the_same(
+    board: Board, clock: VirtualClock, garbled: str
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    raw = garbled.encode("ascii", "ignore") + b"\xff" * ("\N{REPLACEMENT CHARACTER}" in garbled)
+    board.answers[b"$X\n"] = b"error:" + raw + b"\r\n"
+    with raises(StageRejected, "line_refused", number=0):
+        stage.unlock()
+    board.says(b"ALARM:" + raw + b"\r\n")
+    with raises(StageAlarm, "alarm", number=0):
+        stage.status()
+
+
+# --- settings ---
+
+SET: dict[int, Any] = {13: 0, 22: 1, 32: 0, 130: 60.0, 131: 30.0}
+"""What a board must be set to on the default bench: millimetres, homing, no laser, and the travel."""
+
+
+def _connect(board: Board, clock: VirtualClock, settings: dict[int, Any]) -> None:
+    lines = "".join(f"${number}={value}\r\n" for number, value in settings.items())
+    board.answers[b"$$\n"] = lines.encode() + b"ok\r\n"
+    GrblStage(board, clock, expected=expected_settings(RigSettings())).connect()
+
+
+def test_a_board_as_configured_is_taken(board: Board, clock: VirtualClock) -> None:
+    assert expected_settings(RigSettings()) == SET
+    _connect(board, clock, SET)
+    _connect(board, clock, {n: value for n, value in SET.items() if value})  # one that it lacks counts as 0
+
+
+@pytest.mark.parametrize(
+    ("setting", "wanted", "found", "hal"),
+    [
+        ("$384=0", {384: 1}, {384: 0}, True),
+        ("$10=95", {10: 127}, {10: 95}, True),
+        ("$10=63", {10: 127}, {10: 63}, True),
+        ("$23=4", {23: 0}, {23: 4}, False),
+        ("$23=7", {23: 3}, {23: 7}, True),
+        ("$384=1", {}, {}, True),
+        ("$10=511", {}, {}, True),
+        ("$23=3", {}, {}, True),
+        ("$384=0", {}, {}, False),
+        ("$10=0", {}, {}, False),
+    ],
+)
+def test_a_board_whose_moves_could_not_be_confirmed_is_refused(
+    board: Board,
+    clock: VirtualClock,
+    setting: str,
+    wanted: dict[int, float],
+    found: dict[int, float],
+    hal: bool,
+) -> None:
+    """grblHAL may hide its work zero and its overrides, or store each target; no board may home Z downwards."""
+    board.answers[b"$I\n"] = b"[VER:1.1f.20240101:]\r\n" + b"[FIRMWARE:grblHAL]\r\n" * hal + b"ok\r\n"
+    board.answers[b"$$\n"] = f"$13=0\r\n{setting}\r\nok\r\n".encode()
+    if wanted:
+        with raises(StageError, "not_as_configured", wanted=wanted, found=found):
+            GrblStage(board, clock).connect()
+    else:
+        GrblStage(board, clock).connect()
+
+
+@pytest.mark.parametrize("number", SET)
+@pytest.mark.parametrize("by", [-1, 1])
+def test_each_setting_is_held_to_its_value(board: Board, clock: VirtualClock, number: int, by: int) -> None:
+    has = SET[number] + by
+    with raises(StageError, "not_as_configured", wanted={number: SET[number]}, found={number: has}):
+        _connect(board, clock, SET | {number: has})
+
+
+@pytest.mark.parametrize(
+    ("number", "printed", "fine"),
+    [(130, "60.0004", True), (130, "59.999", False), (32, "0.0005", True), (32, "0.001", False)],
+)
+def test_a_setting_is_compared_as_far_as_a_board_prints_it(
+    board: Board, clock: VirtualClock, number: int, printed: str, fine: bool
+) -> None:
+    """To three decimals: half of the last one is no difference."""
+    if fine:
+        _connect(board, clock, SET | {number: printed})
+    else:
+        with raises(StageError, "not_as_configured", wanted={number: SET[number]}, found={number: float(printed)}):
+            _connect(board, clock, SET | {number: printed})
+
+
+@pytest.mark.parametrize(("answers", "fine"), [([1, 1], True), ([1, 2, 3, 3], True), ([1, 2, 3, 4], False)])
+def test_settings_are_believed_once_two_answers_are_the_same(
+    board: Board, clock: VirtualClock, answers: list[int], fine: bool
+) -> None:
+    """A number with a wrong digit would stay in use."""
+    board.next[b"$$\n"] = [f"$13=0\r\n$100=40{n}.0\r\nok\r\n".encode() for n in answers]
+    stage = GrblStage(board, clock)
+    if fine:
+        stage.connect()
+        assert stage.steps_per_mm("x") == 400.0 + answers[-1]
+    else:
+        with raises(StageError, "answers_differ", port="board"):
+            stage.connect()
+    assert board.said.count(b"$$\n") == len(answers)
+
+
+@pytest.mark.parametrize(
+    ("measured", "direction"),
+    [
+        ((400.0, 401.0, 402.0), 0),
+        ((0.5, 0.5, 0.5), 0),
+        ((-400.0, 401.0, 402.0), 1),
+        ((400.0, -401.0, 402.0), 2),
+        ((400.0, 401.0, -402.0), 4),
+        ((-0.5, -0.5, -0.5), 7),
+    ],
+)
+def test_the_direction_of_each_motor_is_expected_once_all_are_measured(
+    measured: tuple[float, float, float], direction: int
+) -> None:
+    """A board has one setting for all three, and its steps per millimetre without a sign."""
+    day = {"date": "2026-01-01", "expires": "2027-01-01"}
+    steps = {f"{axis}_steps_per_mm": {"value": mm, **day} for axis, mm in zip("xyz", measured, strict=True)}
+    x, y, z = map(abs, measured)
+    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
+    assert expected == SET | {100: x, 101: y, 102: z, 3: direction}
+    del steps["y_steps_per_mm"]
+    expected = expected_settings(RigSettings.model_validate({"calibration": steps}))
+    assert expected == SET | {100: x, 102: z}
+
+
+@pytest.mark.parametrize(("told", "sign"), [(b"", 1), (b"$3=0\r\n", 1), (b"$3=7\r\n", -1)])
+def test_a_motor_whose_direction_the_board_does_not_tell_runs_with_its_axis(
+    board: Board, clock: VirtualClock, told: bytes, sign: int
+) -> None:
+    board.answers[b"$$\n"] = told + b"$100=400.0\r\n$101=250.0\r\n$102=80.0\r\nok\r\n"
+    stage = GrblStage(board, clock)
+    stage.connect()
+    assert [stage.steps_per_mm(axis) for axis in ("x", "y", "z")] == [sign * 400.0, sign * 250.0, sign * 80.0]
+
+
+@pytest.mark.parametrize(("output", "word"), [("coolant", b"M8\n"), ("spindle", b"M3S1000\n"), ("off", b"")])
+def test_a_driver_of_the_registry_has_the_bounds_and_the_output_of_its_configuration(
+    board: Board, clock: VirtualClock, output: str, word: bytes
+) -> None:
+    config = Config.model_validate({"stage": {"kind": "grbl"}, "sync": {"output": output}})
+    stage = find(StageKind, "grbl").driver(lambda port: board, clock, config)
+    floor = SET | {20: 1, 132: -config.bounds.lowest_z_mm}
+    for found in (floor | {132: 40.0}, floor):
+        board.answers[b"$$\n"] = "".join(f"${n}={value}\r\n" for n, value in found.items()).encode() + b"ok\r\n"
+        if found[132] == 40.0:
+            with raises(StageError, "not_kept", wanted={132: floor[132]}, found={132: 40.0}):
+                stage.connect()
+            assert board.said.count(f"$132={floor[132]:g}\n".encode()) == 3
+        else:
+            stage.connect()
+    if word:
+        stage.set_output(True)
+        assert board.said[-1] == word
+    else:
+        with raises(StageError, "no_output"):
+            stage.set_output(True)
+
+
+@pytest.mark.parametrize(
+    ("pins", "inputs"), [("", set()), ("|Pn:D", {"door"}), ("|Pn:XH", {"hold"}), ("|Pn:DHP", {"door", "hold"})]
+)
+def test_the_inputs_of_a_board_are_those_of_its_last_status(
+    board: Board, clock: VirtualClock, pins: str, inputs: set[str]
+) -> None:
+    stage = GrblStage(board, clock)
+    assert stage.active_inputs() == set()
+    stage.connect()
+    for now, active in ((pins, inputs), ("", set())):
+        board.status = f"<Idle|MPos:-1.000,-2.000,-3.000|FS:0,0{now}>\r\n".encode()
+        stage.status()
+        heard = len(board.said)
+        assert stage.active_inputs() == active
+        assert len(board.said) == heard
+
+
+@pytest.mark.parametrize(
+    ("line", "read"),
+    [("$11=0.010", (11, 0.01)), ("$0=10 (step pulse, usec)", (0, 10.0)), ("$130=60.", (130, 60.0)),
+     ("$11=0..010", None), ("$11=0.0.10", None), ("$11=.", None), ("$N0=G21", None)],
+)  # fmt: skip
+def test_a_setting_is_one_number_or_none(line: str, read: tuple[int, float] | None) -> None:
+    assert parse_setting(line) == read
+
+
+# --- moves as words ---
+
+
+@pytest.mark.parametrize(
+    ("by_mm", "told"),
+    [(0.12344, "0.1234"), (0.12346, "0.1235"), (-0.00004, "0"), (-10.0, "-10")],
+)
+def test_a_distance_is_told_to_a_tenth_of_a_micrometre(
+    board: Board, clock: VirtualClock, by_mm: float, told: str
+) -> None:
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage.jog("y", by_mm, 1.0)
+    assert board.said[-1] == f"$J=G91Z0Y{told}F60\n".encode()
+
+
+@pytest.mark.parametrize(("speed_mm_s", "told"), [(1 / 60, "F1"), (0.5, "F30"), (0.33333, "F20"), (10.0, "F600")])
+def test_a_speed_is_told_per_minute(board: Board, clock: VirtualClock, speed_mm_s: float, told: str) -> None:
+    """From 1 mm/min on, below which a board moves no slower whatever it is told."""
+    stage = GrblStage(board, clock)
+    stage.connect()
+    stage.jog("y", 0.25, speed_mm_s)
+    assert board.said[-1] == f"$J=G91Z0Y0.25{told}\n".encode()
+    heard = len(board.said)
+    with raises(MoveError, "too_slow", least_mm_s=1 / 60):
+        stage.jog("y", 0.25, 0.99 / 60)
+    assert len(board.said) == heard

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageRejected, StageReset, StageTimeout
+from rig.devices.base import StageAlarm, StageError, StageRejected, StageReset, StageTimeout
 from rig.devices.grbl import GrblStage
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -31,30 +31,6 @@ def _no_answer_to_the_status_question(board: Board, stage: GrblStage) -> None:
     board.next[b"?"] = [b"", b"", b""]
     with raises(StageTimeout, "no_status"):
         stage.status()
-
-
-def test_after_a_line_without_an_answer_the_position_is_not_trusted(board: Board) -> None:
-    """The move may have been made or not; and an `ok` that comes late must answer no other line."""
-    stage = connected(board)
-    _no_answer_to_a_line(board, stage)
-    assert not stage.homed
-    board.heard.clear()
-    with raises(StageError, "needs_reset"):
-        stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
-    assert board.said == []
-
-
-def test_after_a_status_without_an_answer_the_position_is_not_trusted(board: Board) -> None:
-    """Though the board may answer again: it may have lost its power in between."""
-    stage = connected(board)
-    _no_answer_to_the_status_question(board, stage)
-    assert not stage.homed
-    assert stage.status().state == "Idle"
-    assert not stage.homed
-    board.heard.clear()
-    with raises(StageNotHomed, "not_homed"):
-        stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
-    assert board.said == []
 
 
 def _alarm(board: Board, stage: GrblStage) -> None:
@@ -114,7 +90,7 @@ NEEDS_A_RESET = [_no_answer_to_a_line, _alarm, _banner, _lost_arrival, _stop]
 
 
 @pytest.mark.parametrize("loss", LOSSES)
-def test_what_loses_the_position_and_that_homing_finds_it(
+def test_every_loss_of_the_position_ends_the_trust_until_homing(
     board: Board, loss: Callable[[Board, GrblStage], None]
 ) -> None:
     """Homing begins with a reset where the board may still owe an answer, and only there."""

@@ -103,13 +103,6 @@ def test_other_errors_of_a_first_step_stop_the_stage() -> None:
     assert bench.stage.told == ["stop"]
 
 
-def test_stage_that_refuses_to_prepare_for_steps_homes_without_them() -> None:
-    bench = _bench()
-    bench.stage.allow_unhomed_jogs = raising(StageRejected(13, "$X", "door"))  # type: ignore[method-assign]
-    verbs.home(bench.engine)
-    assert bench.stage.told == ["home"]
-
-
 def test_alarm_of_the_stage_is_left_to_homing() -> None:
     bench = _bench()
     bench.stage.state = "Alarm"

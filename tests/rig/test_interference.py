@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive, is_held
+from rig.devices.base import LOOK_S, StageError, StageHeld, StageOverridden, arrive
 from rig.devices.grbl import GrblStage
 from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
@@ -88,19 +88,6 @@ def test_a_held_board_is_named_at_the_next_look(bench: Bench, motion: str, what:
     assert bench.clock.monotonic_s() - at_s <= NAMED_S + PREPARED_S
 
 
-@pytest.mark.parametrize("what", HOLDS)
-def test_homing_a_held_board_is_refused_at_once(bench: Bench, what: str) -> None:
-    """Told to home it would say nothing at all, and home as soon as somebody lets go."""
-    data, state = HOLDS[what]
-    bench.line.host_write(data)
-    bench.clock.wait_s(0.01)
-    begun_s = bench.clock.monotonic_s()
-    with raises(StageHeld, "held") as caught:
-        bench.stage.home()
-    assert caught.value.fields["state"].startswith(state)
-    assert bench.clock.monotonic_s() - begun_s < LOOK_S
-
-
 @pytest.mark.parametrize(("data", "factor"), [(b"\x91" * 10, 2.0), (b"\x92" * 9, 0.1)])
 def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: bytes, factor: float) -> None:
     """Twice the speed for two looks at most. Then the stage is stopped, as the engine does."""
@@ -115,26 +102,6 @@ def test_at_another_speed_it_goes_no_farther_than_two_looks(bench: Bench, data: 
     assert 0 < gone_mm <= 1.0 * PREPARED_S + factor * NAMED_S
     bench.clock.wait_s(5.0)
     assert depth[0] - bench.x_mm() == gone_mm, "it stands"
-
-
-def test_a_jog_that_was_ended_for_an_override_stands_and_is_trusted(bench: Bench) -> None:
-    bench.later(0.5, b"\x92" * 5)
-    with raises(StageOverridden, "overridden", feed_percent=50):
-        _jog(bench)
-    assert bench.stage.homed
-    assert bench.stage.status().state == "Idle"
-    at_mm = bench.x_mm()
-    bench.clock.wait_s(2.0)
-    assert bench.x_mm() == at_mm
-
-
-def test_connecting_ends_what_overrides_there_are(bench: Bench) -> None:
-    bench.line.host_write(b"\x91\x96\x9a")
-    bench.stage.connect()
-    bench.stage.home()
-    bench.stage.move_to(x_mm=-3.0, speed_mm_s=1.0)
-    assert bench.board._overrides.share.feed == 1.0
-    assert str(bench.board._overrides) == "100,100,100"
 
 
 def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(bench: Bench) -> None:
@@ -154,15 +121,6 @@ def test_after_an_override_nothing_moves_until_the_board_was_reset_or_connected(
     assert bench.x_mm() == at_mm
     bench.stage.connect()
     bench.stage.jog("x", -0.1, 1.0)
-
-
-@pytest.mark.parametrize("mask", [1, 511 - 64, 511 - 32])
-def test_a_grblhal_that_hides_its_overrides_or_its_work_zero_is_refused(scripted: Any, mask: int) -> None:
-    hello = (b"$I\n", b"[VER:1.1f.20260817:]\r\n[FIRMWARE:grblHAL]\r\nok\r\n")
-    answer = b"$10=%d\r\n$13=0\r\nok\r\n" % mask
-    stage = GrblStage(scripted([hello, (b"\x90\x95\x99$$\n", answer), (b"$$\n", answer)]), VirtualClock())
-    with raises(StageError, "not_as_configured", wanted={10: mask | 96}, found={10: mask}):
-        stage.connect()
 
 
 @pytest.mark.parametrize("at_s", [0.3, 0.8, 1.9])
@@ -233,7 +191,7 @@ def test_an_open_door_is_named_also_where_the_next_line_waits_for_it(
     assert bench.x_mm() == rest_mm, "nothing waits in the board"
 
 
-@pytest.mark.parametrize("motion", [*MOTIONS, "key", "output"])
+@pytest.mark.parametrize("motion", [*MOTIONS, "key", "output", "home"])
 @pytest.mark.parametrize("what", HOLDS)
 def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, motion: str) -> None:
     """It reads no line: an `ok` used to be waited for, and the line carried out when somebody let go."""
@@ -242,7 +200,11 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     bench.line.host_write(data)
     bench.clock.wait_s(0.01)
     begun_s, at_mm = bench.clock.monotonic_s(), bench.x_mm()
-    begin = MOTIONS | {"key": lambda b: _key(b, 1.0), "output": lambda b: b.stage.set_output(True)}
+    begin = MOTIONS | {
+        "key": lambda b: _key(b, 1.0),
+        "output": lambda b: b.stage.set_output(True),
+        "home": lambda b: b.stage.home(),
+    }
     with raises(StageHeld, "held") as caught:
         begin[motion](bench)
     assert caught.value.fields["state"].startswith(state)
@@ -251,14 +213,6 @@ def test_what_begins_at_a_held_board_is_refused_at_the_first_look(what: str, mot
     bench.line.host_write(b"~")
     bench.clock.wait_s(2.0)
     assert bench.x_mm() == at_mm
-
-
-@pytest.mark.parametrize(
-    ("state", "held"),
-    [("Hold:0", True), ("Hold:1", True), ("Door:3", True), ("Idle", False), ("Jog", False), ("Alarm", False)],
-)
-def test_what_a_held_board_says_of_itself(state: str, held: bool) -> None:
-    assert is_held(state) is held
 
 
 def test_homing_at_another_speed_is_refused_before_the_position_is_given_up(bench: Bench) -> None:

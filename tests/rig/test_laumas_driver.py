@@ -118,35 +118,6 @@ def test_a_weight_in_twos_complement_has_its_sign_in_its_first_bit(
         force.read()
 
 
-@pytest.mark.parametrize(("count_g", "scale"), [(0.01, 1.0), (0.5, 1.0), (0.01, 1.25), (2.0, 0.8)])
-def test_a_count_is_so_many_grams_and_the_scale_is_measured(transmitter: Make, count_g: float, scale: float) -> None:
-    bus, force = transmitter({"scale": scale, "resolution_gwt": 0.02}, count_g=count_g)
-    bus.gross = 300
-    assert force.read().force_n == pytest.approx(300 * count_g * scale * GWT_N)
-    assert force.resolution_gwt == pytest.approx(0.02 * scale)
-
-
-def test_a_transmitter_that_nothing_is_said_of_shows_grams_in_hundredths_each_twentieth_of_a_second(
-    transmitter: Make,
-) -> None:
-    """A value of four samples is new after four."""
-    bus, force = transmitter()
-    bus.gross = 100
-    assert (force.sample_period_s, force.resolution_gwt) == (0.05, 0.01)
-    assert force.read().force_n == pytest.approx(GWT_N)
-    assert transmitter(filter_samples=4)[1].sample_period_s == pytest.approx(0.2)
-
-
-@pytest.mark.parametrize("ask", ["connect", "identify"])
-def test_an_identity_is_given_where_the_unit_is_right_and_nothing_is_written(transmitter: Make, ask: str) -> None:
-    bus, force = transmitter()
-    assert getattr(force, ask)() == "Laumas transmitter type 30, serial 1234 of 2024, firmware 261"
-    bus.units = 0x000C
-    with raises(ForceError, "wrong_unit", register=13, word=0x000C, expected_word=0x010C):
-        getattr(force, ask)()
-    assert bus.told == []
-
-
 @pytest.mark.parametrize(("weight", "command"), [("gross", 8), ("net", 7)])
 def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_is_new(
     transmitter: Make, clock: VirtualClock, weight: str, command: int
@@ -158,21 +129,6 @@ def test_zero_is_taken_of_the_first_load_at_rest_and_looked_at_once_its_filter_i
     force.zero()
     assert bus.asked_s == pytest.approx([1000.0, 1000.2, 1000.4, 1000.6, 1000.8, 1001.0, 1001.2])
     assert bus.told == [(pytest.approx(1001.0), 1, COMMAND, [command])]
-
-
-@pytest.mark.parametrize(("rests_s", "fine"), [(9.9, True), (10.2, False)])
-def test_a_load_may_take_ten_seconds_to_rest(
-    transmitter: Make, clock: VirtualClock, rests_s: float, fine: bool
-) -> None:
-    bus, force = transmitter()
-    bus.status = lambda: STABLE if clock.monotonic_s() > 1000.0 + rests_s else 0
-    if fine:
-        force.zero()
-    else:
-        with raises(ForceBusy, "no_stable_load", port="bus", device_id=1, timeout_s=10.0):
-            force.zero()
-        assert clock.monotonic_s() == pytest.approx(1010.0, abs=0.06)
-    assert len(bus.told) == fine
 
 
 @pytest.mark.parametrize(("left", "fine"), [(0, True), (1, True), (-1, True), (3, False), (-3, False)])

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageStatus, StageTimeout
+from rig.devices.base import StageError, StageNotHomed, StageTimeout
 from rig.devices.leadshine import LeadshineStage
 from rig.devices.leadshine_drive import LeadshineDrive
 from rig.settings import DriveSettings, SyncSettings
@@ -21,7 +21,6 @@ Make = Callable[..., LeadshineStage]
 AT_REST = "00 32"  # enabled, command done, path done
 HOMED = "00 72"
 RUNNING = "00 06"
-FAULT = "00 01"
 
 
 def status(device: int, word: str) -> Pair:
@@ -30,10 +29,6 @@ def status(device: int, word: str) -> Pair:
 
 def commanded(device: int, counts: str) -> Pair:
     return f"{device:02X} 03 60 2C 00 02", f"{device:02X} 03 04 {counts}"
-
-
-def feedback(device: int, counts: str) -> Pair:
-    return f"{device:02X} 03 10 14 00 02", f"{device:02X} 03 04 {counts}"
 
 
 def echoed(frame: str) -> Pair:
@@ -164,31 +159,7 @@ def test_a_drive_that_is_set_otherwise_is_refused(stage: Make) -> None:
         stage([("01 03 00 01 00 01", "01 03 02 27 10")]).connect()
 
 
-def test_status(stage: Make) -> None:
-    there = stage([status(1, RUNNING), status(2, HOMED), feedback(1, "FF FF D1 20"), feedback(2, "FF FF FF FF")])
-    assert there.status() == StageStatus("Run", -30.0, -15.0, -0.0025, referenced=False)
-
-
-@pytest.mark.parametrize(("word", "state"), [(FAULT, "Alarm"), ("00 30", "Disabled"), (AT_REST, "Idle")])
-def test_states_have_names(stage: Make, word: str, state: str) -> None:
-    there = stage([status(1, AT_REST), status(2, word), feedback(1, "00 00 00 00"), feedback(2, "00 00 00 00")])
-    assert there.status().state == state
-
-
 # --- homing and limits ---
-
-
-def test_homing_goes_up_first_and_sets_limits_in_the_drives(homed: Make) -> None:
-    homed([])
-
-
-def test_a_limit_that_the_drive_did_not_take(stage: Make) -> None:
-    script = [*BEFORE, *homing(2, "FF FF C1 80")]
-    script[-1] = ("02 03 60 00 00 01", "02 03 02 00 00")
-    there = stage(script)
-    with raises(StageError, "not_as_configured", axis="z", drive=2, register=0x6000, found=[0], expected=[2]):
-        there.home()
-    assert not there.homed
 
 
 def test_a_drive_that_does_not_begin_to_home_is_not_taken_for_a_homed_one(stage: Make) -> None:
@@ -228,52 +199,7 @@ def test_a_motor_that_runs_against_its_axis(stage: Make) -> None:
 # --- moves ---
 
 
-def test_a_move_is_confirmed_and_arrival_is_seen(homed: Make, clock: VirtualClock) -> None:
-    """−2.5 mm at 0.5 mm/s: −1000 pulses, 30 rpm, ramps of 333 ms for 1000 rpm."""
-    there = homed(
-        [
-            status(2, HOMED),
-            commanded(2, "00 00 00 00"),
-            ("02 10 62 00 00 07 0E 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00", "02 10 62 00 00 07"),
-            ("02 03 62 00 00 07", "02 03 0E 00 01 FF FF FC 18 00 1E 01 4D 01 4D 00 00"),
-            ("02 06 60 02 00 10", "02 06 60 02 00 10"),
-            *[status(2, "00 46")] * 21,  # running, homed
-            status(2, HOMED),
-            commanded(2, "FF FF FC 18"),
-            feedback(2, "FF FF FC 18"),
-        ]
-    )
-    start_s = clock.monotonic_s()
-    there.move_to(z_mm=-2.5, speed_mm_s=0.5)
-    # 5 s of way and 10 ms of ramp, with a look each 0.25 s; then one poll that still finds it running.
-    assert clock.monotonic_s() - start_s == pytest.approx(5.01 + 0.02, abs=0.03)
-
-
-def test_path_done_of_the_move_before_is_not_taken_for_this_one(homed: Make) -> None:
-    there = homed(
-        [
-            status(1, HOMED),
-            commanded(1, "00 00 00 00"),
-            *started(1, "FF FF FE 70", "01 2C"),
-            status(1, HOMED),  # not begun yet: done, but with the old target
-            commanded(1, "00 00 00 00"),
-            status(1, HOMED),
-            commanded(1, "FF FF FE 70"),
-            feedback(1, "FF FF FE 70"),
-        ]
-    )
-    there.move_to(x_mm=-1.0, y_mm=-15.0, speed_mm_s=5.0)
-
-
 MOVE_1_MM = [status(1, HOMED), commanded(1, "00 00 00 00"), *started(1, "FF FF FE 70", "01 2C")]
-
-
-def test_an_arrival_somewhere_else(homed: Make) -> None:
-    """Commanded −400, but the encoder says −390."""
-    there = homed([*MOVE_1_MM, status(1, HOMED), commanded(1, "FF FF FE 70"), feedback(1, "FF FF FE 7A")])
-    with raises(StageError, "not_there", axis="x", drive=1, at_mm=-0.975, target_mm=-1.0):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-    assert not there.homed
 
 
 def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
@@ -293,44 +219,6 @@ def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: i
     with raises(StageError, "not_as_configured", axis="x", drive=1, name="path 0", register=0x6200):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
     assert not there.homed
-
-
-@pytest.mark.parametrize(
-    ("word", "meaning"),
-    [
-        ("00 E0", "over-current"), ("00 C0", "over-voltage"), ("00 A1", "current sensing"), ("01 52", "motor phase"),
-        ("02 40", "EEPROM"), ("00 99", "99 hex"),
-    ],
-)  # fmt: skip
-def test_an_alarm_in_a_move_has_its_name_and_is_not_cleared(homed: Make, word: str, meaning: str) -> None:
-    there = homed([*MOVE_1_MM, status(1, FAULT), ("01 03 22 03 00 01", f"01 03 02 {word}")])
-    with raises(StageAlarm, "alarm", number=int(word.replace(" ", ""), 16), axis="x", drive=1) as caught:
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-    assert meaning in caught.value.meaning
-    assert not there.homed
-
-
-@pytest.mark.parametrize("under_way", [False, True], ids=["before the move", "in the move"])
-def test_a_drive_that_was_switched_off_is_not_moved_on(homed: Make, under_way: bool) -> None:
-    """It is back, ready, without the homed bit, and counts from where it stood: 0x0032 at rest, 0x0006 running."""
-    lost = [*MOVE_1_MM, status(1, "00 06")] if under_way else [status(1, "00 32"), MOVE_1_MM[1]]
-    there = homed(lost)
-    with raises(StageError, "lost_home", axis="x", drive=1):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-    assert not there.homed
-    with raises(StageNotHomed, "not_homed", who="the drives"):
-        there.move_to(x_mm=-1.0, speed_mm_s=5.0)
-
-
-def test_an_alarm_is_cleared_when_asked(stage: Make) -> None:
-    there = stage([echoed("02 06 18 01 11 11"), status(2, AT_REST), echoed("01 06 18 01 11 11"), status(1, AT_REST)])
-    there.unlock()
-    assert not there.homed
-
-
-def test_an_alarm_that_does_not_go(stage: Make) -> None:
-    with raises(StageAlarm, "alarm", number=0xE0, axis="z"):
-        stage([echoed("02 06 18 01 11 11"), status(2, FAULT), ("02 03 22 03 00 01", "02 03 02 00 E0")]).unlock()
 
 
 # --- a lower limit ---
@@ -381,36 +269,6 @@ def test_a_lower_limit_that_does_not_hold_is_an_error(
     assert not there.homed
 
 
-# --- backlash ---
-
-
-def move(device: int, start: str, target: str, rpm: str) -> list[Pair]:
-    return [
-        status(device, HOMED),
-        commanded(device, start),
-        *started(device, target, rpm),
-        status(device, HOMED),
-        commanded(device, target),
-        feedback(device, target),
-    ]
-
-
-def test_backlash_is_taken_up_from_above(homed: Make) -> None:
-    """Up to −2 mm: twice 0.025 mm further, then down to it; down to −3 mm: straight."""
-    there = homed(
-        [
-            feedback(2, "FF FF FB 50"),
-            *move(2, "FF FF FB 50", "FF FF FC F4", "00 3C"),
-            *move(2, "FF FF FC F4", "FF FF FC E0", "00 3C"),
-            feedback(2, "FF FF FC E0"),
-            *move(2, "FF FF FC E0", "FF FF FB 50", "00 3C"),
-        ],
-        z_backlash_mm=0.025,
-    )
-    there.move_to(z_mm=-2.0, speed_mm_s=1.0)
-    there.move_to(z_mm=-3.0, speed_mm_s=1.0)
-
-
 # --- the recording amplifier ---
 
 
@@ -422,22 +280,6 @@ def test_an_output_is_a_word_to_the_configured_register(homed: Make) -> None:
 
 
 # --- stopping ---
-
-
-def test_stop_is_one_broadcast_then_made_sure_of(homed: Make) -> None:
-    there = homed(
-        [
-            ("00 06 60 02 00 40", ""),
-            echoed("02 06 60 02 00 40"),
-            status(2, RUNNING),
-            echoed("02 06 60 02 00 40"),
-            status(2, AT_REST),
-            echoed("01 06 60 02 00 40"),
-            status(1, AT_REST),
-        ]
-    )
-    there.stop()
-    assert not there.homed
 
 
 def test_stop_asks_every_drive_even_if_one_is_silent(homed: Make, clock: VirtualClock) -> None:
@@ -481,33 +323,3 @@ def test_jog_is_rewritten_in_time_and_ends_with_the_key(stage: Make, clock: Virt
 
     there.jog_while("z", 1, held, 1.0)
     assert all(0 < b - a < 0.05 for a, b in pairwise(pressed_s))
-
-
-def test_jog_the_other_way(stage: Make) -> None:
-    once = iter([True, False])
-    stage(
-        [
-            *disarmed(2),
-            *disarmed(1),
-            status(1, AT_REST),
-            *set_and_read_back(1, "62 00", "00 00"),
-            *set_and_read_back(1, "01 E1", "00 3C"),
-            echoed("01 06 18 01 40 02"),
-            status(1, AT_REST),
-            *set_and_read_back(1, "01 E1", "00 01"),
-        ]
-    ).jog_while("x", -1, lambda: next(once), 1.0)
-
-
-def test_a_jog_ends_with_the_link(stage: Make) -> None:
-    with raises(StageTimeout, "no_reply", function="write", address=0x1801):
-        stage(
-            [
-                *disarmed(2),
-                *disarmed(1),
-                status(1, AT_REST),
-                *set_and_read_back(1, "62 00", "00 00"),
-                *set_and_read_back(1, "01 E1", "00 3C"),
-                ("01 06 18 01 40 01", ""),
-            ]
-        ).jog_while("x", 1, lambda: True, 1.0)

@@ -1,22 +1,34 @@
-"""What a Leadshine stage refuses, when it trusts its position, and how it takes up backlash."""
+"""How a Leadshine stage moves, jogs and stops, what it refuses, and when it trusts its position."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from functools import partial
-from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import MoveError, StageAlarm, StageError, StageNotHomed, StageTimeout
+from rig.devices.base import MoveError, StageAlarm, StageError, StageTimeout
 from rig.devices.leadshine import LeadshineStage
-from rig.devices.leadshine_drive import number, words
-from rig.devices.registry import KnownBench, StageKind, find
-from rig.settings import SyncSettings
-from rig.transport import TransportError
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusTimeout
+from rig.devices.leadshine_drive import words
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusRefused, ModbusTimeout
 from sim.devices.clock import VirtualClock
-from tests.drives_as_registers import ALARM, DISABLED, HOMED, RUNNING, Bus, X, Z, homed_stage
+from tests.drives_as_registers import (
+    ALARM,
+    CONTROL,
+    DISABLED,
+    FEEDBACK,
+    HOME,
+    HOMED,
+    PR0,
+    RUN_PR0,
+    RUNNING,
+    STATUS,
+    TRIGGER,
+    Bus,
+    X,
+    Z,
+    homed_stage,
+)
 from tests.error_codes import raises
 
 Make = Callable[..., tuple[Bus, LeadshineStage]]
@@ -110,88 +122,6 @@ def test_a_stop_from_another_thread_before_the_trigger_is_the_last_word(
     assert not stage.homed
 
 
-NO_NUMBER = [float("nan"), float("inf"), float("-inf")]
-
-
-@pytest.mark.parametrize(
-    ("code", "move"),
-    [
-        *(("not_finite", {"x_mm": -1.0, name: no}) for name in ("x_mm", "y_mm", "speed_mm_s") for no in NO_NUMBER),
-        *(("not_finite", {"z_mm": value}) for value in NO_NUMBER),
-        *(("set_by_hand", {"x_mm": -1.0, "y_mm": mm}) for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
-        *(("set_by_hand", {"y_mm": mm}) for mm in (-14.0, -16.0)),
-        *(("too_slow", {"x_mm": -1.0, "speed_mm_s": speed}) for speed in (0.0, -1.0, 0.0166)),
-        ("not_one_axis", {"x_mm": -1.0, "z_mm": -1.0}),
-        ("not_one_axis", {"x_mm": -1.0, "y_mm": -15.0, "z_mm": -1.0}),
-        ("not_one_axis", {}),
-    ],
-    ids=str,
-)
-def test_what_is_no_move_is_refused_before_any_word(bench: Make, code: str, move: dict[str, float]) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    fields = {"set_by_hand": {"set_mm": -15.0}, "too_slow": {"least_mm_s": 1 / 60}}.get(code, {})
-    with raises(MoveError, code, **fields):
-        stage.move_to(**{"speed_mm_s": 1.0, **move})
-    assert (bus.asked, bus.told) == ([], [])
-    assert stage.homed
-
-
-@pytest.mark.parametrize("homed", [True, False])
-@pytest.mark.parametrize("verb", ["move_to", "jog", "jog_while"])
-def test_a_speed_below_a_turn_a_minute_is_refused_before_any_word(bench: Make, verb: str, homed: bool) -> None:
-    """Also where the place must be asked first, since backlash is taken up, and where drives are not disarmed."""
-    bus, stage = bench(x_backlash_mm=0.025)
-    if not homed:
-        bus.status = lambda device, t_s: HOMED & ~0x40
-        with raises(StageError, "lost_home"):
-            stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
-        bus.asked.clear()
-        bus.told.clear()
-    slow: dict[str, Callable[[], object]] = {
-        "move_to": lambda: stage.move_to(x_mm=-1.0, speed_mm_s=0.0166),
-        "jog": lambda: stage.jog("x", 1.0, 0.0166),
-        "jog_while": lambda: stage.jog_while("x", 1, lambda: True, 0.0166),
-    }
-    with raises(MoveError, "too_slow"):
-        slow[verb]()
-    assert (bus.asked, bus.told) == ([], [])
-
-
-def test_to_stay_where_it_was_set_by_hand_is_no_move(bench: Make) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    stage.move_to(y_mm=-15.0, speed_mm_s=1.0)
-    assert (bus.asked, bus.told) == ([], [])
-
-
-def test_set_by_hand_means_at_0_where_nothing_is_said(bench: Make) -> None:
-    _, stage = bench()
-    assert stage.status().y_mm == 0.0
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda stage: stage.steps_per_mm("y"),
-        lambda stage: stage.jog("y", 1.0, 1.0),
-        lambda stage: stage.jog_while("y", 1, lambda: True, 1.0),
-    ],
-    ids=["steps_per_mm", "jog", "jog_while"],
-)
-def test_there_is_no_drive_along_the_finger(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
-    bus, stage = bench()
-    with raises(StageError, "no_drive", axis="y"):
-        act(stage)
-    assert (bus.asked, bus.told) == ([], [])
-
-
-@pytest.mark.parametrize("by_mm", NO_NUMBER)
-def test_a_jog_by_no_number_is_refused_before_any_word(bench: Make, by_mm: float) -> None:
-    bus, stage = bench()
-    with raises(MoveError, "not_finite", name="by_mm"):
-        stage.jog("x", by_mm, 1.0)
-    assert (bus.asked, bus.told) == ([], [])
-
-
 @pytest.mark.parametrize("per_mm", [200.0, -200.0])
 def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float) -> None:
     """A turn is 2 mm: 2 mm/min, 0.0333 mm/s, is one rpm; and no faster than asked for, 0.0999 mm/s is two."""
@@ -199,27 +129,12 @@ def test_a_drive_runs_no_slower_than_a_turn_a_minute(bench: Make, per_mm: float)
     for speed_mm_s, rpm in ((1 / 30, 1), (0.0999, 2), (0.1, 3), (5.0, 150)):
         stage.move_to(x_mm=-1.0, speed_mm_s=speed_mm_s)
         assert bus.told[-2][3][3] == rpm
+        assert bus.paths()[-1] == (X, -per_mm)
     with raises(MoveError, "too_slow", least_mm_s=1 / 30, speed_mm_s=0.033):
         stage.move_to(x_mm=-1.0, speed_mm_s=0.033)
 
 
 # --- trust ---
-
-
-@pytest.mark.parametrize(
-    "act",
-    [lambda stage: stage.connect(), lambda stage: stage.unlock(), lambda stage: stage.stop()],
-    ids=["connect", "unlock", "stop"],
-)
-def test_what_makes_the_position_doubtful_makes_it_untrusted(
-    bench: Make, act: Callable[[LeadshineStage], object]
-) -> None:
-    _, stage = bench()
-    assert stage.homed
-    act(stage)
-    assert not stage.homed
-    with raises(StageNotHomed, "not_homed"):
-        stage.move_to(x_mm=-1.0, speed_mm_s=1.0)
 
 
 @pytest.mark.parametrize("loses", ["move_to", "limit_depth"])
@@ -278,128 +193,12 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     assert stage.homed
 
 
-def test_homing_makes_paths_null_even_if_nothing_failed(bench: Make) -> None:
-    bus, stage = bench()
-    bus.registers[X, 0x6278] = bus.registers[Z, 0x6278] = 0x41
-    stage.home()
-    assert [what[1:] for what in bus.told][:2] == [(Z, 0x6278, [0]), (Z, 0x600F, [1, 1, 333, 333])]
-    assert (X, 0x6278, [0]) in [what[1:] for what in bus.told]
-
-
 @pytest.mark.parametrize("device", [X, Z])
 def test_a_status_that_shows_a_drive_without_its_home_ends_the_trust(bench: Make, device: int) -> None:
     bus, stage = bench()
     bus.status = lambda asked, t_s: HOMED & ~0x40 if asked == device else HOMED
     seen = stage.look()
     assert (seen.state, seen.referenced, stage.homed) == ("Idle", False, False)
-
-
-@pytest.mark.parametrize("x_port", [None, "tcp://a:1"])
-@pytest.mark.parametrize("z_port", [None, "tcp://b:1"])
-def test_a_drive_is_asked_at_its_own_port_or_at_that_of_the_stage(x_port: str | None, z_port: str | None) -> None:
-    drives = {"x": {"device_id": 1, "port": x_port}, "z": {"device_id": 2, "port": z_port}}
-    config = KnownBench.model_validate({"stage": {"kind": "leadshine", "port": "/dev/stage", "drives": drives}})
-    clock, heard = VirtualClock(), list[str]()
-
-    def opener(port: str) -> Any:
-        return SimpleNamespace(
-            name=port, write=lambda data: heard.append(port), read=lambda timeout_s: clock.wait_s(timeout_s) or b""
-        )
-
-    stage = find(StageKind, "leadshine").driver(opener, clock, config)
-    for port, ask in ((x_port, stage.status), (z_port, stage.halt)):  # one begins with x, the other with z
-        heard.clear()
-        with pytest.raises(StageTimeout):
-            ask()
-        assert set(heard) == {port or "/dev/stage"}
-
-
-def test_a_port_that_does_not_open_leaves_the_other_one_closed() -> None:
-    config = KnownBench.model_validate(
-        {"stage": {"kind": "leadshine", "drives": {"z": {"device_id": 2, "port": "tcp://b:1"}}}}
-    )
-    closed = list[str]()
-
-    def opener(port: str) -> Any:
-        if port == "tcp://b:1":
-            raise TransportError("no such port")
-        return SimpleNamespace(name=port, close=lambda: closed.append(port))
-
-    with pytest.raises(TransportError):
-        find(StageKind, "leadshine").driver(opener, VirtualClock(), config)
-    assert closed == [config.stage.port]
-
-
-def test_while_it_homes_the_position_is_not_trusted(bench: Make, clock: VirtualClock) -> None:
-    bus, stage = bench()
-    begun_s = clock.monotonic_s()
-    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 1.0 else HOMED
-    trusted = [stage.homed for _ in stage.homing()]
-    assert len(trusted) > 5
-    assert not any(trusted)
-    assert stage.homed
-
-
-def test_a_homing_that_fails_leaves_the_position_untrusted(bench: Make) -> None:
-    bus, stage = bench()
-    bus.status = lambda device, t_s: ALARM
-    with raises(StageAlarm, "alarm"):
-        stage.home()
-    assert not stage.homed
-
-
-@pytest.mark.parametrize(
-    "act",
-    [
-        lambda stage: stage.halt(),
-        lambda stage: stage.jog("x", -1.0, 1.0),
-        lambda stage: stage.end_jog(),
-        lambda stage: stage.look(),
-    ],
-    ids=["halt", "jog", "end_jog", "look"],
-)
-def test_what_keeps_the_position_keeps_it_trusted(bench: Make, act: Callable[[LeadshineStage], object]) -> None:
-    _, stage = bench()
-    act(stage)
-    assert stage.homed
-
-
-def test_a_look_is_the_state_and_the_place(bench: Make) -> None:
-    bus, stage = bench(y_mm=-15.0)
-    bus.stands(X, -12000)
-    bus.stands(Z, -400)
-    seen = stage.look()
-    assert (seen.state, seen.x_mm, seen.y_mm, seen.z_mm) == ("Idle", -30.0, -15.0, -1.0)
-    assert bus.told == []
-
-
-# --- backlash ---
-
-
-@pytest.mark.parametrize("axis", ["x", "z"])
-@pytest.mark.parametrize(
-    ("backlash_mm", "to_mm", "targets"),
-    [
-        (0.025, -1.0, [-380, -400]),
-        (0.025, -0.02, [0, -8]),  # not beyond the top
-        (0.025, -2.0, [-800]),
-        (0.025, -3.0, [-1200]),
-        (None, -1.0, [-400]),
-    ],
-    ids=["up", "up to the top", "nowhere", "down", "none"],
-)
-def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up(
-    bench: Make, axis: str, backlash_mm: float | None, to_mm: float, targets: list[int]
-) -> None:
-    bus, stage = bench(**({} if backlash_mm is None else {f"{axis}_backlash_mm": backlash_mm}))
-    device, other = (X, Z) if axis == "x" else (Z, X)
-    bus.stands(device, -800)
-    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=1.0)
-    assert bus.paths() == [(device, pulses) for pulses in targets]
-    bus.stands(other, -800)
-    stage.move_to(**{f"{'z' if axis == 'x' else 'x'}_mm": to_mm}, speed_mm_s=1.0)
-    assert bus.paths()[-1][0] == other
-    assert len(bus.paths()) == len(targets) + 1
 
 
 # --- the rest ---
@@ -414,28 +213,228 @@ def test_an_active_input_is_a_bit_of_the_vertical_drives_word(bench: Make, regis
     assert {(device, asked) for _, device, asked in bus.asked} == {(Z, register)}
 
 
-@pytest.mark.parametrize("output", [None, SyncSettings(), SyncSettings(output="drive", register_address=1)])
-def test_an_output_that_lacks_its_words_is_refused(bench: Make, output: SyncSettings | None) -> None:
-    bus, stage = bench(output=output)
-    for on in (True, False):
-        with raises(StageError, "no_output"):
-            stage.set_output(on)
-    assert bus.told == []
+QUICK_STOP = 0x40
 
 
-@pytest.mark.parametrize("per_mm", [400.0, -250.0])
-def test_what_a_drive_takes_for_a_millimetre_has_the_sign_of_its_motor(bench: Make, per_mm: float) -> None:
-    _, stage = bench(per_mm=per_mm)
-    assert [stage.steps_per_mm("x"), stage.steps_per_mm("z")] == [per_mm, per_mm]
+# --- moves ---
 
 
 @pytest.mark.parametrize(
-    ("value", "pair"),
-    [
-        (0, [0, 0]), (1, [0, 1]), (0x12345678, [0x1234, 0x5678]), (65535, [0, 0xFFFF]), (65536, [1, 0]),
-        (-1, [0xFFFF, 0xFFFF]), (-65536, [0xFFFF, 0]), (2**31 - 1, [0x7FFF, 0xFFFF]), (-(2**31), [0x8000, 0]),
-    ],
-)  # fmt: skip
-def test_a_number_is_two_registers_high_word_first(value: int, pair: list[int]) -> None:
-    assert words(value) == pair
-    assert number(pair) == value
+    ("word", "pulses"), [(0x76, -400), (0x52, -400), (0x72, -399)], ids=["runs", "path not done", "elsewhere"]
+)
+def test_a_drive_has_arrived_when_it_stands_with_its_path_done_and_the_target_for_command(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    over_s = clock.monotonic_s() + 1.0
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        if t_s > begun_s:
+            bus.stands(X, pulses if t_s < over_s else -400)
+        return word if begun_s < t_s < over_s else HOMED
+
+    bus.status = status
+    stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
+    assert over_s <= clock.monotonic_s() < over_s + 0.03
+
+
+@pytest.mark.parametrize(("word", "pulses"), [(0x76, 0), (0x32, 0), (0x72, 1)], ids=["runs", "not homed", "not at 0"])
+def test_a_drive_is_homed_when_it_stands_and_says_so_and_is_at_0(
+    bench: Make, clock: VirtualClock, word: int, pulses: int
+) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+
+    def status(device: int, t_s: float) -> int:
+        early = begun_s < t_s < begun_s + 1.0
+        bus.stands(Z, pulses if early else 0)
+        return word if early else HOMED
+
+    bus.status = status
+    stage.home()
+    assert begun_s + 1.0 <= clock.monotonic_s() < begun_s + 1.2
+
+
+@pytest.mark.parametrize("late", [0, 40])
+def test_a_drive_that_is_not_seen_to_run_has_homed_if_it_was_not_homed_meanwhile(
+    bench: Make, clock: VirtualClock, late: int
+) -> None:
+    """It may begin some looks late, within a second."""
+    bus, stage = bench()
+    said = {device: iter([HOMED] * (2 + late) + [0x32]) for device in (X, Z)}  # two looks before the trigger
+    bus.status = lambda device, t_s: next(said[device], HOMED)
+    write = bus.write
+
+    def homes_unseen(device: int, register: int, values: Sequence[int]) -> None:
+        write(device, register, values)
+        bus._homes.clear()
+
+    bus.write = homes_unseen  # type: ignore[method-assign]
+    stage.home()
+    assert stage.homed
+
+
+@pytest.mark.parametrize(("off", "fine"), [(2, True), (-2, True), (3, False), (-3, False)])
+def test_an_arrival_is_within_2_5_um_of_the_pulse_that_was_commanded(bench: Make, off: int, fine: bool) -> None:
+    """By its encoder; −1.0004 mm is pulse −1000."""
+    bus, stage = bench(per_mm=1000.0)
+    read = bus.read
+
+    def off_target(device: int, register: int, count: int = 1) -> list[int]:
+        return words(-1000 + off) if register == FEEDBACK else read(device, register, count)
+
+    bus.read = off_target  # type: ignore[method-assign]
+    if fine:
+        stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    else:
+        at = {"at_mm": pytest.approx(-1.0 + off / 1000), "target_mm": -1.0004}
+        with raises(StageError, "not_there", axis="x", drive=1, **at):
+            stage.move_to(x_mm=-1.0004, speed_mm_s=5.0)
+    assert stage.homed is fine
+
+
+def test_what_a_drive_said_before_it_began_to_home_is_not_taken_for_the_end(bench: Make) -> None:
+    """It has 50 ms from the trigger on to show that it runs."""
+    bus, stage = bench()
+    stage.home()
+    for device in (X, Z):
+        triggered_s = next(t_s for t_s, *what in bus.told if what == [device, TRIGGER, [HOME]])
+        asked_s = next(t_s for t_s, *what in bus.asked if what == [device, STATUS] and t_s > triggered_s)
+        assert asked_s - triggered_s == pytest.approx(0.05)
+
+
+def test_a_move_that_is_stopped_by_another_is_over_with_an_error(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status = lambda device, t_s: RUNNING if bus.told and bus.told[-1][3] == [RUN_PR0] else HOMED
+    looks = stage.moving(x_mm=-10.0, speed_mm_s=1.0)
+    next(looks)
+    stage.stop()
+    with raises(StageError, "stopped", axis="x", drive=1):
+        next(looks)
+    assert not stage.homed
+
+
+# --- jogs ---
+
+
+@pytest.mark.parametrize("per_mm", [400.0, -400.0, 0.5, -0.5])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_a_held_jog_goes_the_way_that_was_asked_for_whatever_way_the_motor_runs(
+    bench: Make, per_mm: float, sign: int
+) -> None:
+    bus, stage = bench(per_mm=per_mm)
+    held = iter([True, False])
+    stage.jog_while("x", sign, lambda: next(held), 20.0)
+    word = 0x4001 if sign * per_mm > 0 else 0x4002
+    assert [what[1:] for what in bus.told if what[2] == CONTROL] == [(X, CONTROL, [word])]
+
+
+def test_a_drive_that_jogs_on_after_the_key_is_an_error_after_a_second(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    held = iter([True, False])
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if t_s > begun_s else HOMED
+    with raises(StageTimeout, "not_over", what="the end of a jog", timeout_s=1.0):
+        stage.jog_while("z", 1, lambda: next(held), 1.0)
+
+
+def test_a_jog_goes_on_from_where_the_drive_is_going_to(bench: Make) -> None:
+    """At rest that is where it stands, wherever an earlier jog led."""
+    bus, stage = bench()
+    bus.stands(X, -400)
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -500)  # on its way
+    stage.jog("x", -1.0, 1.0)
+    bus.status = lambda device, t_s: HOMED
+    bus.stands(X, -4000)
+    stage.jog("x", 0.5, 1.0)
+    assert bus.paths() == [(X, -800), (X, -1200), (X, -3800)]
+
+
+ENDS_OF_A_JOG: dict[str, Callable[[LeadshineStage], object]] = {
+    "halt": lambda stage: stage.halt(),
+    "stop": lambda stage: stage.stop(),
+    "home": lambda stage: stage.home(),
+    "move_to": lambda stage: stage.move_to(x_mm=-1.0, speed_mm_s=5.0),
+    "jog_while": lambda stage: stage.jog_while("x", 1, lambda: False, 1.0),
+}
+
+
+@pytest.mark.parametrize("end", ENDS_OF_A_JOG)
+def test_a_jog_that_has_ended_is_not_extended(bench: Make, end: str) -> None:
+    """Somebody else runs the drive when the next jog comes."""
+    bus, stage = bench()
+    stage.jog("x", -2.0, 1.0)
+    ENDS_OF_A_JOG[end](stage)
+    bus.status = lambda device, t_s: RUNNING
+    bus.stands(X, -4000)
+    stage.jog("x", -0.5, 1.0)
+    assert bus.paths()[-1] == (X, -4200)
+
+
+# --- stopping ---
+
+
+def test_a_stop_is_told_again_each_20_ms_until_the_drive_stands(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if device == Z and t_s < begun_s + 0.05 else HOMED
+    stage.halt()
+    told = [(t_s - begun_s, device) for t_s, device, register, said in bus.told if said == [QUICK_STOP]]
+    assert [t_s for t_s, device in told if device == Z] == pytest.approx([0.0, 0.02, 0.04, 0.06])
+    assert [device for _, device in told] == [Z, Z, Z, Z, X]
+
+
+@pytest.mark.parametrize("arrived", [True, False, None], ids=["arrived", "under way", "homed since"])
+def test_a_stop_makes_a_path_null_unless_it_ends_where_the_axis_stands(
+    bench: Make, clock: VirtualClock, arrived: bool | None
+) -> None:
+    """Else a bit error of a stop, which is written with the register of the trigger, could start it again."""
+    bus, stage = bench()
+    looks = stage.moving(z_mm=-10.0, speed_mm_s=1.0)
+    begun_s = clock.monotonic_s()
+    bus.status = lambda device, t_s: RUNNING if begun_s < t_s < begun_s + 9.0 else HOMED
+    next(looks)
+    if arrived:
+        list(looks)
+    else:
+        bus.status = lambda device, t_s: HOMED
+    if arrived is None:
+        stage.home()
+    bus.told.clear()
+    stage.halt()
+    nulled = [said for _, device, register, said in bus.told if (device, register) == (Z, PR0)]
+    assert nulled == [[0]] * (arrived is False)
+    bus.told.clear()
+    stage.halt()
+    assert {(register, tuple(said)) for _, _, register, said in bus.told} == {(TRIGGER, (QUICK_STOP,))}
+
+
+def test_an_alarm_that_lasts_is_not_unlocked(bench: Make) -> None:
+    bus, stage = bench()
+    bus.status, bus.registers[Z, 0x2203] = lambda device, t_s: ALARM, 0xE0
+    with raises(StageAlarm, "alarm", number=0xE0, axis="z"):
+        stage.unlock()
+    assert not stage.homed
+
+
+def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
+    bus, stage = bench()
+    bus.trouble = ModbusRefused("refused with exception 3", 3)
+    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+        stage.halt()
+    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+        stage.stop()
+    assert {device for _, device, *_ in bus.told} == {X, Z}
+
+
+def test_a_drive_that_runs_on_after_a_stop_is_an_error(bench: Make, clock: VirtualClock) -> None:
+    bus, stage = bench()
+    bus.takes_s = 0.01
+    bus.status = lambda device, t_s: RUNNING
+    begun_s = clock.monotonic_s()
+    with raises(StageTimeout, "still_runs", axis="z", drive=2, timeout_s=1.0):
+        stage.halt()
+    assert clock.monotonic_s() - begun_s == pytest.approx(1.0, abs=0.04)

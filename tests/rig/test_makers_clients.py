@@ -121,6 +121,7 @@ def _words(kind: str, port: str) -> list[str]:
     return [f"xi-{port}" if "://" in port else f"xi-com://{port}", "all"]
 
 
+@pytest.mark.quick(rows=lambda kind, tcp: WAYS[kind] == tcp)
 @pytest.mark.parametrize("tcp", [None, 0], ids=["pty", "tcp"])
 @pytest.mark.parametrize("kind", EXPECTED)
 def test_the_makers_client_homes_moves_and_stops_the_virtual_stage(kind: str, tcp: int | None) -> None:
@@ -132,6 +133,7 @@ def test_standas_emulator_makes_the_same_moves(tmp_path: Path) -> None:
     assert _found("standa", f"xi-emu://{tmp_path / 'controller.bin'}") == STANDA_MOVES
 
 
+@pytest.mark.quick(rows=lambda kind, tcp: kind == "standa")  # over two ports
 @pytest.mark.parametrize(("kind", "tcp"), WAYS.items())
 def test_our_driver_does_the_same_over_a_real_wire(kind: str, tcp: int | None) -> None:
     with _served(kind, tcp) as ports:

@@ -3,7 +3,6 @@
 import io
 import json
 from collections.abc import Callable, Iterator, Mapping
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from rig.engine.bench import NO_PAUSE, Meanwhile
 from rig.engine.dead_man import Direction, dead_man_jog
 from rig.engine.engine import State
 from rig.plan.config import Config
-from rig.transport import LoggedTransport, LoopbackTransport, TransportError
+from rig.transport import LoggedTransport, LoopbackTransport
 from rig.units import GWT_N
 from sim.devices import Load, ModbusBus, SerialLine, VirtualDrive
 from sim.devices.clock import VirtualClock
@@ -116,31 +115,7 @@ def make(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Make]:
         one.journal.close()
 
 
-def _calibrated(x: float, z: float) -> dict[str, Any]:
-    return {
-        f"{axis}_steps_per_mm": {"value": value, "date": "2026-01-01", "expires": "2027-01-01"}
-        for axis, value in (("x", x), ("z", z))
-    }
-
-
 # --- motion ---
-
-
-@pytest.mark.parametrize("baud", [9600, 115200])
-@pytest.mark.parametrize(("x", "z"), [(400.0, 400.0), (-1000.0, 800.0), (60.0, -100.0)])
-def test_what_the_drives_are_told_is_where_the_carriage_goes(make: Make, baud: int, x: float, z: float) -> None:
-    """Steps of any size, and motors that run against their axis."""
-    bench = make(calibration=_calibrated(x, z), stage={"baud": baud})
-    bench.stage.connect()
-    bench.stage.home()
-    assert bench.carriage_mm == (0.0, 0.0)
-    for axis, mm in (("x", -29.87), ("z", -22.123), ("x", -31.0), ("z", -21.5)):
-        bench.stage.move_to(**{f"{axis}_mm": mm}, speed_mm_s=5.0)
-        at = dict(zip("xz", bench.carriage_mm, strict=True))
-        assert at[axis] == pytest.approx(mm, abs=0.5 / abs({"x": x, "z": z}[axis]) + 1e-9)
-        status = bench.stage.status()
-        assert (status.x_mm, status.z_mm) == pytest.approx(bench.carriage_mm, abs=1e-9)
-        assert status.state == "Idle"
 
 
 def test_the_drive_itself_holds_the_soft_limit(make: Make) -> None:
@@ -205,18 +180,6 @@ def test_a_stop_from_elsewhere_ends_a_move_within_milliseconds(make: Make) -> No
     bench.stage.move_to(z_mm=-1.0, speed_mm_s=5.0)
 
 
-def test_an_alarm_in_a_long_move_is_noticed_soon(make: Make) -> None:
-    bench = make()
-    bench.stage.connect()
-    bench.stage.home()
-    at_s = bench.clock.monotonic_s() + 1.0
-    bench.clock.call_at(at_s, lambda: bench.drives.x.fault(0xC0))
-    with raises(StageAlarm, "alarm", number=0xC0, axis="x", drive=1):
-        bench.stage.move_to(x_mm=-50.0, speed_mm_s=5.0)
-    assert bench.clock.monotonic_s() - at_s < 0.3
-    assert not bench.stage.homed
-
-
 def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None:
     bench = make()
     engine = bench.ready()
@@ -228,15 +191,6 @@ def test_an_alarm_in_contact_stops_the_run_and_is_left_alone(make: Make) -> None
         verbs.home(engine)
     bench.stage.unlock()
     verbs.home(engine)
-
-
-def test_a_silent_drive_stops_the_run(make: Make) -> None:
-    bench = make()
-    engine = bench.ready()
-    bench.at_first("press", lambda: bench.stage_line.connect(lambda data: None))
-    with raises(StageTimeout, "no_reply", axis="z", port="stage", device=2):
-        indent(engine, Target("force_gwt", 2.33))
-    assert engine.state is State.UNHOMED
 
 
 @pytest.mark.parametrize("axis", ["x", "z"])
@@ -307,85 +261,7 @@ def test_the_drive_is_its_own_dead_man(make: Make) -> None:
     assert 0.5 < bench.carriage_mm[1] - start_mm < 2.0 * (0.5 + 0.08)
 
 
-@pytest.mark.parametrize("baud", [9600, 115200])
-def test_a_jog_runs_smoothly_and_stops_with_the_key(make: Make, baud: int) -> None:
-    """At 9600 baud one word and its echo take 23 ms: still in time."""
-    bench = make(stage={"baud": baud})
-    bench.stage.connect()
-    start_s, start_mm = bench.clock.monotonic_s(), bench.carriage_mm[0]
-
-    def held() -> Direction | None:
-        return Direction("x", -1) if bench.clock.monotonic_s() < start_s + 1.0 else None
-
-    at = dead_man_jog(bench.stage, bench.clock, held, 2.0)
-    assert at.state == "Idle"
-    assert bench.carriage_mm[0] - start_mm == pytest.approx(-2.0 * 1.0, abs=2.0 * 0.1 + 0.05)
-    middle = [bench.drives.x.carriage_at(start_s + 0.4 + 0.05 * n) for n in range(10)]
-    gone = [a - b for a, b in pairwise(middle)]
-    assert gone == [40] * 9  # 2 mm/s, 400 a mm, 50 ms: never slower in between
-
-
-def test_a_jog_of_a_given_length_is_that_long(make: Make) -> None:
-    bench = make()
-    bench.stage.connect()
-    start_mm = bench.carriage_mm[1]
-    dead_man_jog(bench.stage, bench.clock, lambda: Direction("z", -1), 2.0, by_mm=1.5)
-    assert bench.carriage_mm[1] - start_mm == pytest.approx(-1.5, abs=1e-9)
-
-
-def test_there_is_nothing_to_jog_along_y(make: Make) -> None:
-    bench = make()
-    with raises(StageError, "no_drive", axis="y"):
-        dead_man_jog(bench.stage, bench.clock, lambda: Direction("y", 1), 2.0)
-
-
 # --- force ---
-
-
-@pytest.mark.parametrize(
-    ("load_n", "reason"),
-    [
-        (lambda t_s: float("nan"), "cell_error"),
-        (lambda t_s: 215 * GWT_N, "over_max"),
-        (lambda t_s: 30 * 340 * GWT_N, "over_max"),
-        (lambda t_s: -11_000 * GWT_N, "gross_out_of_range"),
-    ],
-)
-@pytest.mark.quick(rows=lambda phase, load_n, reason: phase == "press" or reason == "cell_error")
-@pytest.mark.parametrize("phase", ["approach", "press", "hold"])
-def test_what_the_status_word_says_trips(
-    make: Make, phase: str, load_n: Callable[[float], float], reason: str
-) -> None:
-    bench = make()
-    engine = bench.ready()
-    bench.at_first(phase, lambda: setattr(bench, "load_n", load_n))
-    with pytest.raises(TripError) as caught:
-        indent(engine, Target("force_gwt", 2.33), hold_s=1.0)
-    assert caught.value.fields["error_code"] == reason
-    assert engine.state is State.TRIPPED
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_a_silent_transmitter_trips(make: Make) -> None:
-    bench = make()
-    engine = bench.ready()
-    bench.at_first("press", lambda: bench.force_line.connect(lambda data: None))
-    with pytest.raises(TripError) as caught:
-        indent(engine, Target("force_gwt", 2.33))
-    assert caught.value.fields["error_code"] == "no_reply"
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-@pytest.mark.parametrize("resolution_gwt", [0.002, 0.1])
-def test_thresholds_follow_the_sensor(make: Make, resolution_gwt: float) -> None:
-    """A cell that shows steps of 0.1 gwt must not be searched for a hundredth: contact is found, to what it hides."""
-    force = {"resolution_gwt": resolution_gwt, "laumas": {"count_g": min(resolution_gwt, 0.01)}}
-    bench = make(force=force, virtual={"cell_resolution_gwt": resolution_gwt}, habits={"touch_force_gwt": 0.1})
-    done = indent(bench.ready(), Target("force_gwt", 2.5), hold_s=0.1)
-    assert done.holds[0].force_gwt == pytest.approx(2.5, abs=max(0.05, resolution_gwt))
-    touch = next(data for stream, data in bench.events if stream == "touch")
-    hidden_mm = (0.5 * resolution_gwt / 6.0) ** (2 / 3)
-    assert touch["contact_height_mm"] == pytest.approx(-0.3, abs=hidden_mm + 0.01)
 
 
 def test_a_filter_is_waited_out(make: Make) -> None:
@@ -425,20 +301,3 @@ def test_two_drives_on_two_ports_are_stopped_without_waiting_for_each_other(cloc
     sent = [json.loads(line) for line in wire.getvalue().splitlines()[before:]]
     first = [(c["port"], c["hex"][:12]) for c in sent if c["t_s"] == pytest.approx(now_s, abs=1e-6)]
     assert first == [("/dev/z", "010660020040"), ("/dev/x", "010660020040")]
-
-
-def test_a_port_that_is_not_there_gives_the_other_one_back(clock: VirtualClock) -> None:
-    drives = {"x": {"device_id": 1}, "z": {"device_id": 2, "port": "/dev/z"}}
-    config = Config.model_validate({"stage": {"kind": "leadshine", "port": "/dev/x", "drives": drives}})
-    opened: list[LoopbackTransport] = []
-
-    def opener(port: str) -> LoopbackTransport:
-        if port == "/dev/z":
-            raise TransportError("there is no port /dev/z")
-        opened.append(LoopbackTransport(SerialLine(clock, 115200), clock, port))
-        return opened[-1]
-
-    with pytest.raises(TransportError, match="no port /dev/z"):
-        stage_driver(opener, clock, config)
-    with pytest.raises(TransportError, match="/dev/x is closed"):
-        opened[0].write(b"?")

@@ -8,7 +8,7 @@ import shutil
 import subprocess
 import threading
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 from typing import Any
 
 import pytest
@@ -16,10 +16,8 @@ import serial
 
 from rig.bench.served import ServedBench
 from rig.clock import WallClock
-from rig.devices.make_drivers import open_force, open_stage
+from rig.devices.make_drivers import open_stage
 from rig.plan.config import Config
-from rig.units import GWT_N
-from sim.models.fingertip import Fingertip
 from tests.waiting import DEADLINE_S, until
 
 FROM_DEV = "comes with the dev extra"
@@ -55,6 +53,11 @@ def _running(bench: ServedBench) -> Iterator[None]:
         assert not thread.is_alive()
 
 
+def _host_and_number(port: str) -> tuple[str, int]:
+    host, number = port.removeprefix("tcp://").split(":")
+    return host, int(number)
+
+
 @pytest.fixture
 def drives_on_pty() -> Iterator[str]:
     with _served("leadshine", None) as port:
@@ -64,8 +67,7 @@ def drives_on_pty() -> Iterator[str]:
 @pytest.fixture
 def drives_on_tcp() -> Iterator[tuple[str, int]]:
     with _served("leadshine", 0) as port:
-        host, number = port.removeprefix("tcp://").split(":")
-        yield host, int(number)
+        yield _host_and_number(port)
 
 
 @pytest.fixture
@@ -77,8 +79,7 @@ def cell_on_pty() -> Iterator[str]:
 @pytest.fixture
 def cell_on_tcp() -> Iterator[tuple[str, int]]:
     with _served("laumas", 0) as port:
-        host, number = port.removeprefix("tcp://").split(":")
-        yield host, int(number)
+        yield _host_and_number(port)
 
 
 # --- minimalmodbus, RTU ---
@@ -102,17 +103,6 @@ def test_minimalmodbus_moves_a_drive(drives_on_pty: str) -> None:
     drive.write_registers(0x6200, [0x0001, 0xFFFF, 0xFF38, 600, 100, 100, 0, 0x10])
     until(lambda: drive.read_register(0x1003) == 0x32)
     assert drive.read_long(0x602C, signed=True) == -200
-
-
-def test_minimalmodbus_hears_exceptions_and_silence(drives_on_pty: str) -> None:
-    drive = _minimal(drives_on_pty, 1)
-    with pytest.raises(minimalmodbus.IllegalRequestError):
-        drive.read_register(0x1234)
-    nobody = _minimal(drives_on_pty, 9)
-    nobody.serial.timeout = 0.2
-    with pytest.raises(minimalmodbus.NoResponseError):
-        nobody.read_register(0x1003)
-    assert drive.read_register(0x1003) == 0x32
 
 
 def test_minimalmodbus_reads_a_weight(cell_on_pty: str) -> None:
@@ -210,6 +200,7 @@ def test_mbpoll_on_a_serial_line(drives_on_pty: str, cell_on_pty: str) -> None:
 # --- and our own driver, in real time ---
 
 
+@pytest.mark.quick(rows=lambda tcp: tcp is None)
 @pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on a pty", "tcp"])
 def test_our_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
     with _served("leadshine", tcp) as port:
@@ -226,40 +217,3 @@ def test_our_driver_homes_moves_and_stops_in_real_time(tcp: int | None) -> None:
             assert stage.status().state == "Idle"
         finally:
             stage.close()
-
-
-NEAR = {
-    "frame": {"pad_centre_x_mm": -1.0, "apex_z_mm": -2.0},
-    "habits": {"clearance_mm": 0.5},
-    "stage": {
-        "kind": "leadshine",
-        "drives": {
-            axis: {"device_id": n, "homing_high_rpm": 600, "homing_low_rpm": 100, "homing_ramp_ms": 100}
-            for n, axis in ((1, "x"), (2, "z"))
-        },
-    },
-    "force": {"kind": "laumas", "baud": BAUD},
-}
-
-
-@pytest.mark.parametrize("tcp", [None, 0], ids=["rtu on ptys", "tcp"])
-def test_pressing_the_virtual_finger_in_real_time(finger: Fingertip, tcp: int | None) -> None:
-    """Drives and transmitter on wires of their own, the finger between them: the force is the model's, to a count."""
-    config = Config.model_validate(NEAR)
-    with ServedBench(config, stage="leadshine", force="laumas", tcp=tcp) as bench, _running(bench):
-        tables = config.model_dump(mode="json", exclude_none=True)
-        for name, port in bench.ports.items():
-            tables[name]["port"] = port
-        ours, clock = Config.model_validate(tables), WallClock()
-        with closing(open_stage(ours, clock)) as stage, closing(open_force(ours, clock)) as force:
-            stage.connect()
-            stage.home()
-            force.connect()
-            force.zero()
-            stage.move_to(x_mm=-1.0, speed_mm_s=5.0)
-            stage.move_to(z_mm=-2.3, speed_mm_s=5.0)
-            readings = [force.read()]
-            until(lambda: readings.append(force.read()) or readings[-1].stable)
-    touch_mm = finger.touch_height_mm("bar:3.0", 0.0) - finger.apex_height_mm
-    model = finger.indent("bar:3.0", 0.0, doi_mm=touch_mm + 0.3)
-    assert readings[-1].force_n / GWT_N == pytest.approx(model.force_gwt, abs=0.0051)

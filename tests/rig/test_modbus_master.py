@@ -5,11 +5,16 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from rig.transport import modbus
-from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout, silence_s
+from rig.settings import Framing
+from rig.transport import LoopbackTransport, modbus
+from rig.transport.modbus import ModbusError, ModbusGarbled, ModbusMaster, ModbusRefused, ModbusTimeout
+from sim.devices import SerialLine
 from sim.devices.clock import VirtualClock
 from tests.error_codes import has_code, raises
+from tests.timed_wire import TimedWire
 
 GOLDEN_WRITE = bytes.fromhex("07 10 62 00 00 08 10 00 01 00 00 27 10 00 00 27 10 27 10 00 00 00 10 8D 50")
 GOLDEN_ANSWER = bytes.fromhex("07 10 62 00 00 08 DE 11")
@@ -46,11 +51,6 @@ def test_a_read(master: Any, rtu: Rtu) -> None:
     assert master([(READ_2, rtu("01 03 04 00 01 86 A0"))]).read(1, 7, 2) == [1, 0x86A0]
 
 
-def test_an_answer_may_come_byte_by_byte(master: Any, rtu: Rtu) -> None:
-    whole = rtu("01 03 04 00 01 86 A0")
-    assert master([(READ_2, [bytes([b]) for b in whole])]).read(1, 7, 2) == [1, 0x86A0]
-
-
 def test_tcp_counts_its_transactions(master: Any) -> None:
     bus = master(
         [
@@ -69,24 +69,6 @@ def test_tcp_counts_its_transactions(master: Any) -> None:
 
 
 # --- silence ---
-
-
-@pytest.mark.parametrize(
-    ("baud", "expected_s"),
-    [(9600, 38.5 / 9600), (19200, 38.5 / 19200), (19201, 1.75e-3), (38400, 1.75e-3), (115200, 1.75e-3)],
-)
-def test_silence_is_fixed_above_19200_baud(baud: int, expected_s: float) -> None:
-    """V1.02 of Modbus over serial line, §2.5.1.1: 3.5 characters of 11 bits, or 1.75 ms."""
-    assert silence_s(baud) == pytest.approx(expected_s)
-
-
-def test_a_bus_of_which_nothing_is_said_has_115200_baud(clock: VirtualClock, scripted: Script, rtu: Rtu) -> None:
-    """Eight characters of ten bits, and the silence, from a frame that nobody answers to the next."""
-    question = rtu("01 06 00 07 00 01")
-    bus = ModbusMaster(scripted([(rtu("00 06 60 02 00 40"), b""), (question, question)]), clock)
-    bus.send_now([1, 2], 0x6002, 0x40)
-    bus.write_one(1, 7, 1)
-    assert clock.monotonic_s() == pytest.approx(8 * 10 / 115200 + 1.75e-3)
 
 
 @pytest.mark.parametrize(("baud", "pause_s"), [(9600, 3.5 * 11 / 9600), (19200, 3.5 * 11 / 19200), (115200, 1.75e-3)])
@@ -122,45 +104,18 @@ ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number
 """What an error about READ_2 names."""
 
 
-@pytest.mark.parametrize(
-    ("number", "meaning"),
-    [
-        *[(1, "illegal function"), (2, "illegal data address"), (3, "illegal data value"), (4, "device failure")],
-        *[(5, "not done yet"), (6, "device busy"), (7, "manual"), (8, "memory parity"), (9, "manual")],
-        *[(10, "path unavailable"), (11, "does not answer"), (12, "manual")],
-    ],
-)
-def test_an_exception_response_says_function_register_and_code(
-    master: Any, rtu: Rtu, number: int, meaning: str
-) -> None:
+@pytest.mark.parametrize("number", [1, 11])
+def test_an_exception_response_says_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
     with raises(ModbusRefused, "refused", number=number, **ABOUT_2) as refused:
         bus.read(1, 7, 2)
     assert refused.value.number == number
-    assert meaning in refused.value.fields["meaning"]
 
 
 def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
     good = rtu("01 03 04 00 01 86 A0")
     bad = good[:4] + b"\xff" + good[5:]
     assert master([(READ_2, bad), (READ_2, bad), (READ_2, good)]).read(1, 7, 2) == [1, 0x86A0]
-
-
-def test_three_bad_crcs_are_an_error(master: Any) -> None:
-    bad = bytes.fromhex("01 03 04 00 01 86 A0 00 00")
-    with raises(ModbusGarbled, "bad_crc", heard="01 03 04 00 01 86 a0 00 00", **ABOUT_2):
-        master([(READ_2, bad)] * 3).read(1, 7, 2)
-
-
-def test_silence_is_a_bounded_wait(master: Any, clock: VirtualClock) -> None:
-    with raises(ModbusTimeout, "no_reply", heard="", timeout_s=0.2, **ABOUT_2):
-        master([(READ_2, b"")] * 3).read(1, 7, 2)
-    assert clock.monotonic_s() == pytest.approx(3 * 0.2, abs=0.02)
-
-
-def test_half_a_frame_says_so(master: Any) -> None:
-    with raises(ModbusTimeout, "incomplete", heard="01 03 04 00", timeout_s=0.2):
-        master([(READ_2, bytes.fromhex("01 03 04 00"))] * 3).read(1, 7, 2)
 
 
 def test_another_device_is_not_believed(master: Any, rtu: Rtu) -> None:
@@ -185,40 +140,18 @@ def test_a_write_of_several_must_be_echoed(master: Any, rtu: Rtu, answer: str) -
         master([(GOLDEN_WRITE, rtu(answer))]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
 
 
-def test_another_function_is_not_believed(master: Any, rtu: Rtu) -> None:
-    one_register = rtu("01 03 00 07 00 01")
-    with raises(ModbusGarbled, "does_not_fit"):
-        master([(one_register, rtu("01 06 00 07 00 01"))] * 3).read(1, 7)
-
-
-def test_a_read_that_may_never_be_tried_is_refused(master: Any) -> None:
-    with pytest.raises(ValueError, match="read_tries must be positive, got 0"):
-        master([], read_tries=0).read(1, 7)
-
-
-class LateTransport:
+class LateTransport(TimedWire):
     """Answers the n-th write with chunks, each so many seconds after it."""
 
-    name = "late"
-
     def __init__(self, clock: VirtualClock, answers: list[list[tuple[float, bytes]]]) -> None:
-        self.clock, self.answers = clock, answers
-        self.due: list[tuple[float, bytes]] = []
-        self.sent_s: list[float] = []
+        super().__init__(clock)
+        self.answers, self.sent_s = answers, list[float]()
 
     def write(self, data: bytes) -> None:
         now_s = self.clock.monotonic_s()
         self.sent_s.append(now_s)
-        self.due += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
-        self.due.sort(key=lambda due: due[0])
-
-    def read(self, timeout_s: float) -> bytes:
-        wait_s = self.due[0][0] - self.clock.monotonic_s() if self.due else float("inf")
-        self.clock.wait_s(min(max(wait_s, 0.0), timeout_s))
-        return self.due.pop(0)[1] if wait_s <= timeout_s else b""
-
-    def close(self) -> None:
-        """Nothing to close."""
+        self.coming += [(now_s + after_s, chunk) for after_s, chunk in self.answers.pop(0)]
+        self.coming.sort(key=lambda due: due[0])
 
 
 @pytest.mark.parametrize(("baud", "gap_s"), [(9600, 8e-3), (115200, 1.5e-3)])
@@ -231,13 +164,6 @@ def test_the_rest_of_a_garbled_answer_is_let_pass(clock: VirtualClock, rtu: Rtu,
     assert ModbusMaster(wire, clock, baud=baud).read(1, 7, 2) == [1, 0x86A0]
     quiet_s = max(10 * 10 / baud, 3.5 * 11 / baud if baud == 9600 else 1.75e-3)
     assert wire.sent_s[1] - bad[-1][0] == pytest.approx(quiet_s)
-
-
-def test_noise_without_end_is_let_pass_no_longer_than_an_answer(clock: VirtualClock) -> None:
-    wire = LateTransport(clock, [[(k * 1e-3, b"?") for k in range(2000)], []])
-    with raises(ModbusTimeout, "incomplete"):
-        ModbusMaster(wire, clock, read_tries=2).read(1, 7)
-    assert wire.sent_s[1] == pytest.approx(2 * 0.2, abs=2e-3)
 
 
 def test_transactions_are_counted_in_the_upper_half_for_ever(clock: VirtualClock) -> None:
@@ -270,42 +196,6 @@ def test_rtu_of_two_answers_after_a_silence_none_is_believed(
     begun_s = clock.monotonic_s()
     assert bus.read(1, 7, 2) == [0, 2]
     assert clock.monotonic_s() - begun_s == pytest.approx(0.005), "the late one has come"
-
-
-@pytest.mark.parametrize("baud", [9600, 115200])
-def test_rtu_listens_longer_for_three_seconds_after_a_silence(clock: VirtualClock, rtu: Rtu, baud: int) -> None:
-    """For 20 ms and 40 characters; the silence between two frames comes before and after a reply that is missing."""
-    answer = rtu("01 03 04 00 00 00 02")
-    wire = LateTransport(clock, [[(0.005, answer)], [], *[[(0.005, answer)]] * 4])
-    bus = ModbusMaster(wire, clock, baud=baud)
-    lasts_s = []
-    for begins_s in (0.1, 0.2, 1.0, 3.3, 3.5):  # nothing came until 0.4
-        clock.wait_s(begins_s - clock.monotonic_s())
-        bus.read(1, 7, 2)
-        lasts_s.append(clock.monotonic_s() - begins_s)
-    listens_s = 0.02 + 40 * 10 / baud
-    quiet_s = max(10 * 10 / baud, silence_s(baud))
-    missing_s = 0.2 + quiet_s
-    assert lasts_s == pytest.approx([0.005, missing_s + 0.005 + listens_s, *[0.005 + listens_s] * 2, 0.005])
-
-
-def test_tcp_does_not_listen_longer(clock: VirtualClock) -> None:
-    """Its replies have numbers."""
-    wire = LateTransport(clock, [[], [(0.005, bytes.fromhex("8002 0000 0005 01 03 02 0002"))]])
-    bus = ModbusMaster(wire, clock, framing="tcp", read_tries=1)
-    with raises(ModbusTimeout, "no_reply"):
-        bus.read(1, 7)
-    assert bus.read(1, 7) == [2]
-    assert clock.monotonic_s() == pytest.approx(0.205)
-
-
-def test_after_a_reply_that_is_missing_the_bus_has_been_quiet_long_enough(master: Any, clock: VirtualClock) -> None:
-    bus = master([(GOLDEN_SAVE, b""), (READ_2, bytes.fromhex("01 83 02 C0 F1"))])
-    with raises(ModbusTimeout, "no_reply"):
-        bus.write_one(1, 0x1801, 0x2244)
-    with raises(ModbusRefused, "refused"):
-        bus.read(1, 7, 2)
-    assert clock.monotonic_s() == pytest.approx(0.2)
 
 
 def test_an_exchange_waits_for_another_thread_but_not_for_one_that_hangs(
@@ -350,21 +240,6 @@ def test_the_framing_is_that_of_the_port_unless_it_is_configured(
     assert clock.monotonic_s() == pytest.approx(pause_s + 0.2)
 
 
-@pytest.mark.parametrize(("late_s", "count"), [(9.0, 1), (0.25, 2)], ids=["another kind", "it came meanwhile"])
-def test_rtu_does_not_listen_longer_where_no_late_answer_can_be_mixed_up(
-    clock: VirtualClock, rtu: Rtu, late_s: float, count: int
-) -> None:
-    answers = {1: rtu("01 03 02 00 02"), 2: rtu("01 03 04 00 00 00 02")}
-    wire = LateTransport(clock, [[(late_s, answers[2])], *[[(0.005, answers[count])]] * 2])
-    bus = ModbusMaster(wire, clock, read_tries=1)
-    with raises(ModbusTimeout, "no_reply"):
-        bus.read(1, 7, 2)
-    clock.wait_s(0.1)
-    begun_s = clock.monotonic_s()
-    assert bus.read(1, 7, count)[-1] == 2
-    assert clock.monotonic_s() - begun_s < 0.01
-
-
 @pytest.mark.parametrize(
     ("answer", "kind", "code"),
     [
@@ -376,12 +251,6 @@ def test_a_write_is_never_tried_again(master: Any, answer: bytes, kind: type[Mod
     """It may have been obeyed: a move must not be triggered twice. The script holds it once."""
     with raises(kind, code, function="write"):
         master([(GOLDEN_WRITE, answer)]).write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
-
-
-def test_plain_text_is_told_as_it_is() -> None:
-    error = ModbusRefused("odd {text} of {0}, 100 %", 3)
-    has_code(error, "refused", number=3)
-    assert (str(error), error.number) == ("odd {text} of {0}, 100 %", 3)
 
 
 def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
@@ -409,12 +278,6 @@ def test_tcp_another_unit_is_not_believed(master: Any) -> None:
         (bytes.fromhex(f"{n:04x}" + question), bytes.fromhex(f"{n:04x} 0000 0005 09 03 02 2222")) for n in NUMBERS
     ]
     with raises(ModbusGarbled, "another_device", answering=9):
-        master(script, framing="tcp").read(1, 6, 1)
-
-
-def test_tcp_bytes_of_another_protocol(master: Any) -> None:
-    script = [(bytes.fromhex(f"{n:04x} 0000 0006 01 03 0006 0001"), b"HTTP/1.1 400\r\n") for n in NUMBERS]
-    with raises(ModbusTimeout, "incomplete", heard=b"HTTP/1.1 400\r\n".hex(" ")):
         master(script, framing="tcp").read(1, 6, 1)
 
 
@@ -459,31 +322,11 @@ def test_with_an_echo_a_dead_device_has_not_obeyed(master: Any, rtu: Rtu) -> Non
         bus.write_one(1, 0x1801, 0x2244)
 
 
-def test_a_dead_device_behind_an_echo_does_not_answer_the_first_read_either(master: Any) -> None:
-    bus = master([(READ_2, READ_2)], read_tries=1)
-    with raises(ModbusTimeout, "only_echo"):
-        bus.read(1, 7, 2)
-
-
 def test_without_an_echo_one_copy_is_the_answer(master: Any, rtu: Rtu) -> None:
     bus = master([(READ_2, rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
     bus.read(1, 7, 2)
     assert bus.echoes is False
     bus.write_one(1, 0x1801, 0x2244)
-
-
-def test_an_echo_that_is_missing_is_said(master: Any, rtu: Rtu) -> None:
-    bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (GOLDEN_WRITE, GOLDEN_ANSWER)])
-    bus.read(1, 7, 2)
-    with raises(ModbusGarbled, "no_echo", heard="07 10 62 00 00 08 de 11"):
-        bus.write(7, 0x6200, [1, 0, 0x2710, 0, 0x2710, 0x2710, 0, 0x10])
-
-
-def test_what_is_cut_short_behind_an_echo_is_told_without_it(master: Any, rtu: Rtu) -> None:
-    bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (READ_2, READ_2 + b"\x01\x03\x04")], read_tries=1)
-    bus.read(1, 7, 2)
-    with raises(ModbusTimeout, "incomplete", heard="01 03 04", timeout_s=0.2):
-        bus.read(1, 7, 2)
 
 
 def test_an_adapter_does_not_begin_to_echo(master: Any, rtu: Rtu) -> None:
@@ -495,5 +338,58 @@ def test_an_adapter_does_not_begin_to_echo(master: Any, rtu: Rtu) -> None:
     assert bus.echoes is False
 
 
-def test_tcp_has_no_echo(master: Any) -> None:
-    assert master([], framing="tcp").echoes is False
+# --- any bytes at all: an error in bounded time ---
+
+FRAMINGS = pytest.mark.parametrize("framing", ["rtu", "tcp"])
+# Mostly what looks like the beginning of an answer: pure noise hardly ever gets past the first byte.
+BEGINNINGS = st.sampled_from(
+    [
+        b"", b"\x01\x03", b"\x01\x03\x02", b"\x01\x83", b"\x01\x90", b"\x01\x2b\x0e", b"\x01\x08", b"\x01\x14",
+        b"\x00\x01\x00\x00\x00\x05\x01\x03", b"\x00\x01\x00\x00\x00\x03\x01\x83", b"\x00\x01\x00\x00\x00\x02\x01\x2b",
+    ]
+)  # fmt: skip
+NOISE = st.builds(lambda first, rest: first + rest, BEGINNINGS, st.binary(max_size=40))
+CODES = {
+    *("no_reply", "incomplete", "bad_crc", "no_modbus", "does_not_fit", "another_device", "late_answer", "refused"),
+}
+
+
+class Noise:
+    """A far end that answers each question with the next of these."""
+
+    def __init__(self, clock: VirtualClock, answers: list[bytes]) -> None:
+        self.line = SerialLine(clock, 115200)
+        self._answers = iter(answers)
+        self.line.connect(lambda data: self.line.device_write(next(self._answers, b"")))
+
+
+@FRAMINGS
+@given(answers=st.lists(NOISE, min_size=1, max_size=3))
+@settings(max_examples=150, deadline=None)
+def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers: list[bytes]) -> None:
+    clock = VirtualClock()
+    master = ModbusMaster(LoopbackTransport(Noise(clock, answers).line, clock), clock, framing=framing)
+    came: ModbusError | None = None
+    try:
+        master.read(1, 0x1003, 1)
+    except ModbusError as error:
+        came = error
+    if came is not None:
+        assert "\n" not in str(came)
+        assert came.code in CODES
+        has_code(came, came.code, device=1, function="read", function_number=3, count=1, address=0x1003)
+    assert clock.monotonic_s() < 2.0
+
+
+@FRAMINGS
+@given(answer=NOISE)
+@settings(max_examples=100, deadline=None)
+def test_a_write_sends_one_frame_whatever_comes_back(framing: Framing, answer: bytes) -> None:
+    clock = VirtualClock()
+    line, heard = SerialLine(clock, 115200), list[bytes]()
+    line.connect(lambda data: (heard.append(data), line.device_write(answer)))
+    with pytest.raises(ModbusError):
+        ModbusMaster(LoopbackTransport(line, clock), clock, framing=framing).write(
+            1, 0x6200, [1, 0, 0, 60, 1, 1, 0, 16]
+        )
+    assert len(heard) == 1

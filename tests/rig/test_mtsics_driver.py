@@ -64,17 +64,6 @@ def test_a_balance_that_repeats_itself_is_understood(
     assert force.read().force_n == pytest.approx(GWT_N)
 
 
-def test_a_balance_that_is_not_there_is_asked_twice_for_half_a_second(balance: Balance, clock: VirtualClock) -> None:
-    """And nothing is believed afterwards."""
-    hello = [(b"@\r\n", b""), (b"I4\r\n", b"")]
-    force = balance(*hello, *hello, HELLO, WEIGHT)
-    for ask in (force.connect, force.read):
-        with raises(ForceTimeout, "no_device", port="scripted"):
-            ask()
-    assert clock.monotonic_s() == pytest.approx(BEGUN_S + 2.0)
-    assert force.read().stable
-
-
 def test_a_greeting_that_fails_ends_what_was_believed_before(balance: Balance) -> None:
     force = balance(HELLO, (b"@\r\n", b""), (b"I4\r\n", b"I4 I\r\n"), HELLO, WEIGHT)
     force.connect()
@@ -91,19 +80,6 @@ def test_what_came_unasked_is_no_answer(balance: Balance, late: bytes) -> None:
 
 
 # --- answers ---
-
-
-@pytest.mark.parametrize(("options", "steps"), [({}, (0.05, 0.01)), ({"scale": 1.25}, (0.05, 0.0125))], ids=str)
-def test_a_balance_has_steps_of_time_and_of_force(
-    balance: Balance, options: dict[str, float], steps: tuple[float, float]
-) -> None:
-    force = balance(HELLO, WEIGHT, **options)
-    assert (force.sample_period_s, force.resolution_gwt) == pytest.approx(steps)
-    assert force.read().force_n == pytest.approx(GWT_N * options.get("scale", 1.0))
-
-
-def test_an_answer_may_come_in_pieces(balance: Balance) -> None:
-    assert balance(HELLO, (b"SI\r\n", [b"S S   ", b"  1.00 ", b"g\r", b"\n"])).read().stable
 
 
 def test_stable_value_zero_and_tare(balance: Balance) -> None:
@@ -127,7 +103,7 @@ REFUSED = [(command, *row) for command in ASK for row in REFUSALS if (command, r
 
 
 @pytest.mark.parametrize(("command", "reply", "kind", "code", "fields"), REFUSED)
-def test_a_refusal_is_told_and_the_balance_stays_in_step(
+def test_a_refusal_is_an_error_and_the_balance_stays_in_step(
     balance: Balance, command: str, reply: str, kind: type[ForceError], code: str, fields: dict[str, str]
 ) -> None:
     """It has answered what it was asked: no need to greet it anew, which would forget its tare."""

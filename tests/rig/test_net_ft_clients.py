@@ -1,13 +1,10 @@
 """Clients of others against the virtual Net F/T, and the driver over real datagrams, all on loopback addresses."""
 
 import itertools
-import shutil
-import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -25,29 +22,6 @@ from tests.waiting import DEADLINE_S, until
 
 GRAMS = 50.0
 COUNTS = -round(1000 * GRAMS)
-CLIENT = """\
-#include <arpa/inet.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-int main(int n, char **a) {
-  uint8_t go[8] = {0x12, 0x34, 0, 2}, end[8] = {0x12, 0x34}, r[36];
-  struct sockaddr_in to = {.sin_family = AF_INET, .sin_port = htons(atoi(a[1]))};
-  int s = socket(AF_INET, SOCK_DGRAM, 0), want = atoi(a[2]), gaps = 0;
-  uint32_t last = 0, *w = (uint32_t *)r;
-  to.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
-  connect(s, (struct sockaddr *)&to, sizeof to);
-  send(s, go, 8, 0);
-  for (int i = 0; i < want; i++) {
-    if (recv(s, r, 36, 0) != 36) return 1;
-    if (i && ntohl(w[0]) != last + 1) gaps++;
-    last = ntohl(w[0]);
-  }
-  send(s, end, 8, 0);
-  printf("%d %u %d", gaps, ntohl(w[2]), (int32_t)ntohl(w[5]));
-  return 0;
-}
-"""
 
 
 @contextmanager
@@ -114,17 +88,6 @@ def test_pynetft_reads_counts_and_records_and_biases() -> None:
             assert until(lambda: client.health().warning_count) > 0
             sensor.status = 0x80020000
             until(lambda: client.health().device_error_count)
-
-
-@pytest.mark.skipif(shutil.which("gcc") is None, reason="gcc is not installed")
-def test_a_client_in_c_gets_every_record(tmp_path: Path) -> None:
-    source, program = tmp_path / "client.c", tmp_path / "client"
-    source.write_text(CLIENT, encoding="ascii")
-    subprocess.run(["gcc", "-O1", "-o", str(program), str(source)], check=True, timeout=DEADLINE_S)
-    with _served() as (number, _):
-        words = [str(program), str(number), "2000"]
-        ended = subprocess.run(words, capture_output=True, text=True, timeout=DEADLINE_S, check=True)
-    assert ended.stdout.split() == ["0", "0", str(COUNTS)]
 
 
 def test_the_driver_reads_over_real_datagrams() -> None:

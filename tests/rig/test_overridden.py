@@ -8,7 +8,6 @@ import pytest
 from rig.devices.base import StageOverridden
 from rig.engine import Target, TripError, indent, verbs
 from rig.engine.engine import Engine, State
-from rig.engine.motion import InterruptedMotionError, insist
 from rig.engine.sensing import ForceZero
 from rig.manual.jog import Moved
 from tests.error_codes import has_code
@@ -34,13 +33,6 @@ def _pressed(engine: Engine) -> None:
         engine.go_to_height(height_mm, 0.5)
 
 
-def _looks(engine: Engine) -> None:
-    """A status carries the overrides or the offset."""
-    engine.clock.wait_s(1.0)
-    for _ in range(2):
-        engine.bench.stage.look()
-
-
 def _in_a_press(engine: Engine) -> None:
     indent(engine, Target("force_gwt", 8.0), hold_s=5.0, expected_contact_mm=0.0)
 
@@ -61,9 +53,10 @@ def watched() -> Watched:
     return Watched(GRBL)
 
 
+@pytest.mark.quick(rows=lambda motion, what: what == "twice the feed" or motion == "press")
 @pytest.mark.parametrize("motion", MOTIONS)
 @pytest.mark.parametrize("what", OVERRIDES)
-def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, what: str) -> None:
+def test_an_override_trips_and_lifts_at_full_speed(watched: Watched, motion: str, what: str) -> None:
     data, says = OVERRIDES[what]
     engine = watched.ready()
     begin, after_s = MOTIONS[motion]
@@ -78,18 +71,8 @@ def test_it_trips_and_is_lifted_at_full_speed(watched: Watched, motion: str, wha
     assert [stream for stream, _ in watched.events].count("trip") == 1
 
 
-def test_homing_ends_it_as_it_connects(watched: Watched) -> None:
-    engine = watched.ready()
-    _pressed(engine)
-    _struck(watched, b"\x92" * 9, after_s=0.9)
-    _looks(engine)
-    verbs.home(engine)
-    assert engine.state is State.READY
-    verbs.move_to(engine, 1.0)
-
-
 @pytest.mark.parametrize(("on_trip", "above_mm"), [("park", 10.0), ("retract", CLEARANCE_MM)])
-def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -> None:
+def test_an_override_lifts_as_high_as_any_trip(on_trip: str, above_mm: float) -> None:
     watched = Watched(GRBL, on_trip=on_trip)
     engine = watched.ready()
     _pressed(engine)
@@ -99,7 +82,7 @@ def test_it_is_lifted_as_high_as_any_trip_lifts(on_trip: str, above_mm: float) -
     assert watched.pose.above_apex_mm == pytest.approx(above_mm, abs=0.003)
 
 
-def test_where_a_trip_stays_so_does_this_one() -> None:
+def test_an_override_stays_where_a_trip_stays() -> None:
     watched = Watched(GRBL, on_trip="stop")
     engine = watched.ready()
     _struck(watched, b"\x91", after_s=0.25)
@@ -110,7 +93,7 @@ def test_where_a_trip_stays_so_does_this_one() -> None:
 
 
 @pytest.mark.parametrize("data", [b"\x92" * 9, b"\x91" * 10])
-def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, data: bytes) -> None:
+def test_an_override_during_the_lift_of_a_trip_does_not_end_the_lift(watched: Watched, data: bytes) -> None:
     """It goes up at the speed it was told, and further up each time."""
     engine = watched.ready()
     _pressed(engine)
@@ -123,7 +106,7 @@ def test_on_the_way_up_from_a_trip_it_is_ended_and_goes_on(watched: Watched, dat
     assert watched.bench.stage.homed
 
 
-def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched) -> None:
+def test_a_lift_that_is_overridden_again_and_again_is_an_error(watched: Watched) -> None:
     engine = watched.ready()
     engine.go_to_height(1.95, 0.5)
     stage, went = watched.bench.stage, []
@@ -137,20 +120,6 @@ def test_whoever_changes_it_again_and_again_is_named_in_the_end(watched: Watched
     with pytest.raises(TripError, match=r"^for the test; and the lift failed: somebody changed it$"):
         engine.trip(TripError("for the test"))
     assert len(went) == 5
-
-
-def test_what_is_insisted_on_is_done_once_where_it_succeeds() -> None:
-    done: list[int] = []
-    insist(lambda: done.append(1))
-    assert done == [1]
-
-    def third() -> None:
-        done.append(2)
-        if len(done) < 4:
-            raise InterruptedMotionError("not yet")
-
-    insist(third)
-    assert done == [1, 2, 2, 2]
 
 
 # --- by hand ---

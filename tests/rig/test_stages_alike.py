@@ -1,11 +1,11 @@
-"""What the stages of Zaber, Standa and Trinamic do alike, on their own bytes: home, move, jog, stop, lose power."""
+"""What stages with one motor at a time do alike, beyond tests/contracts/stage.py: jog, stop, overtake, lose power."""
 
 import math
 import struct
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from dataclasses import replace
-from itertools import pairwise, product
+from itertools import product
 from types import SimpleNamespace
 from typing import Any
 
@@ -15,7 +15,6 @@ from pydantic import ValidationError
 from rig.devices import standa_link, tmcl_link, zaber_link
 from rig.devices.base import MoveError, StageAlarm, StageError, StageReset, StageTimeout
 from rig.devices.make_drivers import stage_driver
-from rig.devices.one_axis import travel_s
 from rig.devices.registry import StageKind, find
 from rig.devices.standa import StandaAxis
 from rig.devices.tmcl import TmclAxis
@@ -24,26 +23,23 @@ from rig.plan.config import Config
 from rig.transport import LoopbackTransport, TransportError
 from sim.devices.clock import VirtualClock
 from sim.devices.line import SerialLine
-from tests.contracts.bytes import standa, tmcl, zaber
+from tests.contracts.bytes import leadshine, standa, tmcl, zaber
+from tests.contracts.counted import Bench, bench_of
 from tests.contracts.stage import Replies, StageBench, StageBytes
 from tests.error_codes import raises
-from tests.rig import test_standa_driver, test_tmcl_driver, test_zaber_driver
 
-BENCHES: dict[str, tuple[Callable[..., Any], str]] = {
-    "zaber": (test_zaber_driver.bench_of, "chain"),
-    "standa": (test_standa_driver.bench_of, "pair"),
-    "tmcl": (test_tmcl_driver.bench_of, "board"),
-}
-BYTES: dict[str, StageBytes] = {"zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE}
+BYTES: dict[str, StageBytes] = {
+    "zaber": zaber.DEVICE, "standa": standa.DEVICE, "tmcl": tmcl.DEVICE, "leadshine": leadshine.RTU,
+}  # fmt: skip
 AXES: dict[str, type[Any]] = {"zaber": ZaberAxis, "standa": StandaAxis, "tmcl": TmclAxis}
-every_kind = pytest.mark.parametrize("kind", BENCHES)
+every_kind = pytest.mark.parametrize("kind", AXES)
+every_table = pytest.mark.parametrize("kind", BYTES)
 
 
-def _bench(kind: str, **tables: Any) -> tuple[Any, Any]:
+def _bench(kind: str, **tables: Any) -> tuple[Bench, Any]:
     """A bench, homed unless that is not asked, and its devices."""
-    make, devices = BENCHES[kind]
-    bench = make(**tables)
-    return bench, getattr(bench, devices)
+    bench = bench_of(kind, **tables)
+    return bench, bench.devices
 
 
 OWN: dict[str, tuple[str, dict[str, Any]]] = {
@@ -67,7 +63,7 @@ OWN: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 @pytest.mark.parametrize("name", OWN)
-def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
+def test_every_configuration_homes_moves_and_reports_its_position(name: str) -> None:
     kind, own = OWN[name]
     bench, devices = _bench(kind, stage={kind: own} if own else {})
     assert bench.stage.homed
@@ -86,36 +82,6 @@ def test_it_homes_moves_and_knows_where_it_is(name: str) -> None:
     assert z / abs(bench.stage.steps_per_mm("z")) == pytest.approx(-11.0013, abs=within_mm)
 
 
-def _arrives(kind: str, off: int) -> Replies:
-    """The end of the move of the table, or so many microsteps beyond it."""
-    if kind == "zaber":
-        return zaber.axis(2, "IDLE --", 1000 + off)
-    if kind == "standa":
-        return {
-            b"z gets": standa.status(
-                standa.MOVE, 250 + math.trunc(off / 256), standa.HOMED, off % 256 if off > 0 else -(-off % 256)
-            )
-        }
-    return tmcl.axis("z", target=160, at=160 + off, most=200)
-
-
-@every_kind
-@pytest.mark.parametrize("more", [0, 1])
-@pytest.mark.parametrize("way", [1, -1])
-def test_an_arrival_is_within_2_5_um(kind: str, way: int, more: int) -> None:
-    bench, within = StageBench(BYTES[kind], homed=True), 64 if kind == "standa" else 1
-    bench.wire.state = "home"
-    arrives = {**BYTES[kind].states["arrived"], **_arrives(kind, way * (within + more))}
-    bench.wire.device = replace(BYTES[kind], states={**BYTES[kind].states, "arrived": arrives})
-    bench.clock.call_at(bench.clock.monotonic_s() + 1.5, lambda: setattr(bench.wire, "state", "arrived"))
-    at_mm = bench.device.move["z_mm"] * (
-        1 + way * (within + more) / {"zaber": 1000, "standa": 64000, "tmcl": 160}[kind]
-    )
-    with raises(StageError, "not_there", axis="z", at_mm=at_mm) if more else nullcontext():
-        bench.move()
-    assert bench.stage.homed is not more
-
-
 NO_MOVES: list[tuple[str, dict[str, float]]] = [
     *(("set_by_hand", {"x_mm": -1.0, "y_mm": mm}) for mm in (-14.0, -16.0, 15.0, 0.0, -15.00001)),
     *(("set_by_hand", {"y_mm": mm}) for mm in (-14.0, -16.0)),
@@ -126,7 +92,7 @@ NO_MOVES: list[tuple[str, dict[str, float]]] = [
 ]
 
 
-@every_kind
+@every_table
 def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
     """That axis has no drive; a move to where it was set by hand is none."""
     bench = StageBench(BYTES[kind], homed=True)
@@ -142,73 +108,13 @@ def test_a_move_is_of_one_axis_and_none_along_the_finger(kind: str) -> None:
 
 
 @every_kind
-@pytest.mark.parametrize("homed", [True, False])
-def test_what_is_no_jog_is_refused_before_any_byte(kind: str, homed: bool) -> None:
-    bench = StageBench(BYTES[kind], homed=homed)
-    for by_mm in (math.nan, math.inf, -math.inf):
-        with raises(MoveError, "not_finite", name="by_mm"):
-            bench.stage.jog("z", by_mm, 1.0)
-    with raises(MoveError, "too_slow", speed_mm_s=1e-9):
-        bench.stage.jog("z", -0.1, 1e-9)
-    assert bench.wire.writes == []
-    assert bench.stage.homed is homed
-
-
-@every_kind
-def test_home_is_0_without_a_sign(kind: str) -> None:
-    status = StageBench(BYTES[kind], homed=True).stage.status()
-    assert [repr(mm) for mm in (status.x_mm, status.z_mm)] == ["0.0", "0.0"]
-
-
-@every_kind
-def test_a_stage_that_was_not_asked_who_it_is_homes_and_moves(kind: str) -> None:
+def test_a_stage_homes_and_moves_without_a_connection(kind: str) -> None:
     bench = StageBench(BYTES[kind], connected=False)
     bench.stage.home()
     in_s = 1.0 if kind == "tmcl" else 5.0
     bench.clock.call_at(bench.clock.monotonic_s() + in_s, lambda: setattr(bench.wire, "state", "arrived"))
     bench.move()
     assert bench.stage.status() == bench.device.arrived
-
-
-@every_kind
-def test_a_move_lasts_as_long_as_its_way_wherever_it_begins(kind: str) -> None:
-    bench, _ = _bench(kind)
-    for to_mm, way_mm in ((-20.0, 20.0), (-1.0, 19.0), (-1.2, 0.2)):
-        begun_s = bench.clock.monotonic_s()
-        bench.stage.move_to(z_mm=to_mm, speed_mm_s=1.0)
-        assert bench.clock.monotonic_s() - begun_s == pytest.approx(way_mm, abs=0.15)
-
-
-@every_kind
-@pytest.mark.parametrize("axis", ["x", "z"])
-@pytest.mark.parametrize(
-    ("backlash_mm", "to_mm", "targets"),
-    [
-        (0.025, -1.0, [-0.95, -1.0]),
-        (0.025, -0.02, [0.0, -0.02]),  # not beyond the top
-        (0.025, -3.0, [-3.0]),
-        (0.0, -1.0, [-1.0]),
-    ],
-    ids=["up", "up to the top", "down", "none"],
-)
-def test_backlash_is_taken_up_by_twice_as_much_on_the_way_up_alone(
-    kind: str, axis: str, backlash_mm: float, to_mm: float, targets: list[float], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    measured = {"value": backlash_mm, "date": "2026-01-05", "expires": "2126-01-05"}
-    bench, _ = _bench(kind, calibration={f"{axis}_backlash_mm": measured} if backlash_mm else {})
-    stage = bench.stage
-    stage.move_to(**{f"{axis}_mm": -2.0}, speed_mm_s=10.0)
-    moving, told = AXES[kind].moving, list[float]()
-
-    def noted(one: Any, target_mm: float, *more: Any) -> Any:
-        told.append(target_mm)
-        return moving(one, target_mm, *more)
-
-    monkeypatch.setattr(AXES[kind], "moving", noted)
-    stage.move_to(**{f"{axis}_mm": to_mm}, speed_mm_s=10.0)
-    assert told == pytest.approx(targets)
-    status = stage.status()
-    assert (status.x_mm if axis == "x" else status.z_mm) == pytest.approx(to_mm, abs=0.003)
 
 
 def _steps(axis: str, per_mm: float) -> dict[str, Any]:
@@ -271,19 +177,6 @@ def test_a_move_that_leaves_its_way_by_more_than_an_arrival_may_is_stopped(
                 assert bench.stage.homed
 
 
-@pytest.mark.parametrize(
-    ("mm", "speed_mm_s", "acceleration_mm_s2", "lasts_s"),
-    [
-        (0.0, 1.0, 50.0, 0.0), (0.0, 1.0, math.inf, 0.0), (10.0, 2.0, math.inf, 5.0), (10.0, 2.0, 4.0, 5.5),
-        (1.0, 2.0, 4.0, 1.0), (0.25, 2.0, 4.0, 0.5), (0.0001, 2.0, 4.0, 0.01), (1.1, 2.0, 4.0, 1.05),
-    ],
-)  # fmt: skip
-def test_a_move_lasts_as_long_as_speed_and_acceleration_let_it(
-    mm: float, speed_mm_s: float, acceleration_mm_s2: float, lasts_s: float
-) -> None:
-    assert travel_s(mm, speed_mm_s, acceleration_mm_s2) == pytest.approx(lasts_s)
-
-
 @every_kind
 @pytest.mark.parametrize("nth", range(3))
 def test_one_old_position_among_the_last_is_no_wrong_arrival(kind: str, nth: int) -> None:
@@ -324,17 +217,6 @@ def _accelerates(kind: str, axis: Any, number: int) -> None:
         axis.settings["mov"] = struct.pack("<IBHHIBB9x", *speed)
 
 
-@every_kind
-def test_only_the_axis_that_presses_needs_its_acceleration(kind: str) -> None:
-    """That of the configuration is what the bounds of a press are computed from."""
-    bench, devices = _bench(kind, homed=False, calibration=_steps("x", 20000.0) | _steps("z", 20000.0))
-    _accelerates(kind, devices.x, 1)
-    bench.stage.connect()
-    _accelerates(kind, devices.z, 1)
-    with raises(StageError, "not_as_configured", axis="z"):
-        bench.stage.connect()
-
-
 OTHER_UNITS: dict[str, Any] = {"speed_unit": 0.0328, "acceleration_unit": 0.0022}
 
 
@@ -343,11 +225,9 @@ OTHER_UNITS: dict[str, Any] = {"speed_unit": 0.0328, "acceleration_unit": 0.0022
     [
         ("zaber", {}, 4),
         ("zaber", {"acceleration_unit": 0.0022}, 44),
-        ("standa", {}, 5000),
         ("standa", {"z": {"step_um": 2.5}}, 20000),
         ("tmcl", {}, 20000),
         ("tmcl", OTHER_UNITS, 44),
-        ("tmcl", {"z": {"motor": 1, "home_switch": "right", "search_mode": 65}}, 20000),
     ],
 )
 def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, Any], least: int) -> None:
@@ -357,40 +237,6 @@ def test_z_needs_50_mm_s2_in_the_units_of_the_device(kind: str, own: dict[str, A
     _accelerates(kind, devices.z, least - 1)
     with raises(StageError, "not_as_configured", axis="z", found=least - 1):
         bench.stage.connect()
-
-
-NO_RAMP: dict[str, tuple[Replies, dict[str, Replies]]] = {
-    "zaber": (
-        {b"1 1 get accel": b"@01 1 OK IDLE -- 0", b"1 1 move abs 1000 327": (b"@01 1 OK BUSY -- 0", "x goes")},
-        {"x goes": zaber.axis(1, "BUSY --", 500), "x is there": zaber.axis(1, "IDLE --", 1000)},
-    ),
-    "standa": (
-        {b"x gmov": b"gmov" + bytes(24), b"x smov 50 0 0 0 0 0 0": b"smov", b"x move 250 0": (b"move", "x goes")},
-        {
-            "x goes": standa.shows("x", standa.RUNS | standa.MOVE, 125),
-            "x is there": standa.shows("x", standa.MOVE, 250),
-        },
-    ),
-    "tmcl": (
-        {b"x GAP 5": b"100 0", b"x MVP 0 1000": (b"100 1000", "x aims"), b"x SAP 4 200": (b"100 200", "x goes")},
-        {
-            "x aims": tmcl.axis("x", target=1000),
-            "x goes": tmcl.axis("x", target=1000, at=8, speed=200, most=200),
-            "x is there": {**tmcl.axis("x", target=1000, at=1000, most=200), b"x SAP 4 0": (b"100 0", "x stands")},
-            "x stands": tmcl.axis("x", target=1000, at=1000),
-        },
-    ),
-}
-
-
-@every_kind
-def test_an_acceleration_of_0_is_that_of_no_ramp(kind: str) -> None:
-    device, (usual, states) = BYTES[kind], NO_RAMP[kind]
-    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
-    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
-    bench.clock.call_at(bench.clock.monotonic_s() + 4.95, lambda: setattr(bench.wire, "state", "x is there"))
-    bench.stage.move_to(x_mm=-2.5, speed_mm_s=0.5)
-    assert bench.stage.status().x_mm == -2.5
 
 
 @every_kind
@@ -410,50 +256,6 @@ def test_a_jog_goes_so_far_and_stops_by_itself(kind: str, homed: bool) -> None:
     assert bench.stage.homed is homed
 
 
-@every_kind
-def test_a_jog_is_extended_without_a_stop(kind: str) -> None:
-    """At another speed it arrives there, too."""
-    bench, devices = _bench(kind)
-    bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(0.2)
-    asked_s = bench.clock.monotonic_s()
-    bench.stage.jog("z", -1.0, 2.0)
-    assert bench.clock.monotonic_s() - asked_s < 0.2
-    for by_s in (0.2, 0.7, 1.2):
-        assert _speed_mm_s(bench, devices.z, asked_s + by_s) == pytest.approx(2.0, abs=0.05)
-    bench.stage.jog("z", -1.0, 1.0)
-    bench.clock.wait_s(5.0)
-    assert bench.stage.status().z_mm == pytest.approx(-4.0, abs=1e-4)
-
-
-SMOV = b"z smov 100 0 6000 6000 0 0 0"
-JOGS: dict[str, tuple[str, list[bytes], Replies, dict[str, Replies]]] = {
-    "zaber": (
-        "arrived",
-        [b"2 1 move abs 1040 655", b"2 1 move abs 1080 655"],
-        {b"2 1 move abs 1040 655": (zaber.BUSY, "jogs on"), b"2 1 move abs 1080 655": zaber.BUSY},
-        {"jogs on": zaber.axis(2, "BUSY --", 1010)},
-    ),
-    "standa": (
-        "arrived",
-        [SMOV, b"z move 260 0", SMOV, b"z move 270 0"],
-        {b"z move 260 0": (b"move", "jogs on"), b"z move 270 0": b"move"},
-        {"jogs on": standa.shows("z", standa.RUNS | standa.MOVE, 253)},
-    ),
-    "tmcl": (
-        "stands",
-        [b"z SAP 4 0", b"z MVP 0 200", b"z SAP 4 400", b"z MVP 0 240"],
-        {b"z MVP 0 200": (b"100 200", "aimed on"), b"z MVP 0 240": (b"100 240", "jogs on farther")},
-        {
-            "aimed on": {**tmcl.axis("z", target=200, at=160), b"z SAP 4 400": (b"100 400", "jogs on")},
-            "jogs on": tmcl.axis("z", target=200, at=170, speed=400, most=400),
-            "jogs on farther": tmcl.axis("z", target=240, at=180, speed=400, most=400),
-        },
-    ),
-}
-"""Where z stands, what is commanded to jog twice by 0.1 mm at 1 mm/s, and the replies."""
-
-
 def _motions(bench: StageBench) -> list[bytes]:
     """What was commanded that moves an axis, or says how fast."""
     words = (b" move ", b" movr ", b" smov ", b" MVP ", b" SAP ")
@@ -461,31 +263,14 @@ def _motions(bench: StageBench) -> list[bytes]:
 
 
 @pytest.mark.parametrize(
-    ("kind", "commands"), [("zaber", [b"2 1 move rel 40 655"]), ("standa", [SMOV, b"z movr 10 0"])]
+    ("kind", "commands"),
+    [("zaber", [b"2 1 move rel 40 655"]), ("standa", [b"z smov 100 0 6000 6000 0 0 0", b"z movr 10 0"])],
 )
 def test_a_jog_before_homing_is_relative(kind: str, commands: list[bytes]) -> None:
     bench = StageBench(BYTES[kind])
     bench.stage.jog("z", -0.1, 1.0)
     assert _motions(bench) == commands
     assert not bench.stage.homed
-
-
-@every_kind
-def test_a_second_jog_goes_on_from_where_the_first_one_goes(kind: str) -> None:
-    start, commands, usual, states = JOGS[kind]
-    device = BYTES[kind]
-    table = {"usual": {**device.usual, **usual}, "states": {**device.states, **states}}
-    bench = StageBench(replace(device, **table), homed=True)  # type: ignore[arg-type]
-    bench.wire.state = start
-    for _ in range(2):
-        bench.stage.jog("z", -0.1, 1.0)
-    assert _motions(bench) == commands
-    assert bench.stage.homed
-
-
-def _speed_mm_s(bench: Any, z: Any, at_s: float) -> float:
-    counts: int = z.carriage_at(at_s - 0.05) - z.carriage_at(at_s + 0.05)
-    return counts / abs(bench.stage.steps_per_mm("z")) / 0.1
 
 
 ENDS_OF_A_JOG: dict[str, Callable[[Any], object]] = {
@@ -527,32 +312,6 @@ def _moved_to_10_mm(kind: str, z: Any) -> None:
         z.move_to(4000)
 
 
-@every_kind
-def test_a_jog_from_rest_begins_where_the_axis_stands(kind: str) -> None:
-    """Or is refused, where the module shows that another program has moved it."""
-    bench, devices = _bench(kind)
-    bench.stage.jog("z", -2.0, 2.0)
-    bench.clock.wait_s(3.0)
-    _moved_to_10_mm(kind, devices.z)
-    bench.clock.wait_s(10.0)
-    with raises(StageReset, "was_reset") if kind == "tmcl" else nullcontext():
-        bench.stage.jog("z", -0.5, 2.0)
-    bench.clock.wait_s(3.0)
-    height_mm = devices.z.carriage_at(bench.clock.monotonic_s()) / abs(bench.stage.steps_per_mm("z"))
-    assert height_mm == pytest.approx(-10.0 if kind == "tmcl" else -10.5, abs=0.01)
-
-
-def test_a_halt_is_one_command_however_long_a_standa_stage_takes_to_slow_down() -> None:
-    bench, _ = _bench("standa")
-    next(bench.stage.moving(z_mm=-30.0, speed_mm_s=20.0))
-    bench.clock.wait_s(0.5)
-    bench.sent.clear()
-    begun_s = bench.clock.monotonic_s()
-    bench.stage.halt()
-    assert bench.clock.monotonic_s() - begun_s > 0.2
-    assert bench.letters("z").count("sstp") == 1
-
-
 # --- bounds in time, on bytes ---
 
 
@@ -568,62 +327,6 @@ def _staying(kind: str, state: str, *, coarse: float = 1.0, homed: bool = False)
     wait_s = bench.clock.wait_s
     bench.clock.wait_s = lambda seconds: wait_s(coarse * seconds)  # type: ignore[method-assign]
     return bench
-
-
-@every_kind
-def test_a_jog_waits_5_s_for_a_motion_that_it_cannot_extend(kind: str) -> None:
-    bench = _staying(kind, "moving", coarse=5.0)
-    bench.wire.state = "moving"
-    begun_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "not_over", axis="z", timeout_s=5.0):
-        bench.stage.jog("z", -0.1, 1.0)
-    assert 5.0 <= bench.clock.monotonic_s() - begun_s < 5.2
-
-
-@pytest.mark.parametrize(
-    ("kind", "lasts_s"), [("zaber", 5 + 0.5 / 61.03515625), ("standa", 5 + 0.5 / 60), ("tmcl", 0.8 + 0.5 / 50)]
-)
-def test_a_move_has_half_as_much_time_again_and_5_s(kind: str, lasts_s: float) -> None:
-    """Of what its way, its speed and the acceleration of the device need."""
-    bench = _staying(kind, "moving", coarse=5.0, homed=True)
-    begun_s = bench.clock.monotonic_s()
-    with raises(StageTimeout, "not_over", axis="z", timeout_s=1.5 * lasts_s + 5.0):
-        bench.move()
-    assert 0.0 <= bench.clock.monotonic_s() - begun_s - 1.5 * lasts_s - 5.0 < 0.2
-    assert not bench.stage.homed
-
-
-HALF_WAY: dict[str, tuple[Replies, dict[str, Replies]]] = {
-    "zaber": ({b"2 1 move abs 500 327": (zaber.BUSY, "goes back")}, {"goes back": zaber.axis(2, "BUSY --", 800)}),
-    "standa": (
-        {b"z move 125 0": (b"move", "goes back")},
-        {"goes back": standa.shows("z", standa.RUNS | standa.MOVE, 200)},
-    ),
-    "tmcl": (
-        {b"z MVP 0 80": (b"100 80", "aimed back")},
-        {
-            "aimed back": {**tmcl.axis("z", target=80, at=160), b"z SAP 4 200": (b"100 200", "goes back")},
-            "goes back": tmcl.axis("z", target=80, at=150, speed=-200, most=200),
-        },
-    ),
-}
-"""From the end of the move of the table half of the way back, which does not end."""
-
-
-@pytest.mark.parametrize(
-    ("kind", "lasts_s"), [("zaber", 2.5 + 0.5 / 61.03515625), ("standa", 2.5 + 0.5 / 60), ("tmcl", 0.4 + 0.5 / 50)]
-)
-def test_the_time_of_a_move_is_that_of_its_way_wherever_it_begins(kind: str, lasts_s: float) -> None:
-    bench, (usual, states) = _staying(kind, "moving", coarse=5.0, homed=True), HALF_WAY[kind]
-    device = bench.wire.device
-    bench.wire.device = replace(
-        device,
-        usual={**device.usual, **usual},
-        states={**device.states, **states, "arrived": BYTES[kind].states["stands" if kind == "tmcl" else "arrived"]},
-    )
-    bench.wire.state = "arrived"
-    with raises(StageTimeout, "not_over", axis="z", timeout_s=1.5 * lasts_s + 5.0):
-        bench.stage.move_to(z_mm=device.move["z_mm"] / 2, speed_mm_s=0.5)
 
 
 def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
@@ -646,10 +349,8 @@ def _homes(kind: str, z_mm: float, v_mm_s: float, switch: str) -> Replies:
 @pytest.mark.parametrize(
     ("up_mm", "switch", "most_mm", "v_mm_s"),
     [
-        (0.0, "", 1.0, 2.0),
         (0.08, "", 1.0, 2.0),
         (0.0, "far", 1.0, 2.0),
-        (0.0, "button", 1.0, 2.0),
         (0.4, "", 10.0, 20.0),
         (0.0, "home", 10.0, 20.0),
     ],
@@ -678,59 +379,13 @@ def test_a_search_may_go_a_millimeter_away_from_home_and_ten_after_it_went_towar
     assert not bench.stage.homed
 
 
-@every_kind
-def test_homing_may_take_a_while(kind: str) -> None:
-    bench = _staying(kind, "z homes")
-    bench.clock.call_at(bench.clock.monotonic_s() + 1.0, lambda: setattr(bench.wire, "device", BYTES[kind]))
-    bench.stage.home()
-    assert bench.stage.homed
-    assert bench.stage.status() == bench.device.home
-
-
-@pytest.mark.parametrize(("kind", "lasts_s"), [("zaber", 5.008), ("standa", 5.008), ("tmcl", 0.81)])
-def test_a_move_is_asked_for_at_each_look_and_fifty_times_a_second_once_it_should_be_over(
-    kind: str, lasts_s: float
-) -> None:
-    bench = _staying(kind, "moving", homed=True)
-    begun_s, seen_s = bench.clock.monotonic_s(), list[float]()
-    for _ in bench.stage.moving(**bench.device.move):
-        seen_s.append(bench.clock.monotonic_s() - begun_s)
-        if seen_s[-1] > lasts_s + 0.45:
-            break
-    assert seen_s[0] == pytest.approx(0.1, abs=0.002)
-    assert max(later - before for before, later in pairwise(seen_s)) < 0.25, "one look may be left out about the end"
-    asked_s = [at_s - begun_s for at_s, frames in bench.wire.writes if bench.device.where in frames]
-    before = [at_s for at_s in asked_s if 0.0 < at_s < lasts_s - 0.01]
-    assert len(before) == pytest.approx(lasts_s / 0.1, abs=1.5)
-    after = [later - at_s for at_s, later in pairwise(asked_s) if at_s >= lasts_s]
-    assert len(after) >= 20
-    assert after == pytest.approx([0.02] * len(after))
-
-
-@every_kind
-def test_a_move_of_little_more_than_a_look_is_looked_at_when_it_is_over(kind: str) -> None:
-    bench, _ = _bench(kind)
-    assert list(bench.stage.moving(z_mm=-0.1, speed_mm_s=1.0)) == []
-    assert bench.stage.status().z_mm == pytest.approx(-0.1, abs=1e-4)
-
-
-@every_kind
-def test_homing_is_looked_at_all_the_time(kind: str) -> None:
-    bench = _staying(kind, "z homes")
-    begun_s = bench.clock.monotonic_s()
-    for _ in bench.stage.homing():
-        if bench.clock.monotonic_s() >= begun_s + 0.9:
-            break
-    assert bench.wire.asked.count(bench.device.where) >= 40
-
-
-@every_kind
+@every_table
 def test_homing_has_three_minutes(kind: str) -> None:
     bench = _staying(kind, "z homes", coarse=100.0)
     begun_s = bench.clock.monotonic_s()
     with raises(StageTimeout, "not_over", axis="z", timeout_s=180.0):
         bench.stage.home()
-    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 185.0
+    assert 180.0 <= bench.clock.monotonic_s() - begun_s < 190.0
     assert not bench.stage.homed
 
 
@@ -746,18 +401,6 @@ def test_a_stage_that_cannot_be_stopped_says_so_in_time(kind: str, verb: str, le
 
 
 @every_kind
-@pytest.mark.parametrize(("verb", "least_s"), [("stop", 1.0), ("halt", 2.0)])
-def test_a_stage_that_rests_in_time_is_stopped(kind: str, verb: str, least_s: float) -> None:
-    bench = _staying(kind, "moving", homed=True)
-    bench.under_way()
-    begun_s = bench.clock.monotonic_s()
-    bench.clock.call_at(begun_s + 0.9 * least_s, lambda: setattr(bench.wire, "state", "rested"))
-    getattr(bench.stage, verb)()
-    assert bench.clock.monotonic_s() - begun_s == pytest.approx(0.9 * least_s, abs=0.06)
-    assert bench.stage.homed is (verb == "halt")
-
-
-@every_kind
 @pytest.mark.parametrize(("verb", "lost_s"), [("stop", 0.5), ("halt", 1.5)])
 def test_a_stop_outlasts_a_port_that_is_silent_for_a_while(kind: str, verb: str, lost_s: float) -> None:
     bench = StageBench(BYTES[kind], homed=True)
@@ -770,7 +413,7 @@ def test_a_stop_outlasts_a_port_that_is_silent_for_a_while(kind: str, verb: str,
 
 @every_kind
 @pytest.mark.parametrize("verb", ["stop", "halt"])
-def test_a_port_that_stays_silent_is_what_a_stop_reports(kind: str, verb: str) -> None:
+def test_a_stop_at_a_silent_port_is_an_error(kind: str, verb: str) -> None:
     bench = StageBench(BYTES[kind], homed=True)
     bench.under_way()
     bench.wire.silent = True
@@ -945,35 +588,6 @@ def test_a_calibration_replaces_the_length_of_a_microstep(kind: str, z_per_mm: f
     assert bench.stage.steps_per_mm("x") == x_per_mm
     bench.stage.move_to(z_mm=-2.0, speed_mm_s=5.0)
     assert devices.z.position() == 2 * z_per_mm
-
-
-REFUSED: dict[str, tuple[dict[str, Any], list[tuple[str, object]]]] = {
-    "zaber": (
-        {"address": 2},
-        [("address", 0), ("address", 100), ("axis", 0), ("axis", 10), ("microstep_um", 0.0), ("microstep_um", 10.1),
-         ("microstep_um", float("nan")), ("resolution", 0), ("resolution", 257), ("encoder", 2), ("adress", 1)],
-    ),
-    "standa": (
-        {},
-        [("step_um", 0.0), ("step_um", 100.1), ("step_um", float("nan")), ("microsteps", 3), ("microsteps", 512),
-         ("home", "up"), ("steps", 1)],
-    ),
-    "tmcl": (
-        {"motor": 1},
-        [("address", 0), ("address", 256), ("motor", -1), ("motor", 6), ("microstep_um", 0.0), ("microstep_um", 10.1),
-         ("microstep_um", float("nan")), ("resolution", 9), ("home_switch", "up"), ("far_switch", 1),
-         ("search_mode", 0), ("home_speed_mm_s", 0.0), ("home_speed_mm_s", 21.0), ("adress", 1)],
-    ),
-}  # fmt: skip
-
-
-@every_kind
-def test_a_value_out_of_its_bounds_is_refused(kind: str) -> None:
-    needed, bad = REFUSED[kind]
-    for key, value in bad:
-        with pytest.raises(ValidationError) as caught:
-            Config.model_validate({"stage": {"kind": kind, kind: {"z": {**needed, key: value}}}})
-        assert [problem["loc"] for problem in caught.value.errors()] == [("stage", kind, "z", key)], (key, value)
 
 
 @pytest.mark.parametrize(

@@ -11,40 +11,27 @@ from rig.devices.base import ForceBusy, ForceError, ForceTimeout
 from rig.devices.text_cell import TextCellForce, TextCellSettings
 from rig.errors import first_problem
 from rig.plan.config import Config
-from rig.transport import LoopbackTransport
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine, VirtualForceSpec
 from sim.devices.text_cell import text_twin
 from tests.error_codes import raises
+from tests.timed_wire import TimedWire
 
 PERIOD_S = 0.1
 INSTRUMENT = {"sample_period_s": PERIOD_S, "resolution_gwt": 0.01, "scale": 1.0}
 
 
-class Board:
+class Board(TimedWire):
     """A wire whose bytes come at given times, and a driver."""
 
-    name = "wire"
-
     def __init__(self, *coming: tuple[float, bytes], **table: Any) -> None:
-        self.clock, self.coming, self.sent = VirtualClock(), list(coming), b""
+        super().__init__(VirtualClock())
+        self.coming, self.sent = list(coming), b""
         self.driver = TextCellForce(self, self.clock, TextCellSettings(**table), **INSTRUMENT)
 
     def write(self, data: bytes) -> None:
         self.sent += data
-
-    def read(self, timeout_s: float) -> bytes:
-        now_s = self.clock.monotonic_s()
-        if self.coming and self.coming[0][0] <= now_s + timeout_s:
-            due_s, data = self.coming.pop(0)
-            self.clock.wait_s(max(due_s - now_s, 0.0))
-            return data
-        self.clock.wait_s(timeout_s)
-        return b""
-
-    def close(self) -> None:
-        """There is nothing to close."""
 
     def gwt(self) -> float:
         return self.driver.read().force_n / GWT_N
@@ -279,24 +266,6 @@ def test_silence_is_an_error_after_two_samples_and_the_configured_time() -> None
     assert board.clock.monotonic_s() == pytest.approx(0.1 + 0.3 + 2 * PERIOD_S)
 
 
-@pytest.mark.parametrize("odd", ["menu", "Set point: 12.5", "1e2", "0x10", "5" * 501])
-def test_a_board_whose_lines_are_no_readings_is_there_and_its_last_line_is_told(odd: str) -> None:
-    lines = ["12.5 oz", odd]
-    board = Board(*((0.1 * n, f"{lines[n % 2 - 1]}\r\n".encode()) for n in range(100)), start_s=1.05)
-    with raises(ForceError, "garbled", port="wire", line=odd, expected="{value}"):
-        board.driver.connect()
-    assert board.clock.monotonic_s() == pytest.approx(1.05)
-
-
-def test_a_silent_board_has_its_time_to_start_and_no_more() -> None:
-    for start_s in (0.3, 3.0):  # less than the longest wait for a line, and more
-        board = Board(start_s=start_s)
-        board.clock.wait_s(1000.0)
-        with raises(ForceTimeout, "no_device", port="wire", timeout_s=start_s):
-            board.driver.connect()
-        assert board.clock.monotonic_s() == pytest.approx(1000.0 + start_s)
-
-
 class Polled(Board):
     """A board that replies 10 ms after each request, from a time on."""
 
@@ -387,11 +356,6 @@ def test_what_came_before_a_request_is_no_reply_to_it() -> None:
         assert board.gwt() == 5.0
 
 
-def test_a_line_of_500_characters_is_read() -> None:
-    board = Board((0.05, b"of a line\r\n"), (0.1, b"12.5 g" + b"." * 494 + b"\r\n"), line="{value}{skip}")
-    assert board.gwt() == 12.5
-
-
 def test_a_reply_to_an_earlier_request_does_not_verify_a_zero() -> None:
     """Polled in vain, the board still owes a reply: it comes when the zero has been confirmed, and the load stays."""
     late, still = [(1.1, b"Tare\r\n"), (1.2, b"0.10\r\n")], [(1.9 + 0.2 * n, b"50.00\r\n") for n in range(60)]
@@ -431,13 +395,6 @@ def test_the_twin_sends_a_line_with_each_sample() -> None:
     assert line.host_read() == b"0,12.340,g,\r\n0,12.340,g,\r\n0,0.000,g,\r\n"
 
 
-def test_the_twin_is_zeroed_by_its_command() -> None:
-    clock, line = _twin(lambda t_s: 100 * GWT_N, zero="t", zero_done="Tare complete")
-    line.host_write(b"t")
-    clock.wait_s(0.15)
-    assert line.host_read() == b"Tare complete\r\n0.000\r\n"
-
-
 @pytest.mark.parametrize(
     ("unit", "shown"), [("g", b"100.000"), ("kg", b"0.100000"), ("lb", b"0.220462"), ("N", b"0.98066")]
 )
@@ -448,10 +405,3 @@ def test_the_twin_answers_a_poll_in_its_unit(unit: str, shown: bytes) -> None:
     line.host_write(b"<w>")
     clock.wait_s(0.1)
     assert line.host_read() == shown + b"\r\n"
-
-
-def test_a_broken_cell_is_nan() -> None:
-    clock, line = _twin(lambda t_s: float("nan"))
-    driver = TextCellForce(LoopbackTransport(line, clock), clock, TextCellSettings(), **INSTRUMENT)
-    with raises(ForceError, "no_number", value="nan"):
-        driver.read()

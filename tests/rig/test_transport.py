@@ -6,15 +6,11 @@ import json
 import os
 import socket
 from collections.abc import Callable, Iterator
-from typing import Any
 
 import pytest
 import serial
-from pydantic import ValidationError
 
 from rig.clock import WallClock
-from rig.devices.make_drivers import open_force, open_stage
-from rig.plan.config import Config
 from rig.transport import (
     LineReader,
     LoggedTransport,
@@ -23,7 +19,6 @@ from rig.transport import (
     PortOwner,
     SerialTransport,
     TcpTransport,
-    Transport,
     TransportError,
     open_port,
     port_owner,
@@ -39,30 +34,6 @@ tty = pytest.importorskip("tty", reason="needs pseudo-terminals")
 
 
 # --- loopback and log ---
-
-
-def test_loopback_reads_as_soon_as_something_is_there(clock: VirtualClock) -> None:
-    line = SerialLine(clock, 1000)
-    wire: Transport = LoopbackTransport(line, clock, "near")
-    clock.call_at(0.5, lambda: line.device_write(b"ab"))
-    assert wire.read(0.1) == b""
-    assert clock.monotonic_s() == pytest.approx(0.1)
-    assert wire.read(5.0) == b"ab"
-    assert clock.monotonic_s() == pytest.approx(0.52)
-    assert wire.read(0.0) == b""
-
-
-def test_loopback_sends_to_the_device(clock: VirtualClock) -> None:
-    line = SerialLine(clock, 1000)
-    heard: list[bytes] = []
-    line.connect(heard.append)
-    wire = LoopbackTransport(line, clock)
-    wire.write(b"?")
-    clock.wait_s(0.01)
-    assert heard == [b"?"]
-    wire.close()
-    with raises(TransportError, "closed", port="loopback"):
-        wire.write(b"?")
 
 
 def test_every_byte_is_logged_with_its_time(clock: VirtualClock) -> None:
@@ -112,15 +83,6 @@ def test_a_stream_without_line_ends_is_an_error(clock: VirtualClock, scripted) -
         reader.read_line(1.0)
 
 
-def test_pending_and_discard(clock: VirtualClock, scripted) -> None:  # type: ignore[no-untyped-def]
-    wire = scripted([(b"", [b"one\r\ntwo\r\nthr", b"ee\r\nfo"])])
-    reader = LineReader(wire, clock)
-    assert [reader.next_pending() for _ in range(4)] == ["one", "two", "three", None]
-    reader.discard()
-    wire.chunks.append(b"ur\r\n")
-    assert reader.read_line(0.0) == "ur"
-
-
 # --- a serial port ---
 
 
@@ -159,29 +121,6 @@ def test_a_port_is_opened_as_it_is_set(character: str, dtr: bool) -> None:
         wire.close()
 
 
-@pytest.mark.parametrize("table", ["stage", "force"])
-def test_the_settings_of_a_port_reach_it(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Both devices: stage and force each have baud, character and dtr of their own."""
-    opened: list[tuple[Any, ...]] = []
-
-    def note(port: str, baud: int, *, character: str, dtr: bool, owned: bool) -> LoopbackTransport:
-        assert owned
-        opened.append((port, baud, character, dtr))
-        return LoopbackTransport(SerialLine(VirtualClock(), 9600), VirtualClock())
-
-    monkeypatch.setattr("rig.devices.make_drivers.open_port", note)
-    config = Config.model_validate({table: {"port": "/dev/ttyX", "baud": 2400, "character": "7E1", "dtr": False}})
-    {"stage": open_stage, "force": open_force}[table](config, WallClock())
-    assert opened == [("/dev/ttyX", 2400, "7E1", False)]
-
-
-@pytest.mark.parametrize("character", ["9N1", "8X1", "8N3", "8N", "8n1", ""])
-def test_a_character_format_that_there_is_not_is_refused(character: str) -> None:
-    with pytest.raises(ValidationError) as refused:
-        Config.model_validate({"force": {"character": character}})
-    assert [error["loc"] for error in refused.value.errors()] == [("force", "character")]
-
-
 def test_one_owner_a_port(port: tuple[int, str]) -> None:
     _, name = port
     assert port_owner(name) is None
@@ -206,10 +145,8 @@ def test_a_missing_port_is_named(opens: Callable[[str], object]) -> None:
     [
         (OSError(errno.ENOENT, "x"), "no_port", {}),
         (OSError(errno.EBUSY, "x"), "in_use", {}),
-        (OSError(errno.EAGAIN, "x"), "in_use", {}),
         (OSError(errno.EACCES, "x"), "no_permission", {}),
         (OSError(errno.EIO, "failed\nbadly"), "not_opened", {"problem": f"[Errno {errno.EIO}] failed"}),
-        (ValueError("no such scheme"), "not_opened", {"problem": "no such scheme"}),
     ],
     ids=repr,
 )
@@ -278,9 +215,3 @@ def test_nobody_listens(listener: tuple[socket.socket, str]) -> None:
     with raises(TransportError, "no_listener", port=name):
         TcpTransport(name)
     assert port_owner(name) is None
-
-
-@pytest.mark.parametrize("port", ["tcp://", "tcp://host", "tcp://:80", "tcp://host:port", "tcp://host:70000"])
-def test_what_a_tcp_port_looks_like(port: str) -> None:
-    with raises(TransportError, "no_address", port=port):
-        open_port(port, 9600)

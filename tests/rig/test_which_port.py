@@ -38,14 +38,14 @@ def _missing(*_: Any) -> Any:
     raise TransportError("{port}: no such port", code="no_port", port="/dev/no-such10")
 
 
-def test_a_stage_that_is_not_there_is_not_taken_for_the_sensor(config: Config) -> None:
+def test_a_missing_stage_is_not_taken_for_the_sensor(config: Config) -> None:
     with raises(PortError, "no_port", device="stage", port="/dev/no-such10"):
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
     with raises(TransportError, "no_port", port="/dev/no-such10"):
         _opened_bench(config)
 
 
-def test_a_sensor_that_is_not_there_is_told_as_one(
+def test_a_missing_sensor_is_not_taken_for_the_stage(
     config: Config, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setenv("RIG_STATE_DIR", str(tmp_path))

@@ -46,49 +46,10 @@ def test_the_golden_frame_with_speed_zero_is_answered_and_moves_nothing(host: Ho
     assert host.seven.carriage_at(host.clock.monotonic_s()) == -4000
 
 
-def test_the_golden_save_is_echoed(host: Host) -> None:
-    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
-    assert host.drive.eeprom_saves == 1
-
-
-def test_parameters_are_saved_only_when_told(host: Host, rtu: Rtu) -> None:
-    """Stall time and current are 6013 and 6014; 2211 hex saves."""
-    write = rtu("01 10 60 13 00 02 04 00 05 00 64")
-    assert host.say(write) == rtu("01 10 60 13 00 02")
-    assert host.say(rtu("01 03 60 13 00 02")) == rtu("01 03 04 00 05 00 64")
-    assert host.drive.eeprom_saves == 0
-    assert host.say(rtu("01 06 18 01 22 11")) == rtu("01 06 18 01 22 11")
-    assert host.drive.eeprom_saves == 1
-
-
-def test_an_answer_comes_after_the_frame_and_the_turnaround(host: Host) -> None:
-    host.line.host_write(GOLDEN_SAVE)
-    answered_s = 8 * 10 / 115200 + 2e-3 + 8 * 10 / 115200
-    host.clock.wait_s(answered_s - 1e-9)
-    assert host.line.host_read() == b""
-    host.clock.wait_s(2e-9)
-    assert host.line.host_read() == GOLDEN_SAVE
-
-
 def test_a_bad_crc_and_another_device_get_no_answer(host: Host, rtu: Rtu) -> None:
     assert host.say(GOLDEN_SAVE[:-1] + b"\x00") == b""
     assert host.say(rtu("05 03 10 03 00 01")) == b""
     assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
-
-
-def test_half_a_frame_is_forgotten(host: Host) -> None:
-    assert host.say(GOLDEN_SAVE[:5], 0.2) == b""
-    assert host.say(GOLDEN_SAVE) == GOLDEN_SAVE
-
-
-def test_a_frame_may_come_in_pieces(host: Host) -> None:
-    host.say(GOLDEN_SAVE[:5], 0.01)
-    assert host.say(GOLDEN_SAVE[5:]) == GOLDEN_SAVE
-
-
-def test_a_mute_device(host: Host) -> None:
-    host.bus.mute.add(1)
-    assert host.say(GOLDEN_SAVE) == b""
 
 
 @pytest.mark.parametrize(
@@ -111,19 +72,6 @@ def test_a_mute_device(host: Host) -> None:
 )
 def test_exceptions(host: Host, rtu: Rtu, question: str, answer: str) -> None:
     assert host.say(rtu(question)) == rtu(answer)
-
-
-def test_tcp_keeps_the_transaction(rtu: Rtu) -> None:
-    host = Host("tcp")
-    assert host.say(bytes.fromhex("BEEF 0000 0006 01 03 1003 0001")) == bytes.fromhex("BEEF 0000 0005 01 03 02 0032")
-    assert host.say(bytes.fromhex("0007 0000 0006 01 03 1234 0001")) == bytes.fromhex("0007 0000 0003 01 83 02")
-    assert host.say(bytes.fromhex("0008 0000 0006 01 03 1003 0000")) == bytes.fromhex("0008 0000 0003 01 83 03")
-
-
-def test_tcp_two_questions_in_one_write() -> None:
-    two = bytes.fromhex("0001 0000 0006 01 03 1003 0001 0002 0000 0006 07 03 2203 0001")
-    answers = bytes.fromhex("0001 0000 0005 01 03 02 0032 0002 0000 0005 07 03 02 0000")
-    assert Host("tcp").say(two) == answers
 
 
 # --- the drive ---
@@ -151,45 +99,11 @@ def test_an_absolute_move_takes_its_time_and_shows(host: Host, rtu: Rtu) -> None
     assert host.drive.carriage_at(host.clock.monotonic_s()) == -4000 + 1000
 
 
-def test_high_word_first_and_twos_complement(host: Host, rtu: Rtu) -> None:
-    """−100000 is FFFE 7960."""
-    host.say(rtu(go("00 01", "FF FE 79 60", "01 F4")), 60.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FE 79 60")
-
-
-def test_relative_and_velocity(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 41", "00 00 00 64")), 1.0)
-    host.say(rtu(go("00 41", "FF FF FF CE")), 1.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 32")
-    host.say(rtu(go("00 02", "00 00 00 00", "FF C4")), 1.0)
-    assert host.say(rtu("01 03 10 46 00 02")) == rtu("01 03 04 FF FF FF C4")
-
-
-def test_6002_runs_pr0_too(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 01", "00 00 00 64")[:-5] + "00 00"), 1.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    host.say(rtu("01 06 60 02 00 10"), 1.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
-
-
-def test_set_zero_here(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 01", "00 00 00 64")), 1.0)
-    host.say(rtu("01 06 60 02 00 21"))
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    assert host.drive.carriage_at(host.clock.monotonic_s()) == -3900
-
-
 def home(host: Host, rtu: Rtu) -> None:
     host.say(rtu("01 06 60 02 00 20"))
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 06")
     host.clock.wait_s(10.0)
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 72")
-
-
-def test_homing_finds_the_switch(host: Host, rtu: Rtu) -> None:
-    home(host, rtu)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
-    assert host.drive.carriage_at(host.clock.monotonic_s()) == 0
 
 
 def test_soft_limits_hold_in_the_drive(host: Host, rtu: Rtu) -> None:
@@ -205,17 +119,6 @@ def test_soft_limits_hold_in_the_drive(host: Host, rtu: Rtu) -> None:
     host.say(rtu("01 06 60 00 00 00"))
     host.say(rtu(go("00 01", "FF FF F8 30")), 10.0)
     assert host.say(rtu(POSITION)) == rtu("01 03 04 FF FF F8 30")
-
-
-def test_quick_stop_takes_ten_milliseconds(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 01", "00 01 00 00")), 1.0)
-    host.say(rtu("01 06 60 02 00 40"), 0.0)
-    host.clock.wait_s(0.011)
-    stopped = host.drive.carriage_at(host.clock.monotonic_s())
-    host.clock.wait_s(1.0)
-    assert host.drive.carriage_at(host.clock.monotonic_s()) == stopped
-    host.line.host_read()
-    assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
 def test_a_quick_stop_slows_down_evenly_and_the_drive_knows_where_it_is(host: Host, rtu: Rtu) -> None:
@@ -277,7 +180,7 @@ def test_an_alarm_stops_and_stays_until_cleared(host: Host, rtu: Rtu) -> None:
     assert host.say(rtu(STATUS)) == rtu("01 03 02 00 02")
 
 
-@pytest.mark.parametrize("number", range(16))
+@pytest.mark.parametrize("number", [0, 1, 15])
 def test_each_path_has_a_trigger_of_its_own(host: Host, rtu: Rtu, number: int) -> None:
     """1F runs PR15, whose registers begin at 6278."""
     path = "00 01 00 00 00 64 02 58 01 4D 01 4D 00 00"
@@ -288,23 +191,6 @@ def test_each_path_has_a_trigger_of_its_own(host: Host, rtu: Rtu, number: int) -
     assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 00")
     host.say(rtu(f"01 06 60 02 00 {0x10 + number:02X}"), 1.0)
     assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 00 64")
-
-
-def test_a_null_path_is_accepted_and_moves_nothing_and_a_homing_path_homes(host: Host, rtu: Rtu) -> None:
-    trigger = rtu("01 06 60 02 00 12")
-    host.say(rtu("01 10 62 10 00 04 08 00 00 00 00 00 64 02 58"))
-    assert host.say(trigger, 1.0) == trigger
-    assert host.drive.carriage_at(host.clock.monotonic_s()) == -4000
-    host.say(rtu("01 06 62 10 00 03"))
-    host.say(trigger, 30.0)
-    assert host.drive.carriage_at(host.clock.monotonic_s()) == 0
-
-
-def test_what_a_path_would_do_is_taken_over_when_it_is_triggered(host: Host, rtu: Rtu) -> None:
-    host.say(rtu(go("00 01", "00 00 03 E8")), 0.5)
-    host.say(rtu("01 10 62 00 00 01 02 00 00"))
-    host.clock.wait_s(5.0)
-    assert host.say(rtu(POSITION)) == rtu("01 03 04 00 00 03 E8")
 
 
 def test_what_was_not_saved_is_gone_when_it_is_switched_on_again() -> None:
@@ -347,35 +233,11 @@ def told(host: Host, rtu: Rtu) -> tuple[int, int, int]:
     return tuple(int.from_bytes(answer[a:b], "big") for a, b in ((3, 5), (5, 9), (9, 13)))  # type: ignore[return-value]
 
 
-def test_gross_and_net_are_counts(rtu: Rtu) -> None:
-    host = Host(force_n=lambda t_s: 2.334 * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(rtu(WEIGHT)) == rtu("03 03 10 08 00 00 00 00 E9 00 00 00 E9 00 00 00 E9 01 0C")
-
-
-def test_a_weight_of_two_words(rtu: Rtu) -> None:
-    host = Host(force_n=lambda t_s: 199.99 * GRAM_N * 4)
-    host.clock.wait_s(1.0)
-    assert told(host, rtu)[1] == 79996
-
-
 def test_a_minus_is_in_the_status(rtu: Rtu) -> None:
     """Bit 7 gross, 8 net, 11 stable."""
     host = Host(force_n=lambda t_s: -2.334 * GRAM_N)
     host.clock.wait_s(1.0)
     assert told(host, rtu) == (0x0980, 233, 233)
-
-
-def test_tare_zero_and_gross(rtu: Rtu) -> None:
-    """Bit 10: net shown. Bit 12: zero."""
-    host = Host(force_n=lambda t_s: 5 * GRAM_N)
-    host.clock.wait_s(1.0)
-    assert host.say(rtu("03 10 00 05 00 01 02 00 07")) == rtu("03 10 00 05 00 01")
-    assert told(host, rtu) == (0x0C00, 500, 0)
-    host.say(rtu("03 10 00 05 00 01 02 00 09"))
-    assert told(host, rtu) == (0x0800, 500, 500)
-    host.say(rtu("03 10 00 05 00 01 02 00 08"))
-    assert told(host, rtu) == (0x1800, 0, 0)
 
 
 @pytest.mark.parametrize(("grams", "bits"), [(209.5, 0x0004), (331.0, 0x000C), (10_001.0, 0x003C)])
@@ -412,68 +274,7 @@ READ_2_OF_TCP = bytes.fromhex("0001 0000 0006 03 03 0007 0002")
 ANSWER_OF_TCP = bytes.fromhex("0001 0000 0007 03 03 04")
 
 
-def test_a_tcp_frame_may_come_as_slowly_as_it_likes(rtu: Rtu) -> None:
-    """A byte each 2 s; an RTU frame so slow is none, and is forgotten."""
-    tcp = Host("tcp")
-    for k in range(len(READ_2_OF_TCP)):
-        heard = tcp.say(READ_2_OF_TCP[k : k + 1], 2.0)
-        assert (heard != b"") == (k == len(READ_2_OF_TCP) - 1)
-    assert heard.startswith(ANSWER_OF_TCP)
-    serial, frame = Host(), rtu("03 03 00 07 00 02")
-    assert b"".join(serial.say(frame[k : k + 1], 2.0) for k in range(len(frame))) == b""
-    assert serial.say(frame) != b""
-
-
-def test_two_tcp_frames_in_one_chunk_are_two_questions() -> None:
-    second = bytes.fromhex("0002") + READ_2_OF_TCP[2:]
-    answers = Host("tcp").say(READ_2_OF_TCP + second, 0.1)
-    assert answers.count(ANSWER_OF_TCP[2:]) == 2
-    assert bytes.fromhex("0002 0000 0007") in answers
-
-
-def test_half_a_frame_of_a_client_that_went_is_nobodys() -> None:
-    tcp = Host("tcp")
-    tcp.say(READ_2_OF_TCP[:7])
-    tcp.line.renewed()
-    assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
-
-
 def test_a_tcp_length_that_cannot_be_ends_in_nothing_and_not_in_silence_for_ever() -> None:
     tcp = Host("tcp")
     assert tcp.say(bytes.fromhex("0001 0000 FFFF 03 03 0007 0002")) == b""
     assert tcp.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
-
-
-@pytest.mark.parametrize("function", [0x01, 0x02, 0x05, 0x08, 0x2B, 0x41, 0x64])
-@pytest.mark.parametrize("framing", ["rtu", "tcp"])
-def test_an_unknown_function_is_answered_by_exception_1(rtu: Rtu, framing: str, function: int) -> None:
-    """Also one whose frame pymodbus cannot cut: on a serial line its end is the silence after it."""
-    body = bytes([3, function, 0, 1, 0, 1])
-    exception = bytes([3, function | 0x80, 1])
-    host = Host(framing)
-    if framing == "rtu":
-        assert host.say(rtu(body.hex()), 0.2) == rtu(exception.hex())
-        assert host.say(rtu("03 03 00 07 00 02")) != b"", "and the next question is heard"
-    else:
-        head = bytes.fromhex("0007 0000")
-        assert host.say(head + b"\0\6" + body) == head + b"\0\3" + exception
-        assert host.say(READ_2_OF_TCP).startswith(ANSWER_OF_TCP)
-
-
-def test_nobody_answers_an_unknown_function_to_somebody_else(rtu: Rtu) -> None:
-    assert Host().say(rtu("09 41 00 01"), 0.2) == b""
-
-
-def test_noise_is_no_unknown_function(rtu: Rtu) -> None:
-    assert Host().say(bytes.fromhex("03 41 00 01 12 34"), 0.2) == b""
-
-
-@pytest.mark.parametrize("unit", [0, 255])
-def test_units_0_and_255_are_the_one_device_behind_a_tcp_port(unit: int) -> None:
-    """Modbus messaging on TCP/IP, implementation guide V1.0b, 4.4.2; with several nobody is meant."""
-    question = READ_2_OF_TCP[:6] + bytes([unit]) + READ_2_OF_TCP[7:]
-    several = Host("tcp")
-    assert several.say(question) == b""
-    one = Host("tcp")
-    ModbusBus(one.clock, one.line, {3: one.cell}, framing="tcp")
-    assert one.say(question).startswith(ANSWER_OF_TCP[:6] + bytes([unit]) + ANSWER_OF_TCP[7:])

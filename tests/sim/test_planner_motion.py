@@ -30,67 +30,6 @@ def queue_path(plan: MotionPlanner, points: list[Counts], speed: float, now_s: f
         start = point
 
 
-@pytest.mark.parametrize(("mm", "speed"), [(10.0, 1.0), (10.0, 10.0), (0.05, 1.0), (2.0, 10.0), (1.0, 10.0)])
-def test_a_single_move_is_a_trapezoid_or_a_triangle(mm: float, speed: float) -> None:
-    plan = planner()
-    queue_path(plan, [steps(-mm)], speed)
-    ramp_mm = speed**2 / 50
-    expected_s = mm / speed + speed / 50 if mm > ramp_mm else 2 * math.sqrt(mm / 50)
-    assert plan.end_s == pytest.approx(expected_s, rel=1e-12)
-    assert plan.track.position_at(plan.end_s) == steps(-mm)
-
-
-def test_position_on_the_way_is_that_of_constant_acceleration() -> None:
-    plan = planner()
-    queue_path(plan, [steps(10.0)], 10.0)
-    for t_s, mm in ((0.1, 0.25), (0.2, 1.0), (0.5, 4.0), (1.0, 9.0), (1.1, 9.75)):
-        assert plan.track.position_at(t_s)[0] == pytest.approx(mm * PER_MM, abs=1e-9)
-    assert plan.track.speed_at(0.1) == pytest.approx(5.0)
-    assert plan.track.speed_at(0.5) == pytest.approx(10.0)
-
-
-def test_the_slowest_axis_limits_a_diagonal() -> None:
-    plan = planner()
-    queue_path(plan, [steps(3.0, 0.0, 4.0)], math.inf)
-    speed, accel = 5.0 / 0.8, 50.0 / 0.8
-    assert plan.end_s == pytest.approx(5.0 / speed + speed / accel, rel=1e-12)
-
-
-def test_collinear_blocks_do_not_stop() -> None:
-    one, many = planner(), planner()
-    queue_path(one, [steps(10.0)], 5.0)
-    queue_path(many, [steps(i) for i in range(1, 11)], 5.0)
-    assert many.end_s == pytest.approx(one.end_s, rel=1e-12)
-    for i in range(100):
-        t_s = i * one.end_s / 100
-        assert many.track.position_at(t_s) == pytest.approx(one.track.position_at(t_s), abs=1e-6)
-
-
-def test_a_collinear_block_that_comes_late_still_does_not_stop() -> None:
-    one, two = planner(), planner()
-    queue_path(one, [steps(2.0)], 5.0)
-    two.queue(HOME, steps(1.0), 5.0, 0.0)
-    two.queue(steps(1.0), steps(2.0), 5.0, 0.15)
-    assert two.end_s == pytest.approx(one.end_s, rel=1e-12)
-
-
-def test_a_block_that_comes_in_the_final_slowing_down_speeds_up_again() -> None:
-    plan = planner()
-    plan.queue(HOME, steps(1.0), 5.0, 0.0)
-    t_s = 0.23  # 0.07 s before the stop, 0.02 s before the end of what is prepared
-    plan.queue(steps(1.0), steps(2.0), 5.0, t_s)
-    assert plan.track.speed_at(t_s + 0.05) == pytest.approx(1.0)
-    assert plan.track.speed_at(t_s + 0.06) == pytest.approx(1.5)
-
-
-def test_a_block_that_comes_when_the_stop_is_prepared_begins_from_rest() -> None:
-    plan = planner()
-    plan.queue(HOME, steps(1.0), 5.0, 0.0)
-    plan.queue(steps(1.0), steps(2.0), 5.0, 0.28)
-    assert plan.track.speed_at(0.3) == pytest.approx(0.0)
-    assert plan.end_s == pytest.approx(0.6)
-
-
 def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
     back, corner = planner(), planner()
     queue_path(back, [steps(1.0), HOME], 5.0)
@@ -103,17 +42,7 @@ def test_a_reversal_stops_and_a_corner_slows_to_the_junction_speed() -> None:
     assert corner.end_s == pytest.approx(2 * half_s, rel=1e-12)
 
 
-def test_a_hold_stops_after_the_prepared_segments_and_v_squared_over_2a() -> None:
-    plan = planner()
-    queue_path(plan, [steps(10.0)], 10.0)
-    at = plan.track.position_at(0.5)[0]
-    plan.hold(0.5)
-    assert plan.end_s == pytest.approx(0.5 + 0.05 + 10.0 / 50, rel=1e-12)
-    travel_mm = 10.0 * 0.05 + 10.0**2 / (2 * 50)
-    assert plan.track.position_at(9.0)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-12)
-
-
-@pytest.mark.parametrize("speed", [0.05, 0.1, 0.5, 1.0, 2.0, 5.0, 10.0])
+@pytest.mark.parametrize("speed", [0.05, 1.0, 10.0])
 @pytest.mark.parametrize("phase_s", [0.0, 0.0033, 0.0099])
 def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(speed: float, phase_s: float) -> None:
     """The one being stepped has been stepped in part already; at 0.05 mm/s a segment takes 70 ms."""
@@ -127,27 +56,6 @@ def test_what_is_prepared_is_five_segments_of_10_ms_or_of_a_step_and_a_quarter(s
     assert plan.track.position_at(plan.end_s)[0] - at == pytest.approx(travel_mm * PER_MM, rel=1e-6)
 
 
-def test_a_hold_when_all_is_prepared_ends_where_the_move_ends() -> None:
-    plan = planner()
-    queue_path(plan, [steps(0.05)], 1.0)
-    end_s = plan.end_s
-    plan.hold(end_s - 0.02)
-    assert (plan.end_s, plan.track.position_at(9.0)) == (end_s, steps(0.05))
-    assert not plan.resume(end_s + 1.0)
-
-
-def test_a_hold_runs_across_blocks_and_resumes_to_the_end() -> None:
-    plan = planner()
-    path = [steps(0.2 * i) for i in range(1, 15)]
-    queue_path(plan, path, 10.0)
-    plan.hold(0.22)
-    stop = plan.track.position_at(plan.end_s)[0] / PER_MM
-    speed = 50 * 0.22 if 50 * 0.22 < 10 else 10.0
-    assert stop == pytest.approx(speed * (0.22 + 0.05) - speed**2 / 100 + speed**2 / 100, abs=1e-9)
-    assert plan.resume(plan.end_s + 1.0)
-    assert plan.track.position_at(plan.end_s) == path[-1]
-
-
 def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
     plan = planner()
     queue_path(plan, [steps(10.0), steps(10.0, 5.0)], 10.0)
@@ -156,14 +64,6 @@ def test_a_dead_stop_keeps_whole_steps_and_drops_the_queue() -> None:
     assert plan.track.position_at(0.5) == before
     assert plan.unfinished(0.5) == 0
     assert not plan.resume(1.0)
-
-
-def test_a_dead_stop_may_slip() -> None:
-    plan = planner()
-    queue_path(plan, [steps(-10.0)], 10.0)
-    before = plan.track.counts_at(0.5)
-    assert plan.halt(0.5, slip_steps=3) == (-3, 0, 0)
-    assert plan.track.counts_at(0.6) == (before[0] - 3, 0, 0)
 
 
 @pytest.mark.parametrize(("to_mm", "slip"), [((5.0, 5.0, -4.0), (3, 3, -3)), ((-5.0, -5.0, 4.0), (-3, -3, 3))])
@@ -175,28 +75,6 @@ def test_each_axis_slips_the_way_it_went(to_mm: tuple[float, float, float], slip
     assert plan.track.counts_at(0.6) == tuple(at + gone for at, gone in zip(before, slip, strict=True))
 
 
-def test_the_past_stays_exact_for_more_than_a_second() -> None:
-    plan = planner()
-    now_s, start = 0.0, HOME
-    seen: list[tuple[float, float]] = []
-    for i in range(400):
-        target = steps(0.05 * ((i % 20) + 1))
-        plan.queue(start, target, 1.0, now_s)
-        start, now_s = target, now_s + 0.03
-        seen.append((now_s, plan.track.position_at(now_s)[0]))
-        for t_s, position in seen[-30:]:
-            if t_s > now_s - 0.8:
-                assert plan.track.position_at(t_s) == (pytest.approx(position, abs=1e-9), 0, 0)
-    assert len(plan.track._pieces) < 1000
-
-
-def test_before_the_first_move_the_carriage_stood_where_it_began() -> None:
-    track = Track((1, 2, 3))
-    assert track.position_at(-1.0) == (1, 2, 3)
-    track.replace_from(5.0, [], (1, 2, 3))
-    assert track.position_at(0.0) == (1, 2, 3)
-
-
 @given(
     mm=st.floats(1e-6, 100.0),
     v0=st.floats(0.0, 10.0),
@@ -204,7 +82,7 @@ def test_before_the_first_move_the_carriage_stood_where_it_began() -> None:
     cruise=st.floats(0.01, 10.0),
     accel=st.floats(1.0, 500.0),
 )
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=60, deadline=None)
 def test_a_trapezoid_covers_its_length(mm: float, v0: float, v1: float, cruise: float, accel: float) -> None:
     v0, v1 = min(v0, cruise), min(v1, cruise)
     if abs(v0 * v0 - v1 * v1) > 2 * accel * mm:
@@ -231,40 +109,6 @@ def test_an_override_changes_the_block_under_way_and_the_next(share: float, mm_s
     assert plan.track.position_at(plan.end_s) == steps(12.0)
 
 
-def test_an_override_that_comes_too_late_for_a_block_slows_the_next_one() -> None:
-    plan = planner()
-    queue_path(plan, [steps(0.7), steps(4.0)], 5.0)
-    plan.override(Share(feed=0.1), 0.12, moving=True)
-    crossed_s = plan.next_end_s()
-    assert plan.track.speed_at(crossed_s) > 0.5
-    assert plan.track.speed_at(crossed_s + 0.1) == pytest.approx(0.5)
-    assert plan.track.position_at(plan.end_s) == steps(4.0)
-
-
-def test_a_jog_goes_at_its_own_speed_and_a_rapid_at_its_own_share() -> None:
-    jog, rapid = planner(), planner()
-    for plan in (jog, rapid):
-        plan.override(Share(feed=2.0, rapid=0.25), 0.0, moving=False)
-    jog.queue(HOME, steps(5.0), 1.0, 0.0, jog=True)
-    rapid.queue(HOME, steps(5.0), math.inf, 0.0)
-    assert jog.track.speed_at(1.0) == pytest.approx(1.0)
-    assert rapid.track.speed_at(1.0) == pytest.approx(2.5)
-
-
-def test_what_is_queued_behind_a_hold_comes_after_all_that_was_held() -> None:
-    """However long it was held: 0.5 mm done of 2, then to 1 mm, and to 3 mm later."""
-    plan = planner()
-    queue_path(plan, [steps(2.0), steps(1.0)], 1.0)
-    plan.hold(0.5)
-    assert plan.track.position_at(60.0) < steps(0.7)
-    plan.queue(steps(1.0), steps(3.0), 1.0, 60.0)
-    _check_smooth(plan.track, 60.0, plan.end_s)
-    turns = [plan.track.position_at(60.0 + t_s)[0] for t_s in np.linspace(0.0, plan.end_s - 60.0, 2000)]
-    way_mm = sum(abs(b - a) for a, b in pairwise(turns)) / PER_MM
-    assert way_mm == pytest.approx(2.0 - turns[0] / PER_MM + 1.0 + 2.0, abs=0.01)
-    assert plan.track.position_at(plan.end_s) == steps(3.0)
-
-
 EVENTS = st.lists(
     st.tuples(
         st.floats(0.0, 0.5),  # seconds until it happens
@@ -278,7 +122,7 @@ EVENTS = st.lists(
 
 
 @given(EVENTS)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=40, deadline=None)
 def test_no_history_of_moves_and_holds_jumps_or_misses(
     events: list[tuple[float, str, Counts, float]],
 ) -> None:
@@ -330,7 +174,7 @@ def test_what_hangs_on_a_screw_with_play_follows_down_at_once_and_up_once_it_is_
 
 
 @given(EVENTS)
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_play_is_what_following_step_by_step_gives(events: list[tuple[float, str, Counts, float]]) -> None:
     """Whatever is queued and held: sampled finely, the nut is dragged along by whichever flank it meets.
 

@@ -75,5 +75,8 @@ DEVICE = StageBytes(
         "another line": Garbled(b"[MSG:hm]\r\n", StageTimeout, "no_status"),
         "half a line": Garbled(b"<Idle|MPos:-1.000,-1.000,-1.000|FS:0,0>", StageTimeout, "no_status"),
     },
-    lacks={"limit": "soft limits are stored in a memory that wears out: they are written once, by connect()"},
+    lacks={
+        "limit": "soft limits are stored in a memory that wears out: they are written once, by connect()",
+        "checksum": "lines of GRBL have none",
+    },
 )

@@ -179,6 +179,7 @@ TCP = replace(
     RTU,
     name="leadshine_tcp",
     table={"framing": "tcp"},
+    lacks={"checksum": "frames of Modbus TCP have none"},
     stop=[said("02 06 60 02 00 40"), said("01 06 60 02 00 40")],
     garbled={name: one for name, one in RTU.garbled.items() if name != "a wrong bit"},  # nothing shows it
     frames=frames_of_tcp,

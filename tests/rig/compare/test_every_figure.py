@@ -26,7 +26,9 @@ from matplotlib.text import Text
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.make_verdict import answers
+from rig.compare.group import GroupVerdict, group_verdict
+from rig.compare.likelihood import Form
+from rig.compare.make_verdict import afferents, answers, candidate_pool
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import CONTROLS, StimulusMap, StimulusRow
 from rig.compare.verdict import AfferentVerdict, FittedPositions, LeftOut
@@ -43,6 +45,7 @@ from rig.report import (
     benchmark_page,
     coding_figures,
     design_page,
+    group_page,
     identification_page,
     profile_figures,
     run_figures,
@@ -55,7 +58,7 @@ from rig.report.measure_colors import color_of
 from rig.report.page_parts import PageFigure, Section
 from rig.report.recording_sections import Deflection, deflection_section, source_section
 from rig.report.run_report import run_page_figures
-from rig.report.run_tables import conditions, loading
+from rig.report.run_tables import conditions, delivered, loading
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PAGE_IN, PAPER, PURPLE, YELLOW, Plot, label
 from rig.report.verdict_section import answer_sections
 from sim.coding.encoding import Encoded
@@ -103,6 +106,7 @@ class World(NamedTuple):
     speed: list[dict[str, Any]]
     coding: dict[str, Any]
     design: Design
+    group: GroupVerdict
 
 
 # --- worlds ---
@@ -125,7 +129,7 @@ def world(bar_run: Run, finger: Fingertip, make_stimulus: Callable[..., Stimulus
     large = [replace(one, result=human.indent("bar:3.0", one.result.x_mm, doi_mm=0.4)) for one in found]
     return World(
         bar_run, finger, found, large, comparison, _maps(comparison), answer, _identified(), _deflections(), _speed(),
-        _coding(), _design(),
+        _coding(), _design(), group_verdict(_judged(make_stimulus)),
     )  # fmt: skip
 
 
@@ -167,6 +171,18 @@ def _comparison(make_stimulus: Callable[..., StimulusRow], rate: Array = RATE) -
     ]
     rows = [(float(x), float(rate), 5.0) for x, rate in zip(POSITIONS, rate, strict=True)]
     return compare(stimuli, {shape: recording("made.csv", rows) for shape in ("step:1", "step:3", "step:5")})
+
+
+def _judged(make_stimulus: Callable[..., StimulusRow]) -> dict[str, Any]:
+    """Candidates and verdict of each of three afferents, whose rates differ a little."""
+    found = {}
+    for number in range(3):
+        comparison = _comparison(make_stimulus, RATE + 5 * np.sin(np.arange(len(RATE)) + number))
+        (overlays,), (verdict,) = afferents(comparison), answers(comparison)
+        pool = candidate_pool(overlays, Form())
+        assert pool is not None
+        found[f"a{number}"] = pool, verdict
+    return found
 
 
 def _maps(comparison: Comparison) -> list[StimulusMap]:
@@ -381,6 +397,14 @@ def _delivered(world: World, figure: Figure) -> Shown:
     (tolerance,) = [one for one in below.collections if one.get_label() == "tolerance"]
     (band,) = [path.vertices for path in tolerance.get_paths()]
     yield (band[:, 1].min(), band[:, 1].max()), (-0.0025, 0.0025)  # a step of the stage
+
+
+def _one_delivered(world: World, figure: Figure) -> Shown:
+    """An index is a whole number, even where there is a single one."""
+    (one,) = delivered(world.run)[:1]
+    for axes in _panels(figure):
+        low, high = axes.get_xlim()
+        yield [tick for tick in axes.get_xticks() if low <= tick <= high], [one.index]
 
 
 def _presses(world: World, figure: Figure) -> Shown:
@@ -663,6 +687,16 @@ def _press_map(world: World, figure: Figure) -> Shown:
     yield axes.get_ylim()[0] > axes.get_ylim()[1], True  # deeper is lower
 
 
+def _log_likelihoods(world: World, figure: Figure) -> Shown:
+    axes = _panels(figure)[0]
+    rows = world.group.rows[: len(axes.get_xticklabels())]
+    best = np.array([row.by_afferent for row in world.group.rows]).min(axis=0)
+    yield _image(axes), np.clip([row.by_afferent - best for row in rows], 0.5, 100.0).T
+    yield [tick.get_text() for tick in axes.get_xticklabels()], [row.name for row in rows]
+    yield [tick.get_text() for tick in axes.get_yticklabels()], list(world.group.afferents)
+    yield [text.get_text() for text in axes.texts], [f"{100 * r.probability:.0f} %" for r in rows if r.in_set]
+
+
 def _over_time(world: World, figure: Figure) -> Shown:
     for axes, press in zip(_panels(figure), world.identified.measured, strict=True):
         t = press.trajectory.read_s - press.trajectory.t_s[0]
@@ -741,9 +775,13 @@ def _adaptive(run: Run) -> Run:
         found = dict(zip(_LIKELY, (weight / weight.sum()).tolist(), strict=True))
         possible = None if number == 2 else number
         reason = "one_candidate" if possible is None else "same_shape"
-        events.append({"index": number, "possible": possible, "reason": reason, "probabilities": json.dumps(found)})
-    start = {**run.start, "choose": {"truth": {"candidate": "ep1"}}}
-    return replace(run, start=start, events={**run.events, "choice": events})
+        press = {"indentor": "bar:3.0", "x_mm": -0.4, "target": "doi_mm", "value": 0.4}
+        choice = {"possible": possible, "reason": reason, "probabilities": json.dumps(found)}
+        events.append({"t_s": run.start["t_s"], "index": number, **press, **choice})
+    chooser = {"truth": {"candidate": "ep1"}, "source": "virtual:ep1", "possible_presses": 4}
+    start = {**run.start, "choose": chooser}
+    units = {**run.units, "choice": {}}
+    return replace(run, start=start, events={**run.events, "choice": events}, units=units)
 
 
 def _chosen(world: World, figure: Figure) -> Shown:
@@ -886,6 +924,9 @@ FIGURES: dict[str, Row] = {
         _titled("Force against time", lambda world: run_page_figures(_resumed(world.run), [])), _force_time_cut
     ),
     "run_figures.delivered_presses": Row(_run("Delivered"), _delivered),
+    "run_figures.delivered_presses, one": Row(
+        _bare(lambda w: run_figures.delivered_presses(delivered(w.run)[:1])), _one_delivered
+    ),
     "run_figures.presses": Row(_run("Press, hold"), _presses),
     "run_figures.force_depth": Row(_run("Force against depth"), _force_depth),
     "run_figures.contact_panels": Row(_run("Contact, "), _contact),
@@ -924,6 +965,7 @@ FIGURES: dict[str, Row] = {
     "design_page.press_map": Row(_bare(lambda w: design_page.press_map(w.design)), _press_map),
     "design_page.curves": Row(_bare(lambda w: design_page.curves(w.design)), _failures),
     "design_page.confusion": Row(_bare(lambda w: design_page.confusion(w.design.outcome)), _confusion),
+    "group_page.log_likelihoods": Row(_bare(lambda w: group_page.log_likelihoods(w.group)), _log_likelihoods),
     "choice_figure.probabilities": Row(
         _titled("Probabilities", lambda w: choice_figures(_adaptive(w.run))), _chosen
     ),
@@ -1008,6 +1050,8 @@ def test_every_label_has_its_unit(name: str, drawn: Drawn) -> None:
     _, figure = drawn(name)
     written = [text for text in _labels(figure) if text]
     assert written
+    shown_ = [text.get_text() for text in figure.findobj(Text) if text.get_visible()]  # type: ignore[attr-defined]
+    assert not [text for text in shown_ if re.search(r"(?<![\w.{])-[\d.]", text)], "a hyphen is no minus"
     for text in written:
         found = re.search(r"\(([^()]*)\)$", text.replace("\n", " "))
         assert found, f"{text!r} has no unit"
@@ -1064,7 +1108,7 @@ def test_nothing_lies_beyond_the_axes(name: str, drawn: Drawn) -> None:
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_who_does_not_see_it_is_told_axes_and_ranges(name: str, drawn: Drawn) -> None:
+def test_its_alt_text_has_axes_and_ranges(name: str, drawn: Drawn) -> None:
     """The text is not the title, which stands above the figure, and has every label with the ends of its axis."""
     page, figure = drawn(name)
     assert page.title not in page.alt or not page.title
@@ -1075,7 +1119,7 @@ def test_who_does_not_see_it_is_told_axes_and_ranges(name: str, drawn: Drawn) ->
 
 
 @pytest.mark.parametrize("name", FIGURES)
-def test_it_can_be_read_on_a_dark_page(name: str, drawn: Drawn) -> None:
+def test_its_colors_stand_out_on_a_dark_page(name: str, drawn: Drawn) -> None:
     """Every color has a contrast of 3 : 1 (WCAG 2.1, 1.4.11), or that which it has on paper, as grids and shades."""
     plot = drawn(name)[0].plot
     rules = dict(re.findall(r'\[style\*="(\w+: #\w{6})"\][^{]*\{\w+:(#\w{6})!', plot.page_svg))

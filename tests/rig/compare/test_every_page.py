@@ -47,8 +47,23 @@ def test_a_command_between_backticks_is_code_wherever_it_stands(where: object) -
     assert "Run <code>rig check &lt;x&gt;</code> first." in page
 
 
-def test_one_backtick_is_no_code() -> None:
-    assert str(prose("a ` b <c>")) == "a ` b &lt;c&gt;"
+PRINTED = {
+    "a single backtick": ("a ` b <c>", "a ` b &lt;c&gt;"),
+    "an option": ("(--fingers=a,b states it)", '(<code><span class="one">--fingers</span>=a,b</code> states it)'),
+    "a command": ("`rig find --x-mm -3` at -3", '<code>rig find <span class="one">--x-mm</span> -3</code> at −3'),
+    "negative numbers": ("-2 to [-1.16, -0.2]", "−2 to [−1.16,_−0.2]"),
+    "hyphens": ("2026-11-30, bar-3, Fig. 5-8, x=-4, -c", "2026-11-30, bar-3, Fig. 5-8, x=-4, -c"),
+    "powers of ten": ("6.9e-06, -1.31e+06, 9.73e+03, 3e4a-5", "6.9_×_10⁻⁶, −1.31_×_10⁶, 9730, 3e4a-5"),
+    "a number and its unit": ("18 % at 1.5 mm, 10 000 nodes", "18_% at 1.5_mm, 10_000 nodes"),
+    "an interval": ("529 [469, 615], 3 ± 1", "529 [469,_615], 3_±_1"),
+    "an equation": ("(p < 0.001), r = -0.15, e22 = ep1", "(p_&lt;_0.001), r_=_−0.15, e22 = ep1"),
+}
+"""Texts, and how a page prints them; _ is a space at which no line ends."""
+
+
+@pytest.mark.parametrize(("text", "printed"), PRINTED.values(), ids=PRINTED)
+def test_prose_is_printed_as_in_a_paper(text: str, printed: str) -> None:
+    assert str(prose(text)) == printed.replace("_", "\N{NO-BREAK SPACE}")
 
 
 def test_a_caption_changes_black_and_white_on_a_dark_page() -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from html import unescape
 from itertools import combinations
 from pathlib import Path
+from shutil import copytree
 from types import SimpleNamespace
 from typing import Any, NamedTuple
 
@@ -15,8 +16,7 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 
 from rig.compare.group import group_verdict
-from rig.compare.likelihood import Form
-from rig.compare.make_verdict import afferents, answers, candidate_pool
+from rig.compare.make_verdict import answers
 from rig.compare.verdict_text import sentences
 from rig.data import Run
 from rig.data.spike_files import SpikeRecord, SpikeTrain
@@ -30,12 +30,22 @@ from rig.report.identification_page import write_identification_page
 from rig.report.measure_colors import color_of
 from rig.report.nerve_figures import nerve_figures, nothing_fired, pressed, rate_panels
 from rig.report.page_source import source_line
-from rig.report.recording_sections import source_section
+from rig.report.recording_sections import deflection_section, source_section
+from rig.report.run_report import write_report
 from rig.report.style import label
 from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from tests.rig.compare.test_every_figure import RATE, _comparison, _design, _identified, _speed
+from tests.rig.compare.test_every_figure import (
+    RATE,
+    _adaptive,
+    _comparison,
+    _deflections,
+    _design,
+    _identified,
+    _judged,
+    _speed,
+)
 
 Make = Callable[..., Any]
 
@@ -78,13 +88,7 @@ def _of_example(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) ->
 
 
 def _of_group(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
-    judged = {}
-    for number in range(3):
-        comparison = _comparison(make_stimulus, RATE + 5 * np.sin(np.arange(len(RATE)) + number))
-        (overlays,) = afferents(comparison)
-        pool, (verdict,) = candidate_pool(overlays, Form()), answers(comparison)
-        assert pool is not None
-        judged[f"a{number}"] = pool, verdict
+    judged, comparison = _judged(make_stimulus), _comparison(make_stimulus)
     found = {name: {o.stimulus.shape: o.recording for o in comparison.overlays} for name in (*judged, "a9")}
     verdicts = {name: one for name, (_, one) in judged.items()}
     page = GroupPage(group_verdict(judged), verdicts, found, {"a9": "it hardly fired"}, [run], "rig compare", "small")
@@ -127,10 +131,18 @@ def _of_benchmark(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) 
     )  # fmt: skip
 
 
+def _of_deflection(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
+    comparison = replace(_comparison(make_stimulus), overlays=())
+    extra = [deflection_section(*_deflections(), "mine.csv")]
+    write_comparison(path, comparison, [run], finger, "rig compare --deflection mine.csv", extra)
+    return Made(path.read_text(encoding="utf-8"), (run.folder.path.name,))
+
+
 PAGES: dict[str, Callable[..., Made]] = {
     "comparison": _of_comparison(RATE),
     "comparison without a recording": _of_comparison(RATE, recorded=False),
     "example": _of_example,
+    "deflection": _of_deflection,
     "group": _of_group,
     "identification": _of_identification,
     "design": _of_design,
@@ -158,6 +170,17 @@ def test_the_first_section_is_a_sentence_and_a_figure(name: str, made: Make) -> 
     assert len(words.split()) <= MOST_WORDS
 
 
+@pytest.mark.parametrize(
+    ("name", "begins"),
+    [
+        ("comparison without a recording", "No recording was given"),
+        ("deflection", "The measured deflection of the skin differs from the simulated one by "),
+    ],
+)
+def test_a_page_without_a_verdict_begins_with_what_it_has(name: str, begins: str, made: Make) -> None:
+    assert in_words(first_section(made(name).html)).startswith(begins)
+
+
 @pytest.mark.parametrize("name", PAGES)
 def test_the_first_section_comes_before_any_list_of_sections(name: str, made: Make) -> None:
     html = made(name).html
@@ -172,6 +195,13 @@ def test_a_recording_without_spikes_is_a_sentence_alone(
     first = first_section(page.html)
     assert re.findall(r"<(p|ul|table|figure)\b", first) == ["p"]
     assert "the recorded rate is 0 at every position" in first
+
+
+def test_an_adaptive_run_begins_with_its_verdict(tmp_path: Path, bar_run: Run, finger: Fingertip) -> None:
+    folder = replace(bar_run.folder, path=copytree(bar_run.folder.path, tmp_path / "run"))
+    page = write_report(replace(_adaptive(bar_run), folder=folder), finger).read_text(encoding="utf-8")
+    assert page.index('class="message"') < page.index('id="verdict"') < page.index("<figure")
+    assert "of at most 6 indentations" in in_words(page)
 
 
 # --- where it comes from ---
