@@ -35,10 +35,10 @@ def test_an_sd_in_another_unit_than_the_rates_is_refused(tmp_path: Path, header:
 
 
 def test_positions_rates_and_sds(tmp_path: Path) -> None:
-    found = read_srp(written(tmp_path, "position_mm,rate,sd\n0.5,20,2\n-1,4,\n0,12.5,1.5\n"))
+    found = read_srp(written(tmp_path, "position_mm,rate,sd\n0.5,20,2\n-1,4,1\n0,12.5,1.5\n"))
     np.testing.assert_array_equal(found.position_mm, [-1, 0, 0.5])
     np.testing.assert_array_equal(found.rate, [4, 12.5, 20])
-    np.testing.assert_array_equal(found.sd, [np.nan, 1.5, 2])
+    np.testing.assert_array_equal(found.sd, [1, 1.5, 2])
     assert (found.name, found.changes) == ("mine.csv", ())
 
 
