@@ -77,7 +77,7 @@ class LineFile:
         self._content: bytes | None = None
 
     def append(self, line: bytes, *, sync: bool = False) -> None:
-        """Append a whole line with its line end, or none of it; `sync` waits until it is on the disk. Raises OSError."""
+        """Append a line with its end, or none of it; `sync` waits until it is on the disk. Raises OSError."""
         end = self._file.tell()
         try:
             left = memoryview(line)

@@ -156,7 +156,7 @@ class StrainAtAnyPoint:
     _anywhere: Anywhere
 
     def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
-        """Return the model that gave a result, for the axes of its slopes and half-widths (mm) of the touched skin."""
+        """Return the model that gave a result, for axes of its slopes and half-widths (mm) of the touched skin."""
         raise NotImplementedError
 
     def points_below(self, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike | None = None) -> Array:
