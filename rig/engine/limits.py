@@ -22,8 +22,7 @@ class Trips:
     """Four force limits (gwt); a reading of either sign beyond one of them trips.
 
     Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_kpa times the expected contact
-    area. Ramp: lower than both during one, by what it may overshoot. Hard: the same for every plan and
-    every reading.
+    area. Ramp: lower than both during one, by what it may overshoot. Hard: the same for every plan and every reading.
     """
 
     def __init__(self, limits: LimitSettings, soft_trip_n: float | None) -> None:

@@ -160,8 +160,7 @@ class ModbusMaster:
     def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
         """Write one register of several devices in one write, without waiting for replies.
 
-        On a serial bus frames need silence between them, so several devices get one broadcast. Raises
-        TransportError.
+        On a serial bus frames need silence between them, so several devices get one broadcast. Raises TransportError.
         """
         if self._rtu and len(device_ids) > 1:
             device_ids = [BROADCAST]

@@ -1,8 +1,7 @@
 """SED at any receptors of the whole finger under pressures over x and z of its skin, normal to the deformed skin.
 
 As in the section (`pressure`), each force without friction is normal to the deformed skin. Here it may lean both
-across
-the finger and along it.
+across the finger and along it.
 """
 
 from collections.abc import Callable, Iterator, Sequence

@@ -206,8 +206,7 @@ class VirtualDrive(DrivenMotor):
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     start: position of the carriage at power-on. play: the screw's lost motion, pulses. The drive knows neither.
-    stored:
-    EEPROM contents that differ from the maker's, by register, such as user paths.
+    stored: EEPROM contents that differ from the maker's, by register, such as user paths.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
