@@ -51,9 +51,9 @@ class ForceOutOfReachError(ModelRangeError):
 
 
 def refuse_unless_numbers(**arguments: object) -> None:
-    """Raise ArgumentError for arguments that are not one number each."""
+    """Raise ArgumentError for arguments that are not one number each; True and False are none."""
     for name, value in arguments.items():
-        if not isinstance(value, (str, bytes)):
+        if not isinstance(value, (str, bytes, bool)) and str(getattr(value, "dtype", "")) != "bool":
             try:
                 float(value)  # type: ignore[arg-type]
                 continue

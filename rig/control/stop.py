@@ -22,7 +22,7 @@ from rig.errors import RigError, plain_rule
 from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
-from rig.transport.wire import Sink
+from rig.transport.wire import NeverQuietError, Sink, arrived
 from rig_shared.user_files import MOST_TOML_BYTES, read_bytes, toml_of
 
 _OPEN_S = 3.0
@@ -131,8 +131,10 @@ class OwnedStage:
         """Return whether a connection was closed meanwhile, without waiting."""
         try:
             for wire in self._wires:
-                while wire.read(0.0):
+                for _ in arrived(wire):
                     pass
+        except NeverQuietError:
+            return False
         except TransportError:
             return True
         return False

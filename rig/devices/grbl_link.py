@@ -348,8 +348,8 @@ class GrblLink:
             pass
 
     def hear_pending(self) -> None:
-        """Read unsolicited lines. Raises StageAlarm, StageReset."""
-        while (line := self._reader.next_pending()) is not None:
+        """Read unsolicited lines. Raises StageAlarm, StageReset, TransportError."""
+        for line in self._reader.pending():
             self._notice(line)
 
     def reset(self) -> None:

@@ -26,6 +26,7 @@ from rig.devices.base import (
 from rig.devices.registry import Evidence, ForceKind, Opener
 from rig.settings import BenchSettings, ForceSettings, Settings
 from rig.transport import Transport, TransportError
+from rig.transport.wire import arrived
 from rig.units import GWT_N
 
 MAX_AGE_S = 0.02
@@ -367,7 +368,7 @@ class NetFtForce:
 
     def _drain(self) -> None:
         """Count the records that have arrived."""
-        while data := self._records.read(0.0):
+        for data in arrived(self._records):
             self._take(data)
 
     def _record(self, within_s: float) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
 from rig.transport import Transport, in_turn
+from rig.transport.wire import arrived
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -23,7 +24,6 @@ ZEROS = bytes(64)
 SYNC_TRIES, SYNC_S, QUIET_S = 3, 0.1, 0.02
 FORGETS_S = 0.45
 """The controller forgets the beginning of a command 0.4 s after its last byte."""
-MOST_CHUNKS = 100
 SHOWN = 16
 STOP = "stop"
 ERRORS = {
@@ -128,9 +128,8 @@ class StandaLink:
         with in_turn(self._one, 2 * REPLY_S):
             if not self._clear:
                 self._synchronize(letters)
-            for _ in range(MOST_CHUNKS):
-                if not self._transport.read(0.0):
-                    break
+            for _ in arrived(self._transport):
+                pass
             self._clear = False
             self._transport.write(frame(letters, payload))
             reply = self._answer(letters, size)

@@ -14,7 +14,7 @@ from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
 from rig.protocol.same_steps import SameSteps
-from rig.protocol.steps import Journalled, Owed, Step
+from rig.protocol.steps import Journalled, Mount, Owed, Step
 from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
@@ -47,7 +47,9 @@ class ResumeHandler:
             return self._then.handle(step, spot)
         if step.owed is Owed.ONCE and self._is_new(step):
             return self._then.handle(step, spot)
-        if step.owed in (Owed.LAST, Owed.LAST_IF_NEXT):
+        if step.verb == Mount.verb:
+            self._drop(Owed.LAST_OF_INDENTOR)
+        if step.owed in (Owed.LAST, Owed.LAST_OF_INDENTOR, Owed.LAST_IF_NEXT):
             self._owed.pop(step.verb, None)
             self._owed[step.verb] = step, spot
         return None  # type: ignore[return-value]
@@ -65,7 +67,7 @@ class ResumeHandler:
         data = press.purpose == "data"
         if press.index in answers:
             if data:
-                self._drop_steps_of_next_press()
+                self._drop(Owed.LAST_IF_NEXT)
             return answers[press.index]
         owed, self._owed = self._owed, {}
         for step_owed, where in owed.values():
@@ -74,8 +76,8 @@ class ResumeHandler:
             self._behind = press.index < self._last_done
         return self._then.handle(step, spot)
 
-    def _drop_steps_of_next_press(self) -> None:
-        self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
+    def _drop(self, owed: Owed) -> None:
+        self._owed = {verb: one for verb, one in self._owed.items() if one[0].owed is not owed}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
         """Return whether the journal lacks the step; it has the first ones of each verb, in order."""

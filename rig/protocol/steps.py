@@ -43,7 +43,8 @@ class Owed(Enum):
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
     LAST = "the last of its kind, before the next press"
-    LAST_IF_NEXT = "the same, but not where that press is done already"
+    LAST_OF_INDENTOR = "the same, but nothing once another indentor is mounted"
+    LAST_IF_NEXT = "the last of its kind, but not where the next press is done already"
     ONCE = "it is journalled once and for all"
     ANSWER = "nothing where the journal has its answer, else the step itself"
 
@@ -328,7 +329,7 @@ class Precondition(Step[ExpectedPresses, None]):
     """Press several times at the present position, to settle the skin."""
 
     verb: ClassVar[str] = "precondition"
-    owed: ClassVar[Owed] = Owed.LAST
+    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
 
     presses: int
     doi_mm: float | None = None
@@ -355,7 +356,7 @@ class Reference(Step[ExpectedPresses, None]):
     """Press at a fixed position; an alarm is raised if the force differs from that of the first such press."""
 
     verb: ClassVar[str] = "reference"
-    owed: ClassVar[Owed] = Owed.LAST
+    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
 
     x_mm: float
     doi_mm: float

@@ -22,7 +22,7 @@ from rig.clock import Clock
 from rig.errors import RigError
 from rig.settings import Framing
 from rig.transport.ownership import SCHEME
-from rig.transport.wire import Transport, in_turn
+from rig.transport.wire import Transport, arrived, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -176,7 +176,7 @@ class ModbusMaster:
 
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())
-        while self._transport.read(0.0):
+        for _ in arrived(self._transport):
             self._unanswered = None  # The data arrived unsolicited.
         frame = self._frame(request)
         self._send(frame)

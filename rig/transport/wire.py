@@ -48,6 +48,26 @@ class Transport(Protocol):
 
 
 LONGEST_LINE = 4096
+MOST_CHUNKS = 1000
+"""Chunks that can have arrived; no buffer of a port holds as many."""
+
+
+class NeverQuietError(TransportError):
+    """A port delivers bytes without end."""
+
+    default_code = "never_quiet"
+
+
+def arrived(transport: Transport) -> Iterator[bytes]:
+    """Yield what has arrived, without waiting. Raises TransportError, NeverQuietError."""
+    for _ in range(MOST_CHUNKS):
+        data = transport.read(0.0)
+        if not data:
+            return
+        yield data
+    raise NeverQuietError(
+        "{port}: the device never stops sending; check the device and the baud rate", port=transport.name
+    )
 
 
 class LineReader:
@@ -70,17 +90,18 @@ class LineReader:
                 return None
         return self._lines.popleft()
 
-    def next_pending(self) -> str | None:
-        """Return a line that has already arrived, or None, without waiting."""
-        if not self._lines:
-            data = self._transport.read(0.0)
-            if data:
-                self._take(data)
-        return self._lines.popleft() if self._lines else None
+    def pending(self) -> Iterator[str]:
+        """Yield the lines that have already arrived, without waiting. Raises TransportError."""
+        while self._lines:
+            yield self._lines.popleft()
+        for data in arrived(self._transport):
+            self._take(data)
+            while self._lines:
+                yield self._lines.popleft()
 
     def discard(self) -> None:
-        """Discard everything that has arrived, partial lines included."""
-        while self._transport.read(0.0):
+        """Discard everything that has arrived, partial lines included. Raises TransportError."""
+        for _ in arrived(self._transport):
             pass
         self._rest = b""
         self._lines.clear()

@@ -21,7 +21,7 @@ from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.planes import Gathered, forces_along
 from sim.contact.points import ContactPose
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
-from sim.errors import ArgumentError, ForceOutOfReachError
+from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_numbers
 from sim.models.condensed import CondensedModel, meshed_for
 from sim.models.pressing import PlacedIndentor, RimError
 from sim.models.result import IndentationResult
@@ -45,6 +45,7 @@ _MOST_SECANTS = 40
 
 def checked_friction(friction: float) -> float:
     """Return a friction coefficient; raise ArgumentError unless it is 0 to 10."""
+    refuse_unless_numbers(friction=friction)
     if not 0 <= friction <= MOST_FRICTION:
         raise ArgumentError(
             "friction {friction:g}: must be a number from 0 to {most:g}",

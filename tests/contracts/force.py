@@ -8,6 +8,7 @@ import itertools
 import math
 import pickle
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -310,6 +311,22 @@ class ForceContract:
         else:
             assert there.lasts_s(there.driver.zero, zeroing.kind, zeroing.code) < 10.0 + GIVES_UP_S
         assert there.wire.asked.count(device.zero) == zeroing.told
+
+    @pytest.mark.parametrize("chatter", [b"\xaa", b"xyz", b"S D 0.01 g\r\n"], ids=repr)
+    def test_a_port_that_never_stops_talking_is_an_error_or_a_reading_in_bounded_time(
+        self, device: ForceBytes, chatter: bytes
+    ) -> None:
+        there = Connected(device)
+        begun_s = there.clock.monotonic_s()
+
+        def chatting(timeout_s: float) -> bytes:
+            there.clock.wait_s(1e-3)
+            assert there.clock.monotonic_s() - begun_s < 2 * GIVES_UP_S
+            return chatter
+
+        there.wire.read = chatting  # type: ignore[method-assign]
+        with suppress(ForceError, TransportError):
+            there.driver.read()
 
     @pytest.mark.parametrize("cut", ["write and read", "read"])
     def test_a_cut_wire_is_an_error_of_its_own(self, device: ForceBytes, cut: str) -> None:

@@ -516,15 +516,17 @@ class StageContract:
             else:
                 assert found == device.home, (place, bit)
 
+    @pytest.mark.parametrize("waits", [True, False], ids=["slow", "at once"])
     @pytest.mark.parametrize("chatter", [b"\xaa", b"xyz", b"!02 1 IDLE --:95\r\n"], ids=repr)
     def test_a_port_that_never_stops_talking_is_an_error_in_bounded_time(
-        self, device: StageBytes, chatter: bytes
+        self, device: StageBytes, chatter: bytes, waits: bool
     ) -> None:
+        """Whether its bytes come by and by, or are always there."""
         bench = StageBench(device, homed=True)
 
         def chatting(timeout_s: float, port: bytes = b"") -> bytes:
-            bench.clock.wait_s(min(timeout_s, 0.01))
-            return chatter if timeout_s >= 0.01 else b""
+            bench.clock.wait_s(min(timeout_s, 0.01) if waits else 1e-3)
+            return b"" if waits and timeout_s < 0.01 else chatter
 
         bench.wire.read = chatting  # type: ignore[method-assign]
         begun_s = bench.clock.monotonic_s()

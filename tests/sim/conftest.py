@@ -1,7 +1,10 @@
-"""A coarse finger for the algebra, and the default mesh."""
+"""A coarse finger for the algebra, the default mesh, and the default section with its samples."""
 
 import pytest
 
+from sim.coding.operators import centred
+from sim.coding.pressure import Frictionless, frictionless
+from sim.coding.section import SampledSection, Sampling, sampled_section
 from sim.config import FingertipConfig, Geometry
 from sim.finger.mesh import FingerMesh, build_mesh
 from sim.finger.surface import FingertipSurface
@@ -31,6 +34,12 @@ def coarse_finger() -> Fingertip:
 
 
 @pytest.fixture(scope="session")
+def halfspace() -> Fingertip:
+    """The cheapest model, with the skin of the default finger."""
+    return load("halfspace")
+
+
+@pytest.fixture(scope="session")
 def coarse_problem(coarse_config: FingertipConfig, skin: FingertipSurface) -> FiniteElements:
     """The coarse finger's stiffness, not condensed."""
     return discretise(coarse_config, build_mesh(coarse_config, skin))
@@ -40,3 +49,15 @@ def coarse_problem(coarse_config: FingertipConfig, skin: FingertipSurface) -> Fi
 def default_mesh(skin: FingertipSurface) -> FingerMesh:
     """The mesh of the default fingertip."""
     return build_mesh(FingertipConfig(), skin)
+
+
+@pytest.fixture(scope="session")
+def section() -> SampledSection:
+    """The section of the default finger, with the source's samples."""
+    return sampled_section(FingertipConfig(), Sampling())
+
+
+@pytest.fixture(scope="session")
+def operator(section: SampledSection) -> Frictionless:
+    """39 samples 170 µm apart on it."""
+    return frictionless(section, centred(40, 0.17), "finite")

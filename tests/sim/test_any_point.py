@@ -1,9 +1,6 @@
 """Strain at any points: by columns and by one solve a press, against the whole mesh and closed forms."""
 
-import gc
-import logging
 import pickle
-import weakref
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -12,25 +9,21 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from sim import Fields, Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
+from sim import Fingertip, FingertipConfig, IndentationResult, ModelRangeError, ReceptorError, Tissue, load
 from sim.contact.patch import X, Y, Z
-from sim.fem.dissection import DissectionFactor
 from sim.fem.elements import symmetric
 from sim.finger.mesh import BONE, DERMIS, EPIDERMIS, FAT, FingerMesh
 from sim.finger.surface import FingertipSurface
-from sim.measures import receptors
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import (
-    DEFAULT_X_MM,
     ReceptorPlaces,
     depths_of,
-    place_receptors,
     receptors_at,
     strain_operator,
 )
-from sim.models import adjoint, factored_interior, sources, strain_at_points
-from sim.models.condensed import FiniteElements, discretise
-from sim.models.factored_interior import Interior, Recovery
+from sim.models import factored_interior, strain_at_points
+from sim.models.condensed import discretise
+from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
 from tests.error_codes import raises
@@ -99,7 +92,7 @@ def whole(small: Fingertip, results: list[IndentationResult]) -> list[tuple[Arra
 ROUND_OFF = 1e-10
 
 
-def test_columns_are_what_the_whole_mesh_says(
+def test_strain_by_columns_equals_the_whole_solve(
     small: Fingertip, results: list[IndentationResult], whole: list[tuple[Array, Array]]
 ) -> None:
     for result, (points, strain) in zip(results, whole, strict=True):
@@ -109,7 +102,7 @@ def test_columns_are_what_the_whole_mesh_says(
         np.testing.assert_allclose(found.strain, strain, rtol=0, atol=ROUND_OFF * np.abs(strain).max())
 
 
-def test_many_points_are_what_the_whole_mesh_says(
+def test_strain_by_one_solve_equals_the_whole_solve(
     small: Fingertip,
     results: list[IndentationResult],
     whole: list[tuple[Array, Array]],
@@ -136,7 +129,9 @@ def test_presses_on_several_meshes_come_back_in_their_order(
     assert len(small._anywhere._interiors) == 1  # one factor at a time
 
 
-def test_the_receptors_are_one_such_set(small: Fingertip, results: list[IndentationResult]) -> None:
+def test_fields_at_the_receptors_equal_the_receptors_answers(
+    small: Fingertip, results: list[IndentationResult]
+) -> None:
     # The same adjoint solves by a factor with and without a Schur complement: equal to 1e-12.
     for result in results:
         found = small.fields(result, result.model.receptors.position_mm)
@@ -178,75 +173,6 @@ def test_other_receptors_are_added_to_the_same_model(
     assert Fingertip.load(tiny_config, receptor_depth_mm=0.9).from_cache
 
 
-def test_points_asked_for_again_cost_nothing(
-    tiny_config: FingertipConfig, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    finger = Fingertip.load(tiny_config)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    at_first = _files(folder)
-    sets = [finger.points_below(x, 0.5) for x in np.linspace(-1, 1, 6)]
-    first = [finger.fields(result, points).strain for points in sets]
-    assert _files(folder) - at_first == {".columns": 6}
-    monkeypatch.setattr(factored_interior, "factorise", None)
-    other = Fingertip.load(tiny_config)  # from the disk
-    np.testing.assert_array_equal([other.fields(result, points).strain for points in sets], first)
-    monkeypatch.setattr(sources, "cached_arrays", None)
-    for points, strain in zip(sets[2:], first[2:], strict=True):  # the last four, from memory
-        np.testing.assert_array_equal(other.fields(result, points).strain, strain)
-    with pytest.raises(TypeError):
-        other.fields(result, sets[1])
-
-
-def test_one_factor_is_kept_for_many_points(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[weakref.ref[DissectionFactor]] = []
-    real = factored_interior.factorise
-
-    def factorise(problem: FiniteElements) -> DissectionFactor:
-        factor = real(problem)
-        made.append(weakref.ref(factor))
-        return factor
-
-    monkeypatch.setattr(factored_interior, "factorise", factorise)
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    for n in (strain_at_points.FEW_POINTS + 1, 1, 60):
-        assert finger.fields(result, finger.points_below(np.linspace(-1, 1, n), 0.5)).strain.shape == (n, 6)
-    assert len(made) == 1
-    del finger
-    gc.collect()
-    assert [one() for one in made] == [None]
-
-
-def test_columns_where_they_cost_less(tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(strain_at_points, "FEW_POINTS", 1)
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    two = finger.points_below([0.0, 0.5], 0.5)
-    finger.fields([result] * 11, two)  # eleven solves are fewer than twelve columns
-    assert not finger._anywhere._sets
-    finger.fields([result] * 12, two)
-    assert len(finger._anywhere._sets) == 1
-    finger.fields(result, two[:1])
-    assert len(finger._anywhere._sets) == 2
-
-
-def test_progress_counts_points(
-    tiny_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
-) -> None:
-    finger = load("finger", tiny_config, cached=False)
-    result = finger.indent("bar:1.5", doi_mm=0.2)
-    said: list[tuple[int, int]] = []
-    caplog.set_level(logging.DEBUG, "sim.models")
-    points = finger.points_below(np.linspace(-1, 1, 41), 0.5)
-    finger.fields(result, points[:35], progress=lambda done, of: said.append((done, of)))
-    assert said == [(20, 35), (35, 35)]
-    assert [record.args for record in caplog.records if record.name == adjoint.__name__][-2:] == [(20, 35), (35, 35)]
-    said.clear()
-    monkeypatch.setattr(factored_interior, "_POINTS_AT_ONCE", 30)
-    finger.fields(result, points, progress=lambda done, of: said.append((done, of)))
-    assert said == [(30, 41), (41, 41)]
-
-
 # --- what comes back ---
 
 
@@ -271,36 +197,16 @@ def test_fields_have_the_shape_of_the_points(small: Fingertip, results: list[Ind
     assert one.measures["sed"].shape == ()
 
 
-def test_fields_pickle_as_arrays(small: Fingertip, results: list[IndentationResult]) -> None:
-    points = small.points_below(np.linspace(-1, 1, 30), 0.5)
-    found = small.fields(results[0], points)
-    sent = pickle.dumps(found)
-    assert len(sent) < 30 * 8 * (3 + 6 + 1 + 6 + 18) + 2000
-    back: Fields = pickle.loads(sent)
-    np.testing.assert_array_equal(back.strain, found.strain)
-
-
-def test_a_press_that_was_read_back(small: Fingertip, results: list[IndentationResult]) -> None:
-    back = pickle.loads(pickle.dumps(results[0]))
-    points = small.points_below([0.0, 1.0], 0.5)
-    here, there = (small.fields(result, points).strain for result in (results[0], back))
-    np.testing.assert_allclose(here, there, rtol=0, atol=1e-15)
-
-
 # --- what there is ---
 
 
-@pytest.mark.parametrize(
-    "points", [[], [1.0, 2.0], 3.0, [[0.0, np.nan, 6.9]], [[0.0, 3.0, np.inf]], np.zeros((0, 3))]
-)
+@pytest.mark.parametrize("points", [[], [1.0, 2.0], [[0.0, np.nan, 6.9]]])
 def test_points_that_are_none(small: Fingertip, results: list[IndentationResult], points: Any) -> None:
     with raises(ModelRangeError, "bad_points"):
         small.fields(results[0], points)
 
 
-@pytest.mark.parametrize(
-    "point", [(9.0, 0.0, 6.9), (0.0, 0.0, 6.9), (0.0, 6.0, 6.9), (0.0, 2.5, 0.0), (0.0, 2.5, 12.7)]
-)
+@pytest.mark.parametrize("point", [(9.0, 0.0, 6.9), (0.0, 0.0, 6.9), (0.0, 2.5, 12.7)])
 def test_points_outside_of_the_tissue(small: Fingertip, results: list[IndentationResult], point: Any) -> None:
     x, y, z = point
     with raises(ReceptorError, "outside_finger", x_mm=x, y_mm=y, z_mm=z) as caught:
@@ -325,31 +231,15 @@ LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
     ("place", "code", "fields"),
     [
         ((9.0, 0.7), "x_outside", PULP | {"x_mm": 9.0, "depth_mm": 0.7}),
-        ((-9.0, 0.7), "x_outside", PULP | {"x_mm": -9.0, "depth_mm": 0.7}),
         ((np.nan, 0.7), "x_outside", PULP | {"x_mm": IS_NAN, "depth_mm": 0.7}),
         ((0.0, 3.4), "depth_outside", MIDDLE | {"depth_mm": 3.4}),
-        ((0.0, 0.0), "depth_outside", MIDDLE | {"depth_mm": 0.0}),
-        ((0.0, -0.1), "depth_outside", MIDDLE | {"depth_mm": -0.1}),
-        ((0.0, np.nan), "depth_outside", MIDDLE | {"depth_mm": IS_NAN}),
         ((2.0, 2.5), "depth_outside", MIDDLE | {"x_mm": 2.0, "depth_mm": 2.5, "high_mm": 2.38}),
         ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
-        ((0.0, 0.7, np.nan), "z_outside", LENGTH | {"z_mm": IS_NAN}),
     ],
 )
-def test_places_that_do_not_exist_are_told_what_does(
-    small: Fingertip, place: Any, code: str, fields: dict[str, Any]
-) -> None:
+def test_refusal_of_a_place_names_the_range(small: Fingertip, place: Any, code: str, fields: dict[str, Any]) -> None:
     with raises(ReceptorError, code, **fields):
         small.points_below(*place)
-
-
-@pytest.mark.parametrize(("depth", "there"), [(3.16, True), (3.22, True), (3.25, False)])
-def test_what_is_said_to_be_there_is_there(small: Fingertip, depth: float, there: bool) -> None:
-    if there:
-        assert small.points_below(0.0, depth).shape == (3,)
-    else:
-        with raises(ReceptorError, "depth_outside"):
-            small.points_below(0.0, depth)
 
 
 def test_an_elastic_bone_has_strain_half_way_in(coarse_config: FingertipConfig) -> None:
@@ -383,27 +273,12 @@ def test_receptors_at_every_combination(tiny_config: FingertipConfig, folder: Pa
     np.testing.assert_array_equal(crossed.model.receptors.position_mm, receptors.position_mm)
 
 
-@pytest.mark.parametrize(
-    ("x", "depths", "z"), [(101, 10, 1), (1001, 1, 1), (77, 1, 13), (0, 1, 1), (1, 0, 1), (1, 1, 0)]
-)
+@pytest.mark.parametrize(("x", "depths", "z"), [(77, 1, 13), (1, 0, 1)])
 def test_too_many_receptors_and_none(coarse_config: FingertipConfig, x: int, depths: int, z: int) -> None:
     places = ReceptorPlaces((0.0,) * x, (0.5,) * depths, (7.0,) * z)
     surface = FingertipSurface.fit(coarse_config.geometry)
     with raises(ReceptorError, "how_many", receptors=x * depths * z, most=1000):
         receptors_at(coarse_config, surface, places)
-
-
-def test_as_many_receptors_as_there_may_be(coarse_config: FingertipConfig, monkeypatch: pytest.MonkeyPatch) -> None:
-    surface = FingertipSurface.fit(coarse_config.geometry)
-    there = receptors.point_below(surface, 0.1, 0.5, 7.0)  # once: it takes a millisecond or two
-    monkeypatch.setattr(receptors, "point_below", lambda *_: there)
-    placed = receptors_at(coarse_config, surface, ReceptorPlaces((0.1,) * 1000, (0.5,), (7.0,)))
-    assert placed.position_mm.shape == (1000, 3)
-
-
-def test_the_defaults_are_where_they_were(small: Fingertip) -> None:
-    placed = place_receptors(small.surface, DEFAULT_X_MM, 0.76, small.config.receptor_plane_mm)
-    np.testing.assert_array_equal(small.model.receptors.position_mm, placed.position_mm)
 
 
 # --- the other models ---
@@ -436,24 +311,3 @@ def test_strain_in_a_half_space_is_boussinesqs(coarse_config: FingertipConfig) -
     expected /= found.young_ratio[:, None]
     np.testing.assert_allclose(found.strain, expected, rtol=0, atol=1e-7 * np.abs(expected).max())
     assert Y == 1
-
-
-def test_the_map_of_the_last_points_is_reused(
-    small: Fingertip, results: list[IndentationResult], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Presses at a new place are read at the same points without another map; other points get their own."""
-    made: list[int] = []
-    recovery = Interior.recovery
-
-    def counted(self: Interior, points_mm: Array, progress: adjoint.Progress | None = None) -> Recovery:
-        made.append(len(points_mm))
-        return recovery(self, points_mm, progress)
-
-    monkeypatch.setattr(Interior, "recovery", counted)
-    x = np.linspace(-0.5, 0.5, strain_at_points.FEW_POINTS + 5)
-    here, there = small.points_below(x, 0.7), small.points_below(x, 0.8)
-    first, other, again = (small.fields(results[0], at).strain for at in (here, there, here))
-    assert (len(made), np.array_equal(first, again)) == (3, True)
-    assert np.array_equal(small.fields(results[0], here).strain, first)
-    assert len(made) == 3
-    assert not np.allclose(first, other)

@@ -42,7 +42,9 @@ def run_ccx(folder: Path, job: str) -> str:
     return (folder / f"{job}.dat").read_text()
 
 
-def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]) -> None:
+def test_calculix_moves_nodes_alike_under_the_same_forces(
+    tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]
+) -> None:
     meshed, result = pressed
     mesh, active = meshed.mesh, result.state.active
     force = np.zeros((int(active.sum()), 3))
@@ -56,7 +58,9 @@ def test_our_forces_move_its_nodes_as_ours(tmp_path: Path, pressed: tuple[Meshed
     np.testing.assert_allclose(u[mesh.patch_nodes, :2], ours, rtol=0, atol=1e-6 * np.abs(ours).max())
 
 
-def test_its_contact_carries_the_same_force(tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]) -> None:
+def test_calculix_contact_carries_the_same_force(
+    tmp_path: Path, pressed: tuple[MeshedFinger, IndentationResult]
+) -> None:
     # Node to surface with a penalty of 2000 MPa/mm; reactions are compared, never pressures: those depend on it.
     meshed, result = pressed
     write_contact_deck(tmp_path / "contact.inp", meshed, result.indentor.profile, 0.0, result.touch_height_mm, DOI_MM)

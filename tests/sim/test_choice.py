@@ -1,14 +1,14 @@
-"""`auto`: what a scene needs, the cheapest that holds by a table of made-up errors, and the table that is bundled."""
+"""`auto`: what a scene needs, the cheapest model that holds by a table of made-up errors, and the bundled table."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from sim.benchmark import LEVELS, QUANTITIES, SHARES
 from sim.cheapest_model import (
     DEPTHS_MM,
-    FAMILIES,
     PLACES_MM,
     Aim,
     Cell,
@@ -21,13 +21,15 @@ from sim.cheapest_model import (
     bundled,
     cheapest,
     choose,
-    from_json,
 )
-from sim.config import Contact, FingertipConfig, Geometry, MeshSpec, Tissue
+from sim.config import Contact, FingertipConfig, Geometry, Tissue
 from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
-from sim.measures.receptors import ReceptorPlaces
-from sim.models.catalogue import MODELS
+from sim.finger.surface import FingertipSurface
+from sim.measures.receptors import NOWHERE, ReceptorPlaces, ReceptorSet
+from sim.models.catalogue import load
+from sim.models.finger_3d import build_finger
 from tests.error_codes import raises
 from tests.sim.coarse_mesh import coarse_mesh
 
@@ -82,13 +84,6 @@ def test_on_another_finger_only_levels_of_the_finger_are_promised_and_it_is_said
     assert choose("cylinder:9", doi_mm=0.2, aim=section, config=OTHERS[name]).model == "finger"
 
 
-@pytest.mark.parametrize("finger", [None, FingertipConfig(tissue=Tissue(stiffness=2.0))])
-def test_stiffness_scales_all_models_alike(finger: FingertipConfig | None) -> None:
-    found = choose("sphere:8", doi_mm=0.05, aim=Aim(tolerance=0.3), config=finger)
-    assert found.model == "halfspace"
-    assert "not measured" not in found.why
-
-
 @pytest.mark.parametrize(
     ("tolerance", "rung"),
     [
@@ -108,15 +103,6 @@ def test_the_cheapest_that_holds_is_chosen(tolerance: float, rung: Rung) -> None
     assert found.cost == COSTS[rung]
 
 
-def test_a_patch_is_one_whose_cost_is_known() -> None:
-    known = made_up()
-    costs = {key: cost for key, cost in known.costs.items() if key[:3] != (FINE, ALONG, SHARES[0])}
-    fewer = replace(known, costs=costs)
-    small, whole = (cheapest(SCENE, Aim(tolerance=tolerance), fewer) for tolerance in (0.01, 0.003))
-    assert small.mesh.patch_x_mm == pytest.approx(SHARES[0] * 3.3)
-    assert (whole.level, whole.mesh.patch_x_mm) == ("fine", 3.3)
-
-
 def test_every_quantity_that_is_asked_for_holds() -> None:
     assert chosen(0.03).level == "coarse"
     both = chosen(0.03, "force", "sed")
@@ -132,11 +118,6 @@ def test_receptors_are_made_and_paid_for_only_where_they_are_asked_for() -> None
     assert [Aim((quantity,)).receptors for quantity in QUANTITIES] == [False, False, True, True]
     assert "no receptors" in alone.outlook
     assert "contact and receptors" in with_sed.outlook
-
-
-def test_a_dearer_model_is_passed_over_though_it_is_named_first() -> None:
-    costs = {**COSTS, HALFSPACE: Cost(2.0, 0.0, 0.01, 100.0)}
-    assert cheapest(SCENE, Aim(("force",), 0.2), made_up(costs=costs)).level == "coarse"
 
 
 def test_a_section_is_for_a_force_per_length_and_by_depth() -> None:
@@ -155,13 +136,6 @@ def test_a_force_is_as_wrong_as_the_worst_depth() -> None:
 
 
 @pytest.mark.parametrize(
-    ("depth_mm", "promised"), [(0.3, 0.03), (0.301, 0.06), (0.7, 0.06), (0.701, 0.04), (1.35, 0.04)]
-)
-def test_depth_counts(depth_mm: float, promised: float) -> None:
-    assert chosen(0.07, scene=replace(SCENE, depth_mm=depth_mm)).promised == pytest.approx(promised)
-
-
-@pytest.mark.parametrize(
     "scene",
     [
         replace(SCENE, depth_mm=1.36),
@@ -177,47 +151,7 @@ def test_where_nothing_was_measured_nothing_is_promised(scene: Situation) -> Non
         chosen(0.5, scene=scene)
 
 
-def test_where_none_holds_the_best_is_named() -> None:
-    best = {"model": "finger", "level": "fine", "expected_percent": 0.6}
-    with raises(NoModelError, "no_model", aim="0.1 % of force, sed", shape="bar:3", **best):
-        chosen(0.001, "force", "sed")
-
-
-@pytest.mark.parametrize("tolerance", [0.0, -0.1, 1.0, 3.0, float("nan"), float("inf")])
-def test_a_tolerance_is_a_part_of_the_whole(tolerance: float) -> None:
-    with raises(ModelRangeError, "bad_tolerance"):
-        Aim(tolerance=tolerance)
-
-
-@pytest.mark.parametrize("quantities", [(), ("s33",), ("force", "s33")])
-def test_quantities_are_named(quantities: tuple[str, ...]) -> None:
-    with raises(ModelRangeError, "unknown_quantity", known="force, width, sed, ep1"):
-        Aim(quantities)
-
-
-def test_a_choice_says_what_it_is() -> None:
-    found = chosen(0.03)
-    assert found.why == (
-        "finger, level coarse: the largest measured error of force under sharp shapes at this depth and position is "
-        "3 %; the tolerance is 3 %; cheaper models rejected: halfspace default 10 %"
-    )
-    assert found.outlook == (
-        "force and contact, no receptors; patch ± 2.15 × ± 2.27 mm; about 1 s of processor time and "
-        "0.4 GB without cached models, 20 ms for each further press"
-    )
-    dear = replace(found, cost=found.cost._replace(press_s=0.1234, memory_mb=123_400.0))
-    assert dear.outlook.endswith(" and 120 GB without cached models, 120 ms for each further press")
-    told = found.as_json()
-    assert told["mesh"]["level"] == "coarse"
-    assert MeshSpec.model_validate(told["mesh"]) == found.mesh
-    assert told["outputs"] == ["force", "contact"]
-    assert (told["promised_error"], told["expected_error"], told["tolerance"]) == (0.03, {"force": 0.03}, 0.03)
-    assert told["expected_cost"] == {"from_nothing_s": pytest.approx(1.02), "press_s": 0.02, "memory_mb": 400.0}
-    assert told["patch_mm"] == pytest.approx([2.145, 2.275])
-    assert chosen(0.07, "sed").as_json()["outputs"] == ["force", "contact", "receptors"]
-
-
-def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
+def test_chosen_model_is_loaded_with_the_outputs_asked_for() -> None:
     force = chosen(0.2)
     assert (force.model, force.load().model.receptors.position_mm.shape) == ("halfspace", (0, 3))
     strain = chosen(0.3, "sed").load(places=ReceptorPlaces((0.0, 0.5)))
@@ -230,36 +164,10 @@ def test_what_is_chosen_is_loaded_with_its_outputs() -> None:
 # --- the table that is bundled ---
 
 
-def test_the_table_names_what_there_is() -> None:
-    table = bundled()
-    assert {cell.family for cell in table.largest} == set(FAMILIES)
-    for cell, rungs in table.largest.items():
-        assert (cell.depth_mm in DEPTHS_MM, cell.place_mm in PLACES_MM) == (True, True)
-        assert {COARSE, DEFAULT, FINE} <= set(rungs)
-        for rung, errors in rungs.items():
-            assert rung.model in MODELS
-            assert MeshSpec.model_validate({"level": rung.level}).level == rung.level
-            assert set(errors) | ({"force"} if rung == SECTION else set()) == set(QUANTITIES)
-            assert all(0 < error < 100 for error in errors.values())
-
-
 def test_no_level_promises_more_than_a_finer_one() -> None:
     for rungs in bundled().largest.values():
         for coarser, finer in ((COARSE, DEFAULT), (DEFAULT, FINE)):
             assert all(rungs[coarser][quantity] >= rungs[finer][quantity] for quantity in QUANTITIES)
-
-
-def test_a_finer_level_and_a_larger_patch_cost_more() -> None:
-    table = bundled()
-    for (rung, axes, share, sharp), cost in table.costs.items():
-        assert min(cost.build_s, cost.press_s, cost.memory_mb) > 0 <= cost.receptors_s
-        if rung == FINE:
-            for level in (DEFAULT, COARSE, HALFSPACE):
-                cheaper = table.costs[level, axes, share, sharp]
-                assert (cheaper.build_s, cheaper.memory_mb) < (cost.build_s, cost.memory_mb)
-        if share < SHARES[-1] and rung.model == "finger":
-            whole = table.costs[rung, axes, SHARES[-1], sharp]
-            assert (cost.build_s, cost.memory_mb) < (whole.build_s, whole.memory_mb)
 
 
 def test_every_scene_that_was_measured_has_a_choice() -> None:
@@ -274,14 +182,58 @@ def test_every_scene_that_was_measured_has_a_choice() -> None:
             assert tight.promised <= 0.05
 
 
-def test_a_table_is_read_as_it_was_written() -> None:
-    text = (
-        '{"errors": [{"family": "along, sharp", "depth_mm": 0.3, "place_mm": 0.5, "largest": [{"model": "finger", '
-        '"level": "fine", "errors": {"force": 0.01}}]}], "costs": [{"model": "finger", "level": "fine", "axes": [0], '
-        '"share": 1.0, "build_s": 5.0, "receptors_s": 1.5, "memory_mb": 9, "smooth_press_s": 0.1, '
-        '"sharp_press_s": 0.2}]}'
-    )
-    table = from_json(text)
-    assert table.largest == {Cell("along, sharp", 0.3, 0.5): {FINE: {"force": 0.01}}}
-    assert table.costs[FINE, ALONG, 1.0, True] == Cost(3.5, 1.5, 0.2, 9)
-    assert table.costs[FINE, ALONG, 1.0, False] == Cost(3.5, 1.5, 0.1, 9)
+# --- what a scene needs, read off the undeformed skin ---
+
+
+def situation(shape: str, doi_mm: float | None, x_mm: float = 0.0, z_mm: float | None = None) -> Situation:
+    return Situation.of(parse_shape(shape), x_mm, z_mm, doi_mm, FingertipConfig())
+
+
+def test_the_patch_grows_with_depth_and_place() -> None:
+    assert [situation("cylinder:9", doi).share for doi in (0.1, 0.4, 1.2)] == [0.65, 0.65, 1.0]
+    assert [situation("cylinder:9", 0.3, x).share for x in (0.0, 3.5)] == [0.65, 1.0]
+    assert situation("sphere:2", 0.1).share == 0.65
+    assert situation("sphere:2", 0.1, 2.2).share == 1.0
+    assert situation("cylinder:9", None).share == 1.0
+
+
+def test_depth_counts_from_first_touch_whatever_the_reference() -> None:
+    bar, config = parse_shape("cylinder:3"), FingertipConfig()
+    touched = Situation.of(bar, 1.5, None, 0.9, config)
+    apex = Situation.of(bar, 1.5, None, 0.9, config, "apex")
+    assert touched.depth_mm == 0.9
+    assert apex.depth_mm is not None
+    assert 0.2 < 0.9 - apex.depth_mm < 0.4
+    centred = Situation.of(bar, 0.0, None, 0.9, config, "apex").depth_mm
+    assert centred == pytest.approx(0.9, abs=0.01)
+
+
+def test_places_that_a_shape_cannot_have_are_refused() -> None:
+    for shape, x_mm, z_mm, code in (
+        ("line", 0.5, None, "meaningless_place"),
+        ("bar:3.0", 0.0, 6.0, "meaningless_place"),
+        ("bar:3.0", float("nan"), None, "x_outside"),
+    ):
+        with raises(ModelRangeError, code):
+            situation(shape, 0.3, x_mm, z_mm)
+    with raises(ModelRangeError, "not_one_target", doi_mm=None, force_gwt=None):
+        choose("bar:3.0")
+    with raises(ModelRangeError, "not_one_target", doi_mm=0.3, force_gwt=2.0):
+        choose("bar:3.0", doi_mm=0.3, force_gwt=2.0)
+
+
+# --- a model without receptors ---
+
+
+def test_a_finger_without_receptors_presses_the_same() -> None:
+    config = FingertipConfig(mesh=coarse_mesh(0.7, 0.9, patch_x_mm=2.1, patch_z_mm=1.8))
+    with_ten = load("finger", config, cached=False)
+    without = load("finger", config, cached=False, **NOWHERE.as_options())
+    skin = FingertipSurface.fit(config.geometry)
+    bare = build_finger(config, skin, ReceptorSet(np.zeros((0, 3)), np.zeros(0)))
+    assert bare.columns.per_skin_force.shape[0] == 0
+    one, other = (finger.indent("bar:3.0", doi_mm=0.3) for finger in (with_ten, without))
+    assert one.force_n == other.force_n
+    assert len(other.receptor_measures["sed"]) == 0 != len(one.receptor_measures["sed"])
+    assert other.as_json()["receptors"]["sed"] == []
+    assert len(other.receptor_table()["ep1"]) == 0

@@ -1,28 +1,21 @@
 """Tasks of encoding and decoding, on an operator of a few numbers: what is heard, explained, assumed, begun with."""
 
-import re
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from sim.coding import task as task_module
 from sim.coding.bayes import FittedReceptor, ModelError
 from sim.coding.decoder_results import CodingError
-from sim.coding.decoders_by_search import PressureRange, table_search
+from sim.coding.decoders_by_search import PressureRange
 from sim.coding.encoding import NOISE_PLACES, Encoded, Noise, NoisePlace, Receptor, encode
 from sim.coding.operators import ForwardOperator
 from sim.coding.receptor_readings import sd_at_rest
 from sim.coding.section import Sampling
 from sim.coding.task import (
-    CUT_OFF,
     NO_NOISE,
-    TABLE_ENTRIES,
     DecodeResult,
-    DecoderName,
     DecodeTask,
     EncodeTask,
     Observation,
@@ -58,12 +51,7 @@ def through(gain: float, threshold: float) -> FittedReceptor:
 # --- what is heard, and what is explained ---
 
 
-def test_readings_stand_for_sed() -> None:
-    assert_allclose(observation().sed, SED)
-    assert_allclose(observation(2.0 * (SED - 1.0), receptor=through(2.0, 1.0)).sed, SED)
-
-
-def test_what_is_heard_is_above_silence_or_above_noise() -> None:
+def test_receptor_responds_above_silence_or_noise() -> None:
     assert observation(np.zeros(M)).responding.all()
     rate = np.array([0.0, 0.1, 1.0, 1.5, 1.6, 2.0, 3.0, 0.0])
     receptor = through(2.0, 1.0)
@@ -89,28 +77,12 @@ def test_readings_are_explained_up_to_five_deviations_of_chi_squared(
             assert problems == ("the decoded pressures do not explain the readings: misfit 28.1, expected about 8",)
 
 
-def test_a_share_of_sed_may_be_wrong_too() -> None:
-    off = SED * 1.4
-    assert observation(off).unexplained(PRESSURE)
-    assert observation(off).unexplained(PRESSURE, share=0.05)
-    assert not observation(off).unexplained(PRESSURE, share=0.3)
-    assert not observation(off, noise=None).unexplained(PRESSURE)
-
-
-def test_silent_receptors_need_no_explanation() -> None:
-    rate = SED.copy()
-    rate[0] = 0.0  # below its threshold, however far
+def test_silent_receptors_leave_no_error_of_sed() -> None:
+    rate = np.append(0.0, SED[1:])  # the first is below its threshold, however far
     given = observation(rate, receptor=through(1.0, 0.0))
-    assert not given.unexplained(np.append(30.0, PRESSURE[1:]))
     assert DecodeResult(given, np.append(30.0, PRESSURE[1:]), True, 0.0).left_of_sed == 0.0
-    off = SED[1:] - 4.0
     found = DecodeResult(given, np.full(M, 2.0), True, 0.0)
-    assert found.left_of_sed == pytest.approx(np.sqrt(np.mean(off**2)))
-
-
-def test_nothing_above_its_noise_is_refused() -> None:
-    with raises(CodingError, "all_noise"):
-        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
+    assert found.left_of_sed == pytest.approx(np.sqrt(np.mean((SED[1:] - 4.0) ** 2)))
 
 
 # --- noise ---
@@ -118,7 +90,7 @@ def test_nothing_above_its_noise_is_refused() -> None:
 SAID = Encoded(SED, 2.0 * SED, 0.25, 0.01)
 
 
-def test_noise_is_measured_told_or_assumed() -> None:
+def test_noise_is_measured_given_or_assumed() -> None:
     rest = 0.25 * np.random.default_rng((7, 1)).normal(size=M)
     measured = noise_of(SAID, None, Noise(20.0, "receptor", 7))
     assert_allclose(measured.sd, np.full(M, sd_at_rest(rest)))
@@ -153,53 +125,6 @@ def test_a_search_begins_and_ends_by_the_readings_size() -> None:
     assert low.problems[0] == "7 of 8 pressures are at the upper end of the range, 2"
 
 
-def test_the_grid_is_a_thirtieth_of_the_range_unless_told() -> None:
-    within = (0.0, 12.0)
-    values = np.linspace(*within, 31)
-    nearest = values[np.abs(values[:, None] ** 2 - SED).argmin(axis=0)]
-    assert_allclose(decode_observation(observation(), "grid", SearchOptions(None, within)).pressure, nearest)
-    assert_allclose(decode_observation(observation(), "grid", SearchOptions(None, within, 0.25)).pressure, PRESSURE)
-
-
-def test_a_table_is_of_a_thousand_responses() -> None:
-    within = PressureRange(0.0, 9.0)
-    assert TABLE_ENTRIES == 1000
-    expected = table_search(SQUARES, SED, within, 1000, 4)
-    assert_allclose(
-        decode_observation(observation(), "table", SearchOptions(None, within, None, 4)).pressure, expected.pressure
-    )
-
-
-def test_a_start_lies_within_the_range() -> None:
-    for start in ((0.5,), (9.5,)):
-        with raises(CodingError, "outside_range", start="start", bounds="bounds", low=1.0, high=9.0):
-            decode_observation(observation(), "grid", SearchOptions(start, (1.0, 9.0)))
-    with raises(CodingError, "wrong_count", start="start", numbers=3, expected=8):
-        decode_observation(observation(), "grid", SearchOptions((1.0, 2.0, 3.0), (1.0, 9.0)))
-    assert_allclose(
-        decode_observation(observation(), "grid", SearchOptions((9.0,), (1.0, 9.0))).path[0], np.full(M, 9.0)
-    )
-
-
-def test_the_range_is_of_what_one_pressure_alone_would_need() -> None:
-    parts = np.random.default_rng(3).normal(size=(2, M, 2))
-    given = replace(observation(), operator=replace(SQUARES, parts=parts, place_mm=np.arange(2.0)))
-    most = max(float(parts[0, m, k] ** 2 + parts[1, m, k] ** 2) for m in range(M) for k in range(2))
-    within = decode_observation(given, "table", SearchOptions()).bounds
-    assert within is not None
-    assert within.high == pytest.approx(2 * np.sqrt(64 / most))
-    even = (parts.sum(axis=2) ** 2).sum(axis=0)
-    start = decode_observation(given, "grid", SearchOptions()).path[0]
-    assert_allclose(start, np.full(2, np.sqrt(even @ SED / (even @ even))))
-
-
-@pytest.mark.parametrize("decoder", ["table", "bayes"])
-def test_milliseconds_are_those_of_the_decoder(decoder: DecoderName, monkeypatch: pytest.MonkeyPatch) -> None:
-    times = iter((5.0, 5.25))
-    monkeypatch.setattr(task_module, "time", SimpleNamespace(perf_counter=lambda: next(times)))
-    assert decode_observation(two_pressures(), decoder, SearchOptions()).ms == 250.0
-
-
 # --- bayes ---
 
 PARTS = np.random.default_rng(2).normal(size=(2, M, 2))
@@ -215,7 +140,7 @@ def two_pressures(sd: float | np.ndarray = 1.0, gain: float = 1.0, at: NoisePlac
     return Observation(operator, gain * (sed + 5.0), FittedReceptor(Receptor(gain, -5.0)), noise, TRUE)
 
 
-def test_ours_goes_by_noise_told_before_or_after_the_receptor() -> None:
+def test_bayes_takes_noise_before_or_after_the_receptor() -> None:
     plain = decode_observation(two_pressures(), "bayes", SearchOptions())
     assert_allclose(plain.pressure, TRUE, rtol=0.05)
     assert plain.profile is not None
@@ -241,14 +166,7 @@ def test_noise_that_differs_weighs_readings(gain: float) -> None:
     assert table.problems[-1:] == table.observation.unexplained(table.pressure) != ()
 
 
-def test_ours_says_when_it_was_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    real = task_module.decode_profile
-    monkeypatch.setattr(task_module, "decode_profile", lambda *a, **b: replace(real(*a, **b), converged=False))
-    found = decode_observation(two_pressures(), "bayes", SearchOptions())
-    assert (found.converged, found.problems) == (False, (CUT_OFF,))
-
-
-def test_ours_needs_to_know_the_noise() -> None:
+def test_bayes_without_noise_is_refused() -> None:
     silent = observation(noise=None)
     with raises(CodingError, "noise_unknown", readings="readings"):
         decode_observation(silent, "bayes", SearchOptions())
@@ -299,29 +217,7 @@ def test_a_press_goes_by_finite_elements_unless_told() -> None:
 
 
 def test_silence_cannot_be_decoded() -> None:
+    with raises(CodingError, "all_noise"):
+        decode_observation(observation(np.zeros(M), receptor=through(1.0, 0.0)), "bayes", SearchOptions())
     with raises(CodingError, "all_silent", threshold="threshold"):
         decode_task(DecodeTask((0.0, 0.0), sampling=QUICK, finger=COARSE))
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "middle", "apart", "expected"),
-    [
-        (-1.0, 1.0, 0.0, 0.3, 0.3 * np.arange(-3, 4)),
-        (-9.0, 9.0, 0.0, 0.3, 0.3 * np.arange(-7, 8)),
-        (5.0, 6.0, 7.0, 0.5, np.array([5.0, 5.5, 6.0])),
-    ],
-)
-def test_places_of_a_sheet_lie_between_the_outermost_receptors_on_the_patch(
-    low: float, high: float, middle: float, apart: float, expected: np.ndarray
-) -> None:
-    found = task_module._places("x_mm", np.array([high, low]), middle, apart)
-    assert_allclose(found, expected, atol=1e-9)
-    with raises(CodingError, "too_short", readings="readings", column="x_mm", least_mm=1.0):
-        task_module._places("x_mm", np.array([0.0, 0.99]), 0.0, 0.5)
-
-
-def test_what_the_page_shows_runs(capsys: pytest.CaptureFixture[str]) -> None:
-    text = (Path(__file__).parents[2] / "docs" / "coding.md").read_text(encoding="utf-8")
-    (block,) = (one for one in re.findall(r"```python[^\n]*\n(.*?)```", text, re.S) if "sim.coding.task" in one)
-    exec(block, {})
-    assert "DecodingErrors(eq_6_8=" in capsys.readouterr().out

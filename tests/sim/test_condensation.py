@@ -1,4 +1,4 @@
-"""Condensation against a direct solution, and against MKL PARDISO where it is installed."""
+"""Condensation against a direct solution."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,6 @@ from sim.fem import dissection
 from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
 from sim.fem.elements import symmetric
 from sim.models.condensed import FiniteElements, factorise
-from studies.verification import mkl_condensation
-from studies.verification.mkl_condensation import PardisoFactor
 from tests.error_codes import raises
 from tests.sim.whole_solve import superlu
 
@@ -58,48 +56,14 @@ def test_a_finger_is_condensed_exactly(coarse_problem: FiniteElements) -> None:
     against_direct(factorise(coarse_problem), coarse_problem.upper, coarse_problem.kept, 1e-10)
 
 
-def test_mkl_condenses_the_same(coarse_problem: FiniteElements) -> None:
-    if not mkl_condensation.available():  # asked here: it looks for the library in all folders of the environment
-        pytest.skip("MKL PARDISO is not installed")
-    loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
-    mine = factorise(coarse_problem)
-    with PardisoFactor(coarse_problem.upper, coarse_problem.kept) as other:
-        for a, b in ((mine.compliance, other.compliance), (mine.solve(loads), other.solve(loads))):
-            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
-
-
-def test_little_loads_and_few_places_take_few_fronts(coarse_problem: FiniteElements) -> None:
-    """Displacements of the skin under loads at receptors need a part of the factor."""
-    factor = factorise(coarse_problem)
-    n = len(coarse_problem.free)
-    assert len(factor._needed_for(np.arange(n))) == len(factor._fronts)
-    assert len(factor._needed_for(coarse_problem.kept[:1])) == 0
-
-
 @pytest.mark.parametrize("leaf", [1, 2, 5])
 @pytest.mark.parametrize("axes", [1, 2])
-def test_it_is_cut_down_to_leaves_of_any_size(monkeypatch: pytest.MonkeyPatch, leaf: int, axes: int) -> None:
+def test_condensation_is_exact_with_leaves_of_any_size(monkeypatch: pytest.MonkeyPatch, leaf: int, axes: int) -> None:
     # 1e-12 as above; along the second axis, of places drawn by lot, what parts the halves may be most of one.
     monkeypatch.setattr(dissection, "_LEAF_PLACES", leaf)
     upper, kept, slab = block_tridiagonal()
     drawn = np.random.default_rng(13).permutation(28)[:, None]
     against_direct(DissectionFactor(upper, kept, np.hstack([slab, drawn])[:, :axes]), upper, kept, 1e-12)
-
-
-def test_bodies_that_do_not_touch_are_condensed_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(dissection, "_LEAF_PLACES", 1)
-    upper = sp.csr_array(np.diag(np.arange(1.0, 9.0)))
-    factor = DissectionFactor(upper, np.array([2, 5]), np.arange(8)[:, None])
-    np.testing.assert_allclose(factor.compliance, np.diag([1 / 3, 1 / 6]), rtol=1e-15)
-    np.testing.assert_allclose(factor.solve(np.ones((1, 8))), 1 / np.arange(1.0, 9.0)[None], rtol=1e-15)
-
-
-def test_the_finger_is_cut_into_small_fronts(coarse_problem: FiniteElements) -> None:
-    # What makes it fast: nothing but the cut itself would be noticed if it were one dense block.
-    factor = DissectionFactor(coarse_problem.upper, coarse_problem.kept, coarse_problem.places)
-    sizes = [front.own.stop - front.own.start for front in factor._fronts]
-    assert len(sizes) >= 15
-    assert max(sizes) < 0.15 * len(coarse_problem.free)
 
 
 def test_an_indefinite_matrix_is_refused() -> None:

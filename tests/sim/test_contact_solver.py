@@ -9,7 +9,10 @@ from numpy.typing import NDArray
 from sim.contact import solver
 from sim.contact.first_contact import first_touch
 from sim.contact.force_control import ForceNotReachedError, TooDeepError, solve_for_force
-from sim.contact.points import ContactPoints, ContactPose, displaced_gap
+from sim.contact.indentor import Indentor
+from sim.contact.patch import Patch, X, Y
+from sim.contact.points import ContactPoints, ContactPose, Survey, displaced_gap
+from sim.contact.profiles import Bar, SinusoidalStep
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState, solve_contact
 from sim.finger.surface import FingertipSurface
@@ -57,13 +60,10 @@ def residual_by_definition(finger: Fingertip, pose: ContactPose, state: ContactS
 
 SCENES = [
     ("step:1", -1.63, 0.73),
-    ("step:1", -0.75, 0.4),
     ("step:3", -1.0, 0.6),
-    ("step:5", -1.2, 0.9),
     ("bar:3.0", 0.0, 1.33),
     ("bar:1.5", 0.3, 0.67),
     ("cylinder:3", -0.4, 1.0),
-    ("cylinder:9", 0.0, 0.33),
 ]
 
 
@@ -149,7 +149,7 @@ def sampled_skin(skin: FingertipSurface) -> tuple[Array, Array]:
     return x, np.max([skin.height(x, at) for at in z], axis=0)
 
 
-@pytest.mark.parametrize("shape", ["bar:3.0", "bar:1.5", "cylinder:3", "cylinder:9", "step:1", "step:3", "step:5"])
+@pytest.mark.parametrize("shape", ["bar:1.5", "cylinder:9", "step:1", "step:5"])
 def test_first_touch_is_the_lowest_of_all_points(
     skin: FingertipSurface, sampled_skin: tuple[Array, Array], shape: str
 ) -> None:
@@ -175,6 +175,23 @@ def test_depth_zero_is_the_continuous_skin(finger: Fingertip) -> None:
     assert finger.touch_height_mm("bar:3.0", 2.0, "apex") == finger.apex_height_mm
     lower = finger.touch_height_mm("bar:3.0", 2.0)
     assert 0 < finger.apex_height_mm - lower < 0.3  # Raju (1998) measures from the topmost point: up to 0.3 mm apart
+
+
+@pytest.mark.parametrize("lower_mm", [0.0, 0.05, 0.2, 0.5])
+@pytest.mark.parametrize("profile", [Bar(0.8), SinusoidalStep("1")])
+def test_a_survey_holds_for_other_heights(profile: Bar | SinusoidalStep, lower_mm: float) -> None:
+    # Of a grid of nodes; beyond 0.3 mm what was not looked at may be touched: then it looks again.
+    z, x = (v.ravel() for v in np.meshgrid(np.arange(4) * 0.3, np.arange(6) * 0.17, indexing="ij"))
+    position = np.stack([x, -2.0 * (x - 0.4) ** 2, z], axis=1)
+    patch = Patch(position, np.ones(24), (4, 6), (X, Y), compliance=np.eye(48))
+    u = 0.01 * np.random.default_rng(2).normal(size=(2, len(patch)))
+    pose = ContactPose(Indentor.along(profile), (0.4,), -0.02, 0.1)
+    lower = replace(pose, height_mm=pose.height_mm - lower_mm)
+    kept = Survey.of(pose, patch, u, between=True).near(lower, 0.03)
+    anew = Survey.of(lower, patch, u, between=True).near(lower, 0.03)
+    assert np.array_equal(kept.nodes, anew.nodes)
+    assert np.array_equal(kept.between, anew.between)
+    assert len(anew.between) or lower_mm < 0.5
 
 
 class Spring:

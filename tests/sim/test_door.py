@@ -1,20 +1,24 @@
-"""`from sim import …`: a handful of names, found when first used, with types that hold without plugins."""
+"""`from sim import …`: a handful of names, with types that hold without plugins; wrong arguments have one line."""
 
-import ast
 import subprocess
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 
 import sim
+from sim import Aim, Fingertip, Tissue, choose, load, to_pandas
+from sim.errors import ArgumentError, ModelRangeError
+from tests.error_codes import raises
 
 ROOT = Path(__file__).parents[2]
 
 
-def test_every_name_is_there() -> None:
+def test_every_public_name_is_importable() -> None:
     assert sim.__version__ == version("indentation-rig")
     assert set(sim.__all__) <= set(dir(sim))
     for name in sim.__all__:
@@ -23,17 +27,7 @@ def test_every_name_is_there() -> None:
         sim.__getattr__("Fingertop")
 
 
-def test_what_a_type_checker_sees_is_what_there_is() -> None:
-    tree = ast.parse((ROOT / "sim" / "__init__.py").read_text(encoding="utf-8"))
-    imports = [node for node in ast.walk(tree) if isinstance(node, ast.ImportFrom) and str(node.module)[:4] == "sim."]
-    seen = {alias.name: node.module for node in imports for alias in node.names}
-    assert seen == sim._HOME
-    assert sorted([*seen, "__version__"]) == sorted(sim.__all__)
-    for name, home in seen.items():
-        assert getattr(sim, name) is getattr(sys.modules[str(home)], name)
-
-
-def test_the_door_itself_weighs_nothing() -> None:
+def test_importing_sim_imports_no_library() -> None:
     code = "import sys, sim; dir(sim); assert not {'numpy', 'pydantic', 'sim.models'} & set(sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -72,3 +66,55 @@ def test_a_type_checker_without_plugins_agrees_with_the_gallery_and_warns(tmp_pa
     assert "wrong.py:2: error" in said
     assert "wrong.py:3: error" in said
     assert said.count("error:") == 2, said
+
+
+# --- arguments that only a Python caller can get wrong ---
+
+
+@pytest.mark.parametrize("name", ["x_mm", "z_mm", "doi_mm", "force_gwt"])
+@pytest.mark.parametrize("value", [np.array([0.2, 0.3]), "0.2"])
+def test_a_press_takes_one_number_of_each(halfspace: Fingertip, name: str, value: Any) -> None:
+    given = {"x_mm": 0.0, name: value} | ({} if name in ("doi_mm", "force_gwt") else {"doi_mm": 0.2})
+    for call in (lambda: halfspace.indent("bar:3.0", **given), lambda: choose("bar:3.0", **given)):
+        with raises(ArgumentError, "not_a_number", name=name, kind=type(value).__name__):
+            call()
+
+
+@pytest.mark.parametrize("value", [np.array(0.2), np.int64(1)])
+def test_a_number_is_one_of_any_kind(halfspace: Fingertip, value: Any) -> None:
+    assert halfspace.indent("sphere:4", doi_mm=value).force_gwt > 0
+
+
+ARRAY: Any = np.zeros((5, 5))
+PATH: Any = "finger.toml"
+TISSUE: Any = Tissue()
+
+
+@pytest.mark.parametrize(
+    ("call", "code", "kind"),
+    [
+        (lambda simple: simple.indent(ARRAY, doi_mm=0.2), "no_indentor", "ndarray"),
+        (lambda _: Fingertip.load(PATH), "no_finger_config", "str"),
+        (lambda _: load("halfspace", TISSUE), "no_finger_config", "Tissue"),
+        (lambda _: choose("bar:3.0", doi_mm=0.2, config=TISSUE), "no_finger_config", "Tissue"),
+        (lambda simple: to_pandas(simple.indent("sphere:4", doi_mm=0.2)), "no_table", "IndentationResult"),
+    ],
+)
+def test_a_wrong_kind_is_named(halfspace: Fingertip, call: Callable[[Fingertip], Any], code: str, kind: str) -> None:
+    with raises(ArgumentError, code, kind=kind):
+        call(halfspace)
+
+
+@pytest.mark.parametrize(("tolerance", "quantities"), [(0.0, ()), (1.0, ()), (float("nan"), ()), (0.1, ("s33",))])
+def test_an_aim_is_a_share_of_named_quantities(tolerance: float, quantities: tuple[str, ...]) -> None:
+    with raises(ModelRangeError, "unknown_quantity" if quantities else "bad_tolerance"):
+        Aim(quantities or ("force",), tolerance)
+
+
+def test_an_unknown_model_is_told_with_the_known_ones() -> None:
+    with raises(ArgumentError, "unknown_model", known="halfspace, section, finger"):
+        load("fingr")  # type: ignore[arg-type]
+
+
+def test_one_quantity_needs_no_tuple() -> None:
+    assert Aim("force") == Aim(("force",))  # type: ignore[arg-type]

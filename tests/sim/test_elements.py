@@ -15,21 +15,17 @@ from sim.fem.elements import (
     HEX27,
     NODES,
     Element,
-    gauss_points,
-    gradients,
     lame,
     local_coordinates,
     shape_functions,
     stiffness,
     strain_matrix,
 )
-from sim.finger.mesh import FingerMesh
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 ELEMENTS: tuple[Element, ...] = get_args(Element)
-OF_EIGHT_NODES = tuple(element for element in ELEMENTS if NODES[element] == 8)
 
 # MacNeal & Harder (1985), Fig. 3: a unit cube around eight inner nodes, seven hexahedra.
 CUBE = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]], float)
@@ -124,19 +120,6 @@ def test_stress_of_the_patch_is_that_of_the_source(element: Element) -> None:
     assert energy == pytest.approx(3.6, rel=ROUND_OFF)
 
 
-@pytest.mark.parametrize("element", OF_EIGHT_NODES)
-def test_wedges_by_collapsed_hexahedra_pass_the_patch_test(element: Element) -> None:
-    # 2 × 2 × 2 cubes with the middle node displaced, each cut into two wedges: VTK nodes 2 = 3 and 6 = 7.
-    grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    grid[13] += [0.11, -0.07, 0.09]
-    number = np.arange(27).reshape(3, 3, 3)
-    wedges = []
-    for i, j, k in np.ndindex(2, 2, 2):
-        a, b, c, d = (number[i + p, j + q, k] for p, q in ((0, 0), (1, 0), (1, 1), (0, 1)))
-        wedges += [[a, b, c, c, a + 1, b + 1, c + 1, c + 1], [a, c, d, d, a + 1, c + 1, d + 1, d + 1]]
-    patch_test(grid, np.array(wedges), np.array([13]), element, 0.3)
-
-
 @pytest.mark.parametrize("flat", [(1, 1 / 50, 1), (1 / 50, 1, 1), (1 / 50, 1, 1 / 50)])
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_elements_fifty_times_longer_than_thick_pass_the_patch_test(
@@ -145,18 +128,6 @@ def test_elements_fifty_times_longer_than_thick_pass_the_patch_test(
     # The distorted patch squeezed to plates and needles; measured 1e-14, the condition is still ~ 1e2.
     nodes, hexes, inner = mesh_for(element)
     patch_test(nodes * flat, hexes, inner, element, 0.48)
-
-
-@pytest.mark.parametrize("element", OF_EIGHT_NODES)
-def test_six_zero_modes_of_a_wedge(element: Element) -> None:
-    # A collapsed hexahedron has 18 displacements of its own: six are rigid motions, twelve deform it. The softest of
-    # those is 2e-3 of the stiffest, a lost one would be at 1e-16.
-    wedge = np.array([[0, 0, 0], [1, 0.1, 0], [0.3, 0.8, 0.1], [0, 0.1, 1.2], [1, 0, 1], [0.4, 0.9, 1.1]], float)
-    corners = np.array([[0, 1, 2, 2, 3, 4, 5, 5]])
-    k = dense(stiffness(wedge, corners, np.ones(1), 0.48, element), corners, 6)
-    values = np.linalg.eigvalsh(k)
-    assert np.abs(values[:6]).max() < 1e-13 * values[-1]
-    assert values[6] > 1e-4 * values[-1]
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
@@ -188,28 +159,6 @@ def test_bending_of_a_brick(element: Element) -> None:
     exact = 1 / (1 - poisson**2)
     modulus = {"full": kappa + 4 / 3 * mu + mu, "bbar": 4 / 3 * mu + mu}.get(element, exact)
     assert bent @ k @ bent == pytest.approx(modulus * 4 / 3, rel=ROUND_OFF)
-
-
-def test_bbar_is_full_integration_where_dilatation_is_constant() -> None:
-    # Pure shear of a rectangular brick has no dilatation: both kinds give τ = Gγ, and W = ½ G γ² V.
-    brick = CUBE * [0.3, 0.2, 0.5]
-    shear = np.zeros((8, 3))
-    shear[:, 0] = 0.01 * brick[:, 1]
-    forces = []
-    for element in OF_EIGHT_NODES:
-        k = stiffness(brick, np.arange(8)[None], np.array([3.0]), 0.48, element)[0]
-        forces.append(k @ shear.ravel())
-        modulus = lame(np.array(3.0), 0.48)[0]
-        work = 0.5 * shear.ravel() @ forces[-1]
-        assert work == pytest.approx(0.5 * modulus * 0.01**2 * 0.3 * 0.2 * 0.5, rel=ROUND_OFF)
-    np.testing.assert_allclose(forces[0], forces[1], rtol=0, atol=ROUND_OFF * np.abs(forces[0]).max())
-
-
-def test_chunks_do_not_show(monkeypatch: pytest.MonkeyPatch) -> None:
-    young = np.linspace(1, 2, 7)
-    whole = stiffness(PATCH_NODES, PATCH_HEXES, young, 0.48, "bbar")
-    monkeypatch.setattr("sim.fem.elements._CHUNK_FLOATS", 3 * 24 * 8)
-    np.testing.assert_allclose(stiffness(PATCH_NODES, PATCH_HEXES, young, 0.48, "bbar"), whole, rtol=1e-13)
 
 
 def thick_cylinder(element: Element, poisson: float, wedges: bool = False) -> float:
@@ -270,22 +219,6 @@ def test_nearly_incompressible_bbar_does_not_lock_where_full_does() -> None:
     assert ratio["full", 0.4999] < 0.1, ratio
 
 
-@pytest.mark.parametrize("element", OF_EIGHT_NODES)
-def test_wedges_lock_where_hexahedra_of_bbar_do_not(element: Element) -> None:
-    # In plane strain a wedge is a triangle of constant strain: its mean dilatation is its dilatation, B-bar changes
-    # nothing. Measured 0.903 of the exact displacement at ν = 0.3, 0.574 at 0.48, 0.047 at 0.4999, in both; 1 % of
-    # it tells them from anything else. Wedges are right in the limit (patch test) but of no use in nearly
-    # incompressible tissue: the finger's mesh has none.
-    assert thick_cylinder(element, 0.3, wedges=True) == pytest.approx(0.903, rel=0.01)
-    assert thick_cylinder(element, 0.48, wedges=True) == pytest.approx(0.574, rel=0.01)
-    assert thick_cylinder(element, 0.4999, wedges=True) < 0.06
-
-
-def test_the_mesh_of_the_finger_has_no_wedges(default_mesh: FingerMesh) -> None:
-    corners = np.sort(default_mesh.hexes, axis=1)
-    assert (np.diff(corners, axis=1) > 0).all()
-
-
 @pytest.mark.parametrize("at", [HEX8, HEX27])
 def test_shape_functions(at: Array) -> None:
     # 1 at their own node and 0 at the others; gradients against central differences, whose error is h² ~ 1e-10 times
@@ -306,11 +239,3 @@ def test_a_point_is_found_in_its_element(element: Element) -> None:
     for corners, local in zip(nodes[hexes], np.random.default_rng(7).uniform(-1, 1, (7, 3)), strict=True):
         point = shape_functions(len(corners), local)[0] @ corners
         np.testing.assert_allclose(local_coordinates(corners, point), local, rtol=0, atol=1e-10)
-
-
-def test_volumes_of_bent_elements_fill_the_cube() -> None:
-    nodes, hexes, _ = mesh_for("quadratic")
-    points, weights = gauss_points(3)
-    det = gradients(nodes[hexes], points)[1]
-    assert (det > 0).all()
-    assert (det @ weights).sum() == pytest.approx(1.0, rel=ROUND_OFF)

@@ -3,17 +3,15 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from numpy.typing import NDArray
 
-from sim.coding.encoding import Encoded, Noise, Receptor, encode, noise_sd
-from sim.coding.operators import ForwardOperator, ImpulseResponses, centred, convolution, impulse_responses, influence
+from sim.coding.encoding import Noise, Receptor, encode, noise_sd
+from sim.coding.operators import ForwardOperator, ImpulseResponses, convolution, impulse_responses, influence
 from sim.coding.pressure import contact_pressure
 from sim.coding.section import Energy, SampledSection, Sampling, sampled_section, sed_of
 from sim.config import FingertipConfig
 from sim.measures.measures import Elastic
 from tests.sim.coarse_mesh import coarse_mesh
 
-Array = NDArray[np.float64]
 MATERIAL = Elastic(1000.0, 0.48)
 SHEAR, LAME = 1000 / 2.96, 1000 * 0.48 / (1.48 * 0.04)
 
@@ -52,11 +50,6 @@ def test_convolution_is_the_full_one_of_the_block_diagram(responses: ImpulseResp
     assert_allclose(operator.receptor_mm, 0.17 * (np.arange(8) - 3.5))
 
 
-def test_samples_lie_about_the_middle() -> None:
-    assert_allclose(centred(3, 0.2), [-0.2, 0.0, 0.2])
-    assert_allclose(centred(2, 0.2), [-0.1, 0.1])
-
-
 def test_slope_and_adjoint_are_the_derivatives(responses: ImpulseResponses) -> None:
     operator = convolution(responses, 3, "finite")
     pressure, weight, step = np.array([1.0, 2.0, -0.5]), np.arange(7.0), 1e-6
@@ -81,25 +74,6 @@ def test_influence_gives_what_the_press_gives(section: SampledSection, shape: st
     assert_allclose(operator.receptor_mm, section.sampling.place_mm)
 
 
-def test_what_is_borne_is_the_presss_pressure_and_force(section: SampledSection) -> None:
-    found = section.finger.indent("cylinder:3", 0.3, doi_mm=0.5)
-    borne = contact_pressure(section, found)
-    patch, force = section.finger.model.patch, found.state.force
-    assert (np.diff(borne.place_mm) > 0).all()
-    assert_allclose(np.hypot(borne.normal, borne.lateral), (1e4 * np.hypot(*force) / patch.area_mm2)[::-1])
-    angle = section.line.angles(borne.place_mm)
-    normal = section.line.normals(angle)
-    tangent = np.stack([normal[:, 1], -normal[:, 0]], axis=1)
-    vector = borne.lateral[:, None] * tangent - borne.normal[:, None] * normal
-    assert_allclose((vector * borne.width_mm[:, None]).sum(axis=0), 1e4 * force.sum(axis=1), rtol=1e-9, atol=1e-9)
-    assert borne.lateral_share == pytest.approx(
-        (np.abs(borne.lateral) * borne.width_mm).sum() / (borne.normal * borne.width_mm).sum()
-    )
-    assert_allclose(borne.stacked, [*borne.normal, *borne.lateral])
-    between = borne.place_mm[:2].mean()
-    assert_allclose(borne.at(np.array([borne.place_mm[0], between])), [borne.normal[0], borne.normal[:2].mean()])
-
-
 def test_where_nothing_depends_on_the_place_influence_is_convolution(section: SampledSection) -> None:
     """One load in the middle: the two operators are the same there, and only there."""
     responses = impulse_responses(section)
@@ -119,17 +93,6 @@ def test_a_press_of_one_energy_is_not_one_of_the_other(section: SampledSection) 
 
 
 # --- receptors and noise ---
-
-
-def test_a_receptor_is_silent_below_its_threshold() -> None:
-    assert_allclose(Receptor(2.0, 3.0).rate(np.array([1.0, 3.0, 5.0])), [0.0, 0.0, 4.0])
-
-
-def test_without_noise_or_receptor_the_rate_is_the_energy(plain: ForwardOperator) -> None:
-    found = encode(plain, np.array([1.0, 2.0]))
-    assert_allclose(found.rate, [1.0, 16.0, 9.0])
-    assert_allclose(found.sed, found.rate)
-    assert (found.noise_sd, found.share_of_peak, found.samples) == (0.0, 0.0, 3)
 
 
 def test_the_noise_has_the_ratio_to_the_signals_variance() -> None:
@@ -156,24 +119,3 @@ def test_noise_at_the_output_is_added_to_the_rate_and_censored(plain: ForwardOpe
     assert_allclose(found.rate, np.maximum(0.0, noisy))
     assert found.share_of_peak == pytest.approx(sd / 26)
     assert_allclose(found.sed, [1.0, 16.0, 9.0])
-
-
-def test_without_a_receptor_noise_may_be_negative_wherever_it_enters(plain: ForwardOperator) -> None:
-    before, after = (encode(plain, np.array([1.0, 2.0]), None, Noise(-20.0, at, 2)) for at in ("receptor", "output"))
-    assert_allclose(before.rate, after.rate)
-    assert before.rate.min() < 0
-
-
-def test_seeds_reproduce_and_differ(plain: ForwardOperator) -> None:
-    def drawn(seed: int) -> Encoded:
-        return encode(plain, np.array([1.0, 2.0]), None, Noise(0.0, seed=seed))
-
-    assert (drawn(3).rate == drawn(3).rate).all()
-    assert (drawn(3).rate != drawn(4).rate).all()
-    assert (encode(plain, np.array([1.0, 2.0]), None, Noise(0.0)).rate == drawn(0).rate).all()
-
-
-def test_nothing_pressed_has_no_noise_and_no_peak(plain: ForwardOperator) -> None:
-    found = encode(plain, np.zeros(2), None, Noise(10.0))
-    assert (found.noise_sd, found.share_of_peak) == (0.0, 0.0)
-    assert_allclose(found.rate, 0.0)

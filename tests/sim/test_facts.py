@@ -33,6 +33,7 @@ class InPlane:
 
     @classmethod
     def of(cls, result: IndentationResult) -> "InPlane":
+        assert result.state.residual <= 1e-8, (result, result.state.residual)
         x, pressure = result.pressure_profile
         touching, moved = result.touching_mm
         return cls(x, result.skin_profile[0] - result.x_mm, pressure, touching, moved - result.x_mm)
@@ -264,51 +265,6 @@ def test_step_5_is_gentle_and_never_parts(finger: Fingertip) -> None:
 
 # ------------------------------------------------------------------------------------------------- fact 4
 
-DENSE_X_MM = np.arange(-2.4, 1.3, 0.15).round(2)
-
-
-@pytest.fixture(scope="module")
-def dense() -> dict[str, IndentationResult]:
-    """Step 1 at −1.63 over receptors 0.15 mm apart and 0.75 mm deep, at DOI 0.73 mm and at the low force."""
-    finger = Fingertip.load(receptor_x_mm=DENSE_X_MM.tolist(), receptor_depth_mm=0.75)
-    return {
-        "deep": finger.indent("step:1", -1.63, doi_mm=0.73),
-        "light": finger.indent("step:1", -1.63, force_gwt=2.33),
-    }
-
-
-def prominent(values: Array) -> list[tuple[float, float]]:
-    """Place of each peak that stands out by 5 % of the range, and that share."""
-    at, found = find_peaks(values, prominence=0.05 * np.ptp(values))
-    return [(float(DENSE_X_MM[k]), float(p / np.ptp(values))) for k, p in zip(at, found["prominences"], strict=True)]
-
-
-@pytest.mark.study  # its receptors cost 5 s; the ten receptors of the source are below
-def test_sed_has_two_peaks_at_073(dense: dict[str, IndentationResult]) -> None:
-    # Raju (1998): at 0.75 mm depth one under the corner, one under the upper flat. Measured: the second stands out by
-    # 25 % of the range.
-    peaks = prominent(dense["deep"].receptor_measures["sed"])
-    assert len(peaks) == 2, peaks
-    (corner, _), (flat, share) = peaks
-    assert -1.8 <= corner <= -1.3, peaks
-    assert 0.0 <= flat <= 0.8, peaks
-    assert share > 0.15, peaks
-
-
-@pytest.mark.study
-def test_sed_second_peak_is_slight_at_the_low_force(dense: dict[str, IndentationResult]) -> None:
-    # Raju (1998) sees one peak at 2.33 gwt. Here the upper flat already touches and leaves a second maximum, a
-    # quarter as high as the first, that stands out by 6 % of the range: by the rule of 5 % not one peak. Asserted is
-    # what the model shows: one dominant peak, and a second less than a third as prominent as at DOI 0.73.
-    sed = dense["light"].receptor_measures["sed"]
-    peaks = prominent(sed)
-    shown = f"{peaks}, regions {dense['light'].contact_regions_mm}"
-    (corner, first) = peaks[0]
-    assert -1.8 <= corner <= -1.3, shown
-    second = max((share for _, share in peaks[1:]), default=0.0)
-    assert first > 10 * second, shown  # measured 14
-    assert second < prominent(dense["deep"].receptor_measures["sed"])[1][1] / 3, shown
-
 
 def test_sed_at_the_ten_receptors_has_two_peaks_and_one(finger: Fingertip) -> None:
     # Raju (1998) at his own receptors, by the rule of 5 % of the shape test for bars (`docs/statistics.md`): two
@@ -316,12 +272,3 @@ def test_sed_at_the_ten_receptors_has_two_peaks_and_one(finger: Fingertip) -> No
     for target, number in (({"doi_mm": 0.73}, 2), ({"force_gwt": 2.33}, 1)):
         sed = finger.indent("step:1", -1.63, **target).receptor_measures["sed"]
         assert len(find_peaks(sed, prominence=0.05 * np.ptp(sed))[0]) == number, sed
-
-
-@pytest.mark.study
-@pytest.mark.parametrize("depth", ["deep", "light"])
-def test_axial_stress_has_one_peak(dense: dict[str, IndentationResult], depth: str) -> None:
-    # Raju (1998): s33, one peak at both. Ours has a shoulder under the upper flat at DOI 0.73, 2 % of the range.
-    peaks = prominent(-dense[depth].receptor_measures["s33"])
-    assert len(peaks) == 1, peaks
-    assert -1.8 <= peaks[0][0] <= -1.1, peaks

@@ -5,7 +5,6 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import sim.finger_process as finger_process
 from sim.config import FingertipConfig
 from sim.errors import ForceOutOfReachError, ModelRangeError, SimError
 from sim.finger_process import FingerLostError, FingerProcess, asked
@@ -60,11 +58,7 @@ def never_ends(finger: Fingertip) -> None:
     signal.sigwait({signal.SIGALRM})
 
 
-def no_pickle(finger: Fingertip) -> Any:
-    return threading.Lock()
-
-
-def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, finger: Fingertip) -> None:
+def test_finger_process_answers_to_the_bit_as_the_finger(process: FingerProcess, finger: Fingertip) -> None:
     for shape, doi_mm in (("bar:3.0", 0.4), ("step:1", 0.7)):
         here = asked(finger, force_gwt, shape, doi_mm=doi_mm)
         assert (
@@ -84,7 +78,7 @@ def test_it_answers_to_the_bit_what_the_finger_answers(process: FingerProcess, f
     ],
     ids=lambda error: type(error).__name__,
 )
-def test_what_is_raised_there_is_raised_here(process: FingerProcess, error: Exception) -> None:
+def test_error_in_the_process_is_raised_in_the_caller(process: FingerProcess, error: Exception) -> None:
     with pytest.raises(type(error)) as raised:
         process.ask(refused, error)
     assert raised.value.args == error.args
@@ -93,19 +87,13 @@ def test_what_is_raised_there_is_raised_here(process: FingerProcess, error: Exce
     assert process.ask(force_gwt, "bar:3.0", doi_mm=0.4) > 0, "and it goes on"
 
 
-def test_what_cannot_cross_is_told_of(process: FingerProcess) -> None:
-    with pytest.raises(RuntimeError, match=r"^lock "):
-        process.ask(no_pickle)
-    before = process.pid
-    assert process.ask(about_itself)["pid"] == before
-
-
-def test_what_a_model_says_is_heard_here(process: FingerProcess, caplog: pytest.LogCaptureFixture) -> None:
+def test_records_of_the_process_are_logged_in_the_caller(
+    process: FingerProcess, caplog: pytest.LogCaptureFixture
+) -> None:
     with caplog.at_level(logging.DEBUG, "sim"):
         assert process.ask(told) == "built"
-    assert [(r.levelno, r.getMessage()) for r in caplog.records] == [
-        (logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")
-    ]  # fmt: skip
+    said = [(record.levelno, record.getMessage()) for record in caplog.records]
+    assert said == [(logging.DEBUG, "building"), (logging.WARNING, "slowly, 3 %")]
 
 
 def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
@@ -115,7 +103,7 @@ def test_no_signal_of_a_terminal_reaches_it(process: FingerProcess) -> None:
     assert set(about["handlers"].values()) == {signal.SIG_IGN}
 
 
-def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
+def test_lost_process_is_reported_and_started_again(finger: Fingertip) -> None:
     with FingerProcess(finger.config) as process:
         first = process.pid
         with raises(FingerLostError, "finger_lost", how="exit code 3"):
@@ -128,7 +116,7 @@ def test_one_that_is_lost_is_told_of_and_begun_anew(finger: Fingertip) -> None:
             process.ask(about_itself)
 
 
-def test_whoever_does_not_wait_for_an_answer_is_not_given_it_next(finger: Fingertip) -> None:
+def test_interrupted_question_never_answers_the_next(finger: Fingertip) -> None:
     def ctrl_c(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -148,9 +136,7 @@ def test_whoever_does_not_wait_for_an_answer_is_not_given_it_next(finger: Finger
         signal.signal(signal.SIGALRM, before)
 
 
-def test_a_finger_that_cannot_be_loaded_is_told_of_at_every_question(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_unloadable_finger_is_an_error_at_every_question(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     monkeypatch.setenv("RIG_CACHE_DIR", str(tmp_path / "file"))
     with FingerProcess(FingertipConfig()) as process:
@@ -159,7 +145,7 @@ def test_a_finger_that_cannot_be_loaded_is_told_of_at_every_question(
                 process.ask(about_itself)
 
 
-def test_one_that_was_closed_is_gone(finger: Fingertip) -> None:
+def test_closed_process_is_gone(finger: Fingertip) -> None:
     process = FingerProcess(finger.config)
     pid = process.pid
     process.close()
@@ -182,7 +168,7 @@ if __name__ == "__main__":
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT], ids=lambda number: number.name)
-def test_it_ends_with_whoever_began_it_in_the_middle_of_a_question(number: signal.Signals) -> None:
+def test_process_ends_with_its_owner_during_a_question(number: signal.Signals) -> None:
     words = [sys.executable, "-c", OWNER]
     with Popen(words, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as owner:
         assert owner.stdout is not None
@@ -198,12 +184,3 @@ def _gone(pid: int) -> bool:
     except ProcessLookupError:
         return True
     return False
-
-
-def test_where_there_are_no_sessions_ctrl_c_is_ignored(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Windows."""
-    ignored: list[Any] = []
-    monkeypatch.setattr(sys, "platform", "win32")
-    monkeypatch.setattr(signal, "signal", lambda number, act: ignored.append((number, act)))
-    finger_process._ignore_terminal()
-    assert ignored == [(signal.SIGINT, signal.SIG_IGN)]

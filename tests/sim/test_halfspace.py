@@ -99,16 +99,11 @@ HOMOGENEOUS = {"e_dermis": 1.0, "e_fat": 1.0}
         (HOMOGENEOUS, 1.0),  # one modulus, which needs no fit
         ({**HOMOGENEOUS, "stiffness": 0.5, "epidermis_mm": 0.2}, 0.5),
         ({"e_fat": 0.02}, None),
-        ({"e_dermis": 0.2}, None),
-        ({"epidermis_mm": 0.3}, None),
-        ({"poisson": 0.3}, None),
         ({"bone_fraction": 0.4}, None),
     ],
 )
-def test_its_modulus_is_that_of_the_fingers_own_layers_or_it_is_refused(
-    tissue: dict[str, float], ratio: float | None
-) -> None:
-    config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.3, 0.4))
+def test_halfspace_modulus_is_that_of_the_layers_or_refused(tissue: dict[str, float], ratio: float | None) -> None:
+    config = FingertipConfig(tissue=Tissue(**tissue), mesh=coarse_mesh(0.5, 0.6))
     if ratio is None:
         with raises(ModelRangeError, "no_modulus", keys=next(iter(tissue))):
             load("halfspace", config)
@@ -124,15 +119,6 @@ def test_a_homogeneous_finger_has_hertzs_force() -> None:
     hertz_n = 4 / 3 * E_EPIDERMIS_MPA / (1 - 0.48**2) * 0.78**0.5 * 0.2**1.5
     found = load("halfspace", finger, slopes=BOTH).indent("sphere:1", doi_mm=0.2)
     assert found.force_n == pytest.approx(hertz_n, rel=0.06)
-
-
-@pytest.mark.parametrize("shape", ["sphere:5", "line"])
-def test_it_takes_every_kind_of_shape(shape: str) -> None:
-    indentor = parse_shape(shape)
-    model = load("halfspace", FingertipConfig(mesh=coarse_mesh(0.3, 0.4)), slopes=indentor.axes)
-    result = model.indent(indentor, 0.0, doi_mm=0.2)
-    assert result.state.converged
-    assert result.as_json()["solver"]["model"] == "halfspace"
 
 
 def test_at_small_depth_it_is_the_finger_within_a_fifth(finger: Fingertip) -> None:

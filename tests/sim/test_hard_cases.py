@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from sim.config import Contact, FingertipConfig, MeshSpec, Tissue
 from sim.contact.height_map import HeightMap
@@ -24,8 +23,6 @@ from sim.models.condensed import discretise, factorise
 from sim.models.fingertip import Fingertip
 from sim.models.pressing import RimError
 from tests.error_codes import raises
-
-Array = NDArray[np.float64]
 
 TWO_BUMPS = MeasuredProfile("two bumps", (-1.2, -0.6, 0.0, 0.6, 1.2), (0.4, 0.0, 0.05, 0.0, 0.4))
 KINK = MeasuredProfile("kink", (-1.5, 0.0, 1.5), (0.6, 0.0, 0.9), linear=True)
@@ -49,7 +46,21 @@ FAMILIES: dict[str, tuple[Indentor, float]] = {
     "kink": (Indentor.along(KINK), 0.1),
     "dots": (DOTS, 0.1),
 }
-every_family = pytest.mark.parametrize("family", FAMILIES)
+QUICK = (
+    "bar:1.5",
+    "cylinder:3",
+    "wedge:89",
+    "sphere:2",
+    "cone:60",
+    "line",
+    "grating at an angle",
+    "step:1",
+    "kink",
+    "dots",
+)
+every_family = pytest.mark.parametrize(
+    "family", [pytest.param(name, marks=() if name in QUICK else pytest.mark.study) for name in FAMILIES]
+)
 
 
 @pytest.fixture
@@ -95,10 +106,8 @@ def test_force_towards_zero(pressed: tuple[Fingertip, Indentor, float]) -> None:
     assert 0 < depths[0] < depths[1] < depths[2] < 0.2, depths
 
 
-@pytest.mark.parametrize(
-    ("profile", "reach_mm"), [(Bar(1.5, 0.0), 0.75), (Bar(1.5, 0.05), 0.75), (Bar(1.5, 0.05), 0.7), (KINK, 0.0)]
-)
-@pytest.mark.parametrize("doi", [0.02, 0.2, 0.73])
+@pytest.mark.parametrize(("profile", "reach_mm"), [(Bar(1.5, 0.0), 0.75), (Bar(1.5, 0.05), 0.7), (KINK, 0.0)])
+@pytest.mark.parametrize("doi", [0.02, 0.73])
 def test_a_node_exactly_on_an_edge(finger: Fingertip, profile: IndentorProfile, reach_mm: float, doi: float) -> None:
     # Nothing hangs on which side round-off puts it: 1e-9 mm to either side moves the force by 9e-9 at most, which is
     # the force's own slope in x.

@@ -1,11 +1,7 @@
 """Height maps: what surface goes through the points, what a finger feels of it, and which maps are refused."""
 
-import errno
-import os
-import pickle
 from copy import copy
 from pathlib import Path
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -13,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
-from sim.contact.height_map import MOST_POINTS, STEEPEST_OF_A_MAP, HeightMap, HeightMapError
+from sim.contact.height_map import MOST_POINTS, HeightMap, HeightMapError
 from sim.contact.indentor import BOTH, Prismatic
 from sim.contact.measured_profile import MeasuredProfile
 from sim.contact.profiles import STEEPEST_SLOPE
-from sim.contact.shapes import ShapeError, parse_shape, shape_size
+from sim.contact.shapes import ShapeError, parse_shape
 from sim.errors import ArgumentError
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -67,7 +63,7 @@ def test_it_goes_through_its_points_above_the_lowest() -> None:
     assert 0 <= there.evaluate(finely).height_mm.min() < 2e-3  # 8 places a cell
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 30.0, -110.0])
+@pytest.mark.parametrize("turn_deg", [0.0, -110.0])
 def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
     # Central differences of a cubic: h = 1e-4 leaves h² f''' / 6 < 1e-8 of the slope; C² so that no joint shows.
     there, rng = waves(turn_deg), np.random.default_rng(1)
@@ -79,14 +75,6 @@ def test_slope_and_curvature_are_those_of_the_height(turn_deg: float) -> None:
         np.testing.assert_allclose((high.height_mm - low.height_mm) / (2 * h), surface.slope[axis], atol=1e-7)
         np.testing.assert_allclose((high.slope - low.slope) / (2 * h), surface.curvature[:, axis], atol=1e-3)
     np.testing.assert_allclose(surface.curvature[0, 1], surface.curvature[1, 0], atol=1e-15)
-
-
-def test_the_spline_is_smooth_to_the_second_derivative() -> None:
-    # Across a row of points: curvature to both sides differs by no more than its slope allows over 2e-9 mm.
-    there, z = waves(), np.linspace(-1.4, 1.5, 37)
-    for x in (-0.5, 0.0, 0.3):
-        before, after = (there.evaluate(np.stack([np.full(37, x + d), z])).curvature for d in (-1e-9, 1e-9))
-        np.testing.assert_allclose(before, after, atol=1e-6)
 
 
 def test_a_turn_carries_x_towards_the_tip() -> None:
@@ -118,7 +106,7 @@ def test_beyond_its_rim_it_is_a_wall() -> None:
         np.testing.assert_array_equal(a, b)
 
 
-@pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 3e-4), (0.2, 3e-5), (0.1, 3e-6)])
+@pytest.mark.parametrize(("spacing_mm", "allowed"), [(0.4, 3e-4), (0.1, 3e-6)])
 def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: float, allowed: float) -> None:
     # 5/384 h⁴ of the fourth derivative, 3/R³ at the pole: 4e-5, 2e-6, 2e-7 mm; more towards the rim.
     there, exact = spherical(spacing_mm), parse_shape(f"sphere:{RADIUS_MM}")
@@ -128,35 +116,15 @@ def test_a_sphere_comes_back_as_the_fourth_power_of_the_spacing(spacing_mm: floa
     assert spherical(0.1, 1.0).sharpest_radius_mm == pytest.approx(RADIUS_MM, rel=0.01)
 
 
-def test_how_far_its_normal_turns() -> None:
+def test_normals_of_a_mapped_sphere_turn_as_a_spheres() -> None:
     at = np.array([[0.0, 0.5], [0.0, 0.2]])
-    exact = parse_shape(f"sphere:{RADIUS_MM}").evaluate
     np.testing.assert_allclose(spherical(0.1).turning(at, 0.1)[0], 2 * np.arcsin(0.1 / RADIUS_MM), rtol=1e-3)
-    before, after = (exact(at + np.array([[d], [0.0]])).slope for d in (-0.1, 0.1))
-    normals = [np.concatenate([s, -np.ones((1, 2))]) / np.sqrt(1 + (s**2).sum(axis=0)) for s in (before, after)]
-    along_x = np.arccos((normals[0] * normals[1]).sum(axis=0))
-    assert (spherical(0.1).turning(at, 0.1) >= 0.999 * along_x).all()
-
-
-def test_maps_are_equal_by_what_they_hold() -> None:
-    assert waves() == waves()
-    assert hash(waves()) == hash(waves())
-    assert waves() != waves(10.0)
-    assert waves() != spherical(0.2)
-    assert waves() != "heightmap"
-    again = pickle.loads(pickle.dumps(waves(20.0)))
-    assert again == waves(20.0)
-    np.testing.assert_array_equal(
-        again.evaluate(np.full((2, 1), 0.3)).slope, waves(20.0).evaluate(np.full((2, 1), 0.3)).slope
-    )
 
 
 # ------------------------------------------------------------------------------------------------ on the finger
 
 
-@pytest.mark.parametrize(
-    ("spacing_mm", "allowed", "turn_deg"), [(0.4, 1e-4, 0.0), (0.2, 1e-5, 30.0), (0.1, 1e-7, 0.0)]
-)
+@pytest.mark.parametrize(("spacing_mm", "allowed", "turn_deg"), [(0.4, 1e-4, 0.0), (0.2, 1e-5, 30.0)])
 def test_a_sphere_as_a_map_is_a_sphere(
     coarse_finger: Fingertip, spacing_mm: float, allowed: float, turn_deg: float
 ) -> None:
@@ -188,9 +156,7 @@ def test_a_letter_is_pressed_and_where_its_hole_is_nothing_bears(coarse_finger: 
     assert again.doi_mm == pytest.approx(0.6, rel=1e-8)
 
 
-@pytest.mark.parametrize(
-    ("shape", "between"), [("grating:0.5,1.2", 2e-3), ("bar:1.5", 1e-4), ("cylinder:3", 1e-6), ("step:1", 5e-3)]
-)
+@pytest.mark.parametrize(("shape", "between"), [("grating:0.5,1.2", 2e-3), ("step:1", 5e-3)])
 def test_a_turned_shape_at_no_angle_is_the_prismatic_one(
     coarse_finger: Fingertip, shape: str, between: float
 ) -> None:
@@ -216,39 +182,22 @@ def nodes_alone(finger: Fingertip) -> Fingertip:
     return other
 
 
-@pytest.mark.parametrize("shape", ["grating:0.5,1.2", "step:1", "wedge:60"])
-def test_turned_by_right_angles_a_shape_is_mirrored_or_lies_across(coarse_finger: Fingertip, shape: str) -> None:
-    straight = parse_shape(shape)
-    s = np.linspace(-1, 1, 41)[None]
-    for turn_deg, axes, sign in ((90.0, (2,), 1), (180.0, (0,), -1), (-90.0, (2,), -1), (270.0, (2,), -1)):
-        turned = straight.turned(turn_deg)
-        assert turned.axes == axes
-        there, straight_there = turned.evaluate(s), straight.evaluate(sign * s)
-        np.testing.assert_array_equal(there.height_mm, straight_there.height_mm)
-        np.testing.assert_array_equal(there.slope, sign * straight_there.slope)
-        np.testing.assert_array_equal(there.curvature, straight_there.curvature)
-    across, nearly = straight.turned(90.0), straight.turned(90.0 - 1e-7)
-    forces = [nodes_alone(coarse_finger).indent(one, doi_mm=0.3).force_n for one in (across, nearly)]
-    assert forces[1] == pytest.approx(forces[0], rel=1e-5)
-
-
 def test_a_turned_grating_as_a_map_is_the_turned_grating(coarse_finger: Fingertip) -> None:
     """Ridges as half waves, which both can have: a profile from the same points, turned."""
     x = np.arange(-2.6, 2.61, 0.05)
     height = 0.15 * (1 - np.cos(2 * np.pi * x / 1.3))
     profile = MeasuredProfile("waves", tuple(x.tolist()), tuple(height.tolist()))
     there = HeightMap.from_arrays(x, x, np.tile(height, (len(x), 1)), raised="low")
-    for turn_deg in (0.0, 30.0, 90.0):
-        one = coarse_finger.indent(Prismatic.along(profile).turned(turn_deg), doi_mm=0.3)
-        other = coarse_finger.indent(there.turned(turn_deg), doi_mm=0.3)
-        assert other.state.residual <= 1e-10
-        assert other.force_n == pytest.approx(one.force_n, rel=0.01)  # PCHIP and spline; points between nodes
+    one = coarse_finger.indent(Prismatic.along(profile).turned(30.0), doi_mm=0.3)
+    other = coarse_finger.indent(there.turned(30.0), doi_mm=0.3)
+    assert other.state.residual <= 1e-10
+    assert other.force_n == pytest.approx(one.force_n, rel=0.01)  # PCHIP and spline; points between nodes
 
 
 # -------------------------------------------------------------------------------------------------- from files
 
 
-def test_a_picture_is_as_one_looks_at_the_face(tmp_path: Path) -> None:
+def test_picture_shows_the_indentors_face(tmp_path: Path) -> None:
     pixels = np.full((40, 60), 255, np.uint8)
     pixels[:10, :30] = 0  # dark at the top left: towards the tip and −x
     Image.fromarray(pixels).save(tmp_path / "a.png")
@@ -262,7 +211,7 @@ def test_a_picture_is_as_one_looks_at_the_face(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("width_mm", "option", "edge_mm"),
-    [(3.0, "", 0.05), (3.0, ",edge_mm=0.2", 0.2), (12.0, "", 0.14), (3.0, ",edge_mm=0.035", 0.035)],
+    [(3.0, "", 0.05), (3.0, ",edge_mm=0.2", 0.2), (12.0, "", 0.14)],
 )
 def test_edges_of_a_picture_are_rounded(tmp_path: Path, width_mm: float, option: str, edge_mm: float) -> None:
     """As by a Gaussian of 0.05 mm, or of 0.7 pixels where these are large: a step's slope says so, in its middle."""
@@ -272,7 +221,7 @@ def test_edges_of_a_picture_are_rounded(tmp_path: Path, width_mm: float, option:
     assert slope == pytest.approx(0.1 / (edge_mm * np.sqrt(2 * np.pi)), rel=0.15)
 
 
-@pytest.mark.parametrize("mode", ["L", "RGB", "RGBA", "1", "I;16", "P", "LA"])
+@pytest.mark.parametrize("mode", ["L", "RGBA", "I;16", "P"])
 def test_every_kind_of_picture_is_read_alike(tmp_path: Path, mode: str) -> None:
     black = np.zeros((40, 40), bool)
     black[:, 15:25] = True
@@ -319,10 +268,7 @@ MIDDLE_TOUCHES = {  # whether the middle touches first, in a file or array of ra
     "dot.npy,spacing_mm=0.1": None,  # heights above a table or depths below a probe: numbers cannot tell
     "dot.npy,spacing_mm=0.1,raised=high": True,
     "dot.npy,spacing_mm=0.1,raised=low": False,
-    "rows.csv,spacing_mm=0.1": None,
-    "rows.csv,spacing_mm=0.1,raised=high": True,
     "points.csv": None,
-    "points.csv,raised=high": True,
     "dot.png,width_mm=2,height_mm=0.5": True,  # ink is raised, as of a letter
     "dot.png,width_mm=2,height_mm=0.5,raised=light": False,
 }
@@ -330,7 +276,6 @@ MIDDLE_TOUCHES = {  # whether the middle touches first, in a file or array of ra
 
 def a_dot(folder: Path) -> None:
     np.save(folder / "dot.npy", DOT)
-    np.savetxt(folder / "rows.csv", DOT, delimiter=",")
     at = np.linspace(-1, 1, 21)
     rows = [f"{x:.1f},{z:.1f},{DOT[k, i]}" for k, z in enumerate(at) for i, x in enumerate(at)]
     (folder / "points.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *rows]), encoding="utf-8")
@@ -339,7 +284,7 @@ def a_dot(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", MIDDLE_TOUCHES)
-def test_the_side_that_is_up_is_said_or_asked_for(tmp_path: Path, name: str) -> None:
+def test_raised_side_is_given_or_asked_for(tmp_path: Path, name: str) -> None:
     a_dot(tmp_path)
     shape, touches = f"heightmap:{tmp_path / name}", MIDDLE_TOUCHES[name]
     if touches is None:
@@ -348,8 +293,6 @@ def test_the_side_that_is_up_is_said_or_asked_for(tmp_path: Path, name: str) -> 
         return
     middle, corner = parse_shape(shape).evaluate(np.array([[0.0, 0.9], [0.0, 0.9]])).height_mm
     assert (middle < corner) == touches
-    assert shape_size(shape) in ("the highest touches first", "the lowest touches first", "dark is raised",
-                                 "light is raised")  # fmt: skip
 
 
 def test_arrays_ask_which_side_is_up() -> None:
@@ -387,45 +330,25 @@ def with_one(value: float) -> Array:
 
 
 EVEN = 0.1 * np.arange(6)
-SPACINGS = {"key": "spacing_mm", "low_mm": 0.001, "high_mm": 2.0}
-STEEP = pytest.approx(89.4, abs=0.5)
-KEYS = {"options": "width_mm, height_mm, spacing_mm, edge_mm"}
-NOT_THERE = {"problem": os.strerror(errno.ENOENT)}
+REFUSED_ARRAYS = [
+    (EVEN, EVEN, with_one(np.nan), "missing_height"),
+    (EVEN, EVEN, grid(5), "heights_unlike_grid"),
+    (EVEN[:3], EVEN, grid(6, 3), "too_small"),
+    (EVEN[::-1], EVEN, grid(), "axis_not_rising"),
+    (EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), "uneven_spacing"),
+    (EVEN, EVEN, with_one(9.0), "too_steep"),
+    (EVEN, EVEN, with_one(0.5), "swings_below"),
+]
 
 
-@pytest.mark.parametrize(
-    ("x", "z", "height", "code", "fields"),
-    [
-        (EVEN, EVEN, with_one(np.nan), "missing_height", {"x_mm": 0.4, "z_mm": 0.2, "missing": 1, "points": 36}),
-        (EVEN, EVEN, with_one(np.inf), "missing_height", {"x_mm": 0.4, "z_mm": 0.2, "missing": 1, "points": 36}),
-        (EVEN, EVEN, grid(5), "heights_unlike_grid", {"shape": (5, 6), "n_x": 6, "n_z": 6, "expected": (6, 6)}),
-        (EVEN, EVEN, EVEN, "heights_unlike_grid", {"shape": (6,)}),
-        (EVEN[:3], EVEN, grid(6, 3), "too_small", {"columns": 3, "rows": 6, "least": 4}),
-        (EVEN, EVEN[:3], grid(3), "too_small", {"columns": 6, "rows": 3, "least": 4}),
-        (EVEN[::-1], EVEN, grid(), "axis_not_rising", {"axis": "x"}),
-        (EVEN, 0 * EVEN, grid(), "axis_not_rising", {"axis": "z"}),
-        (EVEN, [0, 0.1, 0.2, np.nan, 0.4, 0.5], grid(), "axis_not_rising", {"axis": "z"}),
-        (
-            *(EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), "uneven_spacing"),
-            {"axis": "z", "from_mm": 0.2, "to_mm": 0.35, "step_mm": 0.1},
-        ),
-        (
-            EVEN,
-            EVEN,
-            with_one(9.0),
-            "too_steep",
-            {"slope_deg": STEEP, "most": STEEPEST_OF_A_MAP},
-        ),
-        (EVEN, EVEN, with_one(0.5), "swings_below", {"below_mm": pytest.approx(0.24, abs=0.005), "relief_mm": 0.5}),
-    ],
-)
-def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str, fields: dict[str, Any]) -> None:
-    with raises(HeightMapError, code, name="mine", **fields) as caught:
+@pytest.mark.parametrize(("x", "z", "height", "code"), REFUSED_ARRAYS)
+def test_arrays_that_make_no_map(x: Array, z: Array, height: Array, code: str) -> None:
+    with raises(HeightMapError, code, name="mine") as caught:
         HeightMap.from_arrays(x, z, height, raised="low", name="mine")
     assert "\n" not in str(caught.value)
 
 
-def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_largest_and_smallest_maps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert MOST_POINTS == 1_000_000
     monkeypatch.setattr("sim.contact.height_map.MOST_POINTS", 36)
     HeightMap.from_arrays(EVEN, EVEN, grid(), raised="low")
@@ -433,13 +356,8 @@ def test_the_largest_and_smallest_maps(monkeypatch: pytest.MonkeyPatch) -> None:
     seven = 0.1 * np.arange(7)
     with raises(HeightMapError, "too_large", columns=7, rows=6, most=36):
         HeightMap.from_arrays(seven, EVEN, grid(6, 7), raised="low")
-
-
-def test_a_table_of_heights_may_be_as_large_as_a_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sim.contact.map_files.MOST_POINTS", 36)
-    for name, shape in (("as_many.csv", (6, 6)), ("more.csv", (7, 6))):
-        np.savetxt(tmp_path / name, grid(*shape), delimiter=",")
-    parse_shape(f"heightmap:{tmp_path / 'as_many.csv'},spacing_mm=0.1,raised=low")
+    np.savetxt(tmp_path / "more.csv", grid(6, 7), delimiter=",")
     with raises(ShapeError, "too_many_numbers", most=36):
         parse_shape(f"heightmap:{tmp_path / 'more.csv'},spacing_mm=0.1,raised=low")
 
@@ -447,16 +365,9 @@ def test_a_table_of_heights_may_be_as_large_as_a_map(tmp_path: Path, monkeypatch
 def files(folder: Path) -> None:
     """One of each kind that cannot be, and some that can."""
     np.save(folder / "good.npy", grid())
-    np.save(folder / "nan.npy", with_one(np.nan))
-    np.save(folder / "three.npy", np.zeros((4, 4, 4)))
     np.save(folder / "words.npy", np.array([["a"] * 5] * 5))
     np.save(folder / "pickled.npy", np.array([[{}] * 5] * 5), allow_pickle=True)
-    np.save(folder / "narrow.npy", np.zeros((1, 9)))
     np.save(folder / "large.npy", np.zeros((1001, 1000), np.float32))
-    (folder / "empty.npy").touch()
-    (folder / "text.npy").write_text("0,0", encoding="utf-8")
-    (folder / "text.png").write_text("0,0", encoding="utf-8")
-    (folder / "empty.png").touch()
     (folder / "folder.png").mkdir()
     Image.fromarray(np.full((20, 20), 255, np.uint8)).save(folder / "good.png")
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (20, 20), np.uint8)).save(folder / "noise.png")
@@ -475,83 +386,43 @@ def files(folder: Path) -> None:
         (folder / f"{name}.csv").write_text("\n".join(["x_mm,z_mm,height_mm", *lines]), encoding="utf-8")
     (folder / "rows.csv").write_text("0,0,0,0\n0,0,0\n", encoding="utf-8")
     (folder / "latin.csv").write_bytes(b"x_mm,z_mm,height_mm\n\xff\xfe")
-    (folder / "blank.csv").touch()
 
 
-@pytest.mark.parametrize(
-    ("name", "code", "fields"),
-    [
-        ("good.npy", "option_missing", {"key": "spacing_mm"}),
-        *(
-            (f"good.npy,spacing_mm={value}", "option_out_of_range", SPACINGS | {"value": value})
-            for value in ("wide", "0", "nan", "2.1")
-        ),
-        ("good.npy,spacing_mm=0.1,spacing_mm=0.1", "unknown_option", KEYS | {"option": "spacing_mm=0.1"}),
-        ("good.npy,spacing_mm=0.1,linear", "unknown_option", KEYS | {"option": "linear"}),
-        (
-            *("good.npy,spacing_mm=0.1,width_mm=3", "option_of_no_use"),
-            {"key": "width_mm", "options": "spacing_mm, raised, edge_mm"},
-        ),
-        ("good.npy,spacing_mm=0.1,edge_mm=0.05,raised=low", "edge_too_small", {"edge_mm": 0.05, "least_mm": 0.07}),
-        (
-            *("nan.npy,spacing_mm=0.1,raised=low", "missing_height"),
-            {"x_mm": 0.15, "z_mm": 0.05, "missing": 1, "points": 36},
-        ),
-        ("three.npy,spacing_mm=0.1", "no_heights", {}),
-        ("words.npy,spacing_mm=0.1", "no_heights", {}),
-        ("pickled.npy,spacing_mm=0.1", "no_array", {"problem": "not an array"}),
-        ("narrow.npy,spacing_mm=0.1", "too_small", {"columns": 9, "rows": 1, "least": 4}),
-        ("large.npy,spacing_mm=0.1", "too_many_heights", {"points": 1_001_000, "most": 1_000_000}),
-        ("empty.npy,spacing_mm=0.1", "no_array", {"problem": "not an array"}),
-        ("text.npy,spacing_mm=0.1", "no_array", {"problem": "not an array"}),
-        ("nowhere.npy,spacing_mm=0.1", "no_array", NOT_THERE),
-        ("nowhere.png,width_mm=3,height_mm=1", "no_picture", NOT_THERE),
-        ("folder.png,width_mm=3,height_mm=1", "no_picture", {"problem": os.strerror(errno.EISDIR)}),
-        ("nowhere.csv", "no_text", NOT_THERE),
-        ("nowhere.txt", "unknown_suffix", {}),
-        ("good.png", "option_missing", {"key": "width_mm"}),
-        ("good.png,width_mm=3", "option_missing", {"key": "height_mm"}),
-        (
-            *("good.png,width_mm=31,height_mm=1", "option_out_of_range"),
-            {"key": "width_mm", "value": "31", "low_mm": 0.1, "high_mm": 30.0},
-        ),
-        (
-            *("good.png,width_mm=3,height_mm=5.1", "option_out_of_range"),
-            {"key": "height_mm", "value": "5.1", "low_mm": 0.01, "high_mm": 5.0},
-        ),
-        (
-            *("good.png,width_mm=3,height_mm=1,spacing_mm=1", "option_of_no_use"),
-            {"key": "spacing_mm", "options": "width_mm, height_mm, raised, edge_mm"},
-        ),
-        (
-            *("good.png,width_mm=3,height_mm=1,raised=up", "unknown_raised"),
-            {"raised": "up", "choices": "dark or light"},
-        ),
-        (
-            *("good.png,width_mm=3,height_mm=1,edge_mm=-1", "option_out_of_range"),
-            {"key": "edge_mm", "value": "-1", "low_mm": 0.0, "high_mm": 2.0},
-        ),
-        ("text.png,width_mm=3,height_mm=1", "no_picture", {"problem": "not a picture"}),
-        ("empty.png,width_mm=3,height_mm=1", "no_picture", {"problem": "not a picture"}),
-        ("cut.png,width_mm=3,height_mm=1", "no_picture", {}),
-        ("large.png,width_mm=3,height_mm=1", "too_many_pixels", {"columns": 1001, "rows": 1000, "most": 1_000_000}),
-        ("hole.csv", "hole", {"x_mm": 3.0, "z_mm": 3.0, "places": 1, "n_x": 4, "n_z": 4}),
-        ("twice.csv", "overhang", {"x_mm": 1.0, "z_mm": 2.0, "places": 1}),
-        ("word.csv", "no_number", {"line": 5, "cell": "high"}),
-        ("short.csv", "map_row_length", {"row": 4, "numbers": 2, "expected": 3}),
-        ("nan.csv", "no_place", {}),
-        ("uneven.csv", "uneven_spacing", {"axis": "x", "from_mm": 2.0, "to_mm": 7.0, "step_mm": 7.0 / 3.0}),
-        ("none.csv", "too_small", {"columns": 0, "rows": 0, "least": 4}),
-        ("twice.csv,spacing_mm=1", "option_of_no_use", {"key": "spacing_mm", "options": "raised, edge_mm"}),
-        ("rows.csv", "no_columns", {"columns": "x_mm,z_mm,height_mm"}),
-        ("rows.csv,spacing_mm=1", "map_row_length", {"row": 2, "numbers": 3, "expected": 4}),
-        ("blank.csv,spacing_mm=1", "too_small", {"columns": 0, "rows": 0, "least": 4}),
-        ("latin.csv", "no_text", {"problem": "not text"}),
-    ],
-)
-def test_files_that_make_no_map(tmp_path: Path, name: str, code: str, fields: dict[str, Any]) -> None:
+REFUSED = {
+    "good.npy": "option_missing",
+    "good.npy,spacing_mm=wide": "option_out_of_range",
+    "good.npy,spacing_mm=nan": "option_out_of_range",
+    "good.npy,spacing_mm=2.1": "option_out_of_range",
+    "good.npy,spacing_mm=0.1,spacing_mm=0.1": "unknown_option",
+    "good.npy,spacing_mm=0.1,width_mm=3": "option_of_no_use",
+    "good.npy,spacing_mm=0.1,edge_mm=0.05,raised=low": "edge_too_small",
+    "words.npy,spacing_mm=0.1": "no_heights",
+    "pickled.npy,spacing_mm=0.1": "no_array",
+    "large.npy,spacing_mm=0.1": "too_many_heights",
+    "nowhere.npy,spacing_mm=0.1": "no_array",
+    "folder.png,width_mm=3,height_mm=1": "no_picture",
+    "nowhere.txt": "unknown_suffix",
+    "good.png": "option_missing",
+    "good.png,width_mm=3,height_mm=1,raised=up": "unknown_raised",
+    "cut.png,width_mm=3,height_mm=1": "no_picture",
+    "large.png,width_mm=3,height_mm=1": "too_many_pixels",
+    "hole.csv": "hole",
+    "twice.csv": "overhang",
+    "word.csv": "no_number",
+    "short.csv": "map_row_length",
+    "nan.csv": "no_place",
+    "uneven.csv": "uneven_spacing",
+    "none.csv": "too_small",
+    "twice.csv,spacing_mm=1": "option_of_no_use",
+    "rows.csv": "no_columns",
+    "rows.csv,spacing_mm=1": "map_row_length",
+    "latin.csv": "no_text",
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_files_that_make_no_map(tmp_path: Path, name: str) -> None:
     files(tmp_path)
-    file = name.partition(",")[0]
-    with raises(ShapeError, code, name=f"heightmap {tmp_path / file}", **fields) as caught:
+    with raises(ShapeError, REFUSED[name], name=f"heightmap {tmp_path / name.partition(',')[0]}") as caught:
         parse_shape(f"heightmap:{tmp_path / name}")
     assert "\n" not in str(caught.value)

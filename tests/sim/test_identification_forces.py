@@ -61,14 +61,6 @@ def test_tables_are_over_moduli_and_stiffening_is_a_factor() -> None:
     assert stiffer[0] == linear[0] == 0.0
 
 
-def test_an_axis_is_exact_for_a_cubic_and_holds_still_beyond_its_ends() -> None:
-    axis = ChebyshevAxis("a", -1.0, 3.0, 4)
-    value = np.array([-1.0, 0.3, 2.9])
-    assert axis.basis(value) @ axis.nodes**3 == pytest.approx(value**3)
-    assert axis.basis(np.array([5.0])) == pytest.approx(axis.basis(np.array([3.0])))
-    assert axis.basis(axis.nodes) == pytest.approx(np.eye(4), abs=1e-12)
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_made_up_forces_come_back(shape: str) -> None:
     scale, exponent, by_fat = SHAPES[shape]
@@ -77,14 +69,6 @@ def test_the_made_up_forces_come_back(shape: str) -> None:
     ))[0, 0]  # fmt: skip
     tissue = (0.8 - by_fat) * -1.5 + by_fat * np.log(0.08) + 2.0
     assert found == pytest.approx(np.exp(0.5 + tissue - 0.08 * 0.75**2) * scale * 0.4**exponent, rel=1e-9)
-
-
-def test_above_the_skin_there_is_no_force_and_just_below_it_hertz() -> None:
-    predicted = made_up()
-    forces = predicted.elastic_gwt(_still(), _way(0.0, 0.01, 0.0, -0.005, -0.01, -0.03))[0]
-    assert forces[0] == forces[1] == 0.0
-    assert forces[3] / forces[2] == pytest.approx(2**1.5)
-    assert forces[4] / forces[3] == pytest.approx(3**1.5)
 
 
 def test_a_height_and_a_place_that_are_not_known_shift_the_way() -> None:

@@ -50,7 +50,7 @@ def mixed(coarse: Fingertip) -> Indentations:
     return indent_many(coarse, **MIXED)  # type: ignore[arg-type]
 
 
-def test_each_is_as_if_it_were_the_only_one(coarse: Fingertip, mixed: Indentations) -> None:
+def test_each_of_many_presses_equals_a_press_alone(coarse: Fingertip, mixed: Indentations) -> None:
     for asked, found in zip(mixed.asked, mixed, strict=True):
         alone = coarse.indent(
             asked.shape, asked.x_mm, z_mm=asked.z_mm, doi_mm=asked.doi_mm, force_gwt=asked.force_gwt
@@ -79,17 +79,6 @@ def test_processes_give_the_same_in_the_same_order(coarse: Fingertip, mixed: Ind
     assert len({id(result.model) for result in bars}) == 1  # what they keep of the model is kept once
 
 
-def test_depths_at_a_place_share_the_way_down(coarse: Fingertip, work: dict[str, int]) -> None:
-    for depth in (0.25, 0.27, 0.29):
-        coarse.indent("bar:1", 0.2, doi_mm=depth)
-    alone = work["contacts"]
-    indent_many(coarse, "bar:1", 0.2, doi_mm=[0.25, 0.27, 0.29])
-    together = work["contacts"] - alone
-    assert together < alone
-    indent_many(coarse, "bar:1", 0.2, doi_mm=[0.25, 0.27, 0.29])
-    assert work["contacts"] - alone - together == together  # and nothing is kept from call to call
-
-
 def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
     nothing = IndentationOutcome(None, "not asked")
     monkeypatch.setattr(many_indentations, "_press", lambda *_: nothing)
@@ -98,14 +87,6 @@ def test_rows_are_what_the_arguments_broadcast_to(coarse: Fingertip, monkeypatch
     assert _asked(grid) == [("bar:1", x, None, doi, None) for x in (0.0, 1.0) for doi in (0.1, 0.2)]
     shapes = indent_many(coarse, [bar, own, "line"], z_mm=[np.nan, np.nan, 7.0], force_gwt=2)
     assert _asked(shapes) == [(bar, 0, None, None, 2), (own, 0, None, None, 2), ("line", 0, 7.0, None, 2)]
-    assert _asked(indent_many(coarse, bar, doi_mm=0.1)) == [(bar, 0, None, 0.1, None)]
-    either: Any = np.array(["a", "b"])
-    assert _asked(indent_many(coarse, either, 1, doi_mm=[0.1, np.nan], force_gwt=[np.nan, 3])) == [
-        ("a", 1, None, 0.1, None),
-        ("b", 1, None, None, 3),
-    ]
-    assert _asked(indent_many(coarse, (bar, own), doi_mm=0.1)) == [(one, 0, None, 0.1, None) for one in (bar, own)]
-    assert _asked(indent_many(coarse, [bar], doi_mm=0.1)) == [(bar, 0, None, 0.1, None)]
     with pytest.raises(ValueError, match="shape"):
         indent_many(coarse, ["bar:1", "bar:2"], [0, 0, 0], doi_mm=0.1)
 
@@ -123,7 +104,6 @@ def test_what_cannot_be_pressed_is_a_row_with_its_reason(coarse: Fingertip) -> N
     assert [bool(problem) for problem in found.problems] == [False, True, True, True, True]
     assert found.results == list(found)
     assert found.table()["regions"].tolist()[1:] == [0] * 4
-    assert repr(found) == "<5 indentations, 4 with a problem>"
     table = found.table()
     assert np.isnan(table["force_gwt"]).tolist() == [False, True, True, True, True]
     assert table["problem"].tolist() == found.problems
@@ -152,53 +132,6 @@ def test_nonsense_is_refused_at_once(coarse: Fingertip) -> None:
     assert {
         name: len(values) for name, values in (empty.table() | empty.receptor_table()).items() if len(values)
     } == {}
-
-
-def test_one_place_or_one_core_needs_no_process(coarse: Fingertip, work: dict[str, int]) -> None:
-    indent_many(coarse, "bar:1", doi_mm=[0.1, 0.2], cores=4)
-    indent_many(coarse, "bar:1", [0.0, 0.1], doi_mm=0.1)
-    assert work["processes"] == 0
-
-
-@pytest.mark.parametrize(
-    ("places", "cores", "sizes"),
-    [
-        (3, 2, {1}),
-        (3, 8, {1}),
-        (32, 2, {2}),
-        (33, 2, {2, 1}),
-        (1000, 2, {16, 8}),
-        (1000, None, {16, 8}),
-        (1000, 32, {2}),
-    ],
-)
-def test_a_task_is_a_few_places(
-    coarse: Fingertip, monkeypatch: pytest.MonkeyPatch, places: int, cores: int | None, sizes: set[int]
-) -> None:
-    begun: list[int] = []
-
-    def here(function: Any, tasks: Any, processes: int) -> Any:
-        begun.append(processes)
-        assert {len(task) for task in tasks} == sizes
-        return map(function, tasks)
-
-    monkeypatch.setattr(many_indentations, "here_and_in_processes", here)
-    monkeypatch.setattr(many_indentations, "_press", lambda *_: IndentationOutcome(None, "not asked"))
-    monkeypatch.setattr("os.cpu_count", lambda: 2)
-    found = indent_many(coarse, "bar:1", np.arange(places), doi_mm=0.1, cores=cores)
-    assert found.table()["x_mm"].tolist() == list(range(places))
-    assert begun == [min(cores or 2, places)]
-
-
-def test_a_process_keeps_the_memory_that_it_frees(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    """And the one that asks, which is not ours, is left as it is."""
-    kept: list[bool] = []
-    monkeypatch.setattr(many_indentations, "keep_freed_memory", lambda: kept.append(True))
-    indent_many(coarse, "bar:1", doi_mm=0.1)
-    assert kept == []
-    monkeypatch.setattr(many_indentations, "parent_process", lambda: "another")
-    indent_many(coarse, "bar:1", doi_mm=0.1)
-    assert kept == [True]
 
 
 def test_a_lost_process_is_told_of(coarse: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -240,13 +173,6 @@ def test_columns_become_a_file(tmp_path: Path) -> None:
     assert path.read_bytes() == b'shape,force_gwt\r\nbar:3,0.1\r\n"profile:a,""b""",nan\r\n'
     with pytest.raises(ValueError, match="zip"):
         write_csv(path, {"shape": np.zeros(1), "force_gwt": np.zeros(2)})
-
-
-def test_results_become_a_data_frame_or_a_file_as_their_table_does(mixed: Indentations, tmp_path: Path) -> None:
-    assert to_pandas(mixed).equals(to_pandas(mixed.table()))
-    for name, given in (("results", mixed), ("table", mixed.table())):
-        write_csv(tmp_path / name, given)
-    assert (tmp_path / "results").read_bytes() == (tmp_path / "table").read_bytes()
 
 
 def test_columns_become_a_data_set(mixed: Indentations, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

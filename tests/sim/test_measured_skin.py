@@ -52,11 +52,6 @@ def complaint(**geometry: object) -> str:
 # --- reading ---
 
 
-def test_columns_are_found_by_name() -> None:
-    text = EXAMPLES.parents[1] / "sim" / "data" / "fingertip_surface_points.csv"  # site, x, y, z, region; comments
-    np.testing.assert_array_equal(read_columns(text, ("z_mm", "x_mm")), PUBLISHED[:, [2, 0]])
-
-
 def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None:
     path = write("\ufeff# mine\n\nb , a\n 2.5 ,1\n\n# more\n-3e-1,4\n")
     assert read_columns(Path(path), ("a", "b")) == ((1.0, 2.5), (4.0, -0.3))
@@ -66,19 +61,12 @@ def test_comments_empty_lines_spaces_and_a_byte_order_mark(write: Write) -> None
     ("text", "code", "fields"),
     [
         ("", "no_table", {"columns": "a,b"}),
-        ("# a,b\n", "no_table", {"columns": "a,b"}),
         ("a,c\n1,2\n", "column_count", {"line": 1, "count": 0, "column": "b", "columns": "a,b"}),
-        ("#\na,b,b\n1,2,3\n", "column_count", {"line": 2, "count": 2, "column": "b", "columns": "a,b"}),
         ("a,b\n1,2\n1,two\n", "not_a_number", {"line": 3, "column": "b", "cell": "two"}),
-        ("a,b\n1,\n", "not_a_number", {"line": 2, "column": "b", "cell": ""}),
-        ("a,b\n1\n", "row_length", {"line": 2, "cells": 1, "expected": 2, "header_line": 1}),
         # decimal commas
         ("#\na,b\n1,2\n1,5,2,5\n", "row_length", {"line": 4, "cells": 4, "expected": 2, "header_line": 2}),
         ("a,b\n1,2\n\nnan,2\n", "not_a_number", {"line": 4, "column": "a", "cell": "nan"}),
-        ("a,b\n1,inf\n", "not_a_number", {"line": 2, "column": "b", "cell": "inf"}),
         ("#\na,b\n\n", "no_rows", {"line": 2}),
-        ("a|b\n1|2\n", "column_count", {"line": 1, "count": 0, "column": "a", "columns": "a,b"}),
-        ("a,b\n1,2\n1,\0\n", "not_a_number", {"line": 3, "column": "b", "cell": "\0"}),
     ],
 )
 def test_a_bad_table_is_refused_by_file_line_and_column(
@@ -104,84 +92,38 @@ def test_no_file_no_text_a_folder(tmp_path: Path) -> None:
 # --- what will do ---
 
 
-@pytest.mark.parametrize(
-    ("points", "expected"),
-    [
-        (PUBLISHED[:11], "11 points; must be 12 to 10000"),
-        (np.tile(PUBLISHED, (500, 1)), "12000 points; must be 12 to 10000"),
-        (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm; the largest span must be 2 to 60 mm"),
-        (PUBLISHED / 10, "the points span 0.445 × 0.286 × 0.744 mm; the largest"),
-        (PUBLISHED * 1000, "the points span 4.44e+03 × 2.86e+03 × 7.44e+03 mm; the largest"),
-        (
-            PUBLISHED - [0, 0, -3],
-            "z spans 7.07 to 14.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED - [0, 0, 5],
-            "z spans -0.93 to 6.51 mm; it must lie between 0, the proximal edge, and length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED[:18],
-            "z spans 4.07 to 9.00 mm; points must cover at least 6.38 mm of z, half of length_mm = 12.75 mm",
-        ),
-        (
-            np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)),
-            "no points from z = 5.21 to 9.75 mm; gaps must not exceed 3.19 mm, a quarter of length_mm = 12.75 mm",
-        ),
-        (
-            PUBLISHED - [-3, 0, 0],
-            "x spans 0.47 to 4.92 mm; points must lie on both sides of the midline x = 0, to at least 0.64 mm",
-        ),
-        (
-            PUBLISHED - [0, 4.839, 0],
-            "highest y = 0.00 mm; y must point from the bone's axis to the skin of the pulp",
-        ),
-    ],
-)
+NO_PULP = [
+    (PUBLISHED[:11], "11 points"),
+    (np.tile(PUBLISHED, (500, 1)), "12000 points"),
+    (PUBLISHED / 1000, "the points span 0.00445 × 0.00286 × 0.00744 mm"),
+    (PUBLISHED - [0, 0, -3], "z spans 7.07 to 14.51 mm"),
+    (PUBLISHED[:18], "z spans 4.07 to 9.00 mm"),
+    (np.tile(PUBLISHED[np.abs(PUBLISHED[:, 2] - 7.5) > 2.2], (2, 1)), "no points from z = 5.21 to 9.75 mm"),
+    (PUBLISHED - [-3, 0, 0], "x spans 0.47 to 4.92 mm"),
+    (PUBLISHED - [0, 4.839, 0], "highest y = 0.00 mm"),
+]
+NO_FINGER = [
+    (SECTIONS[:4], "4 sections"),
+    ([[z, 2 * half, height, lean] for z, half, height, lean in SECTIONS], "half_width_mm is 2.0 times"),
+    ([*SECTIONS[:2], *SECTIONS[1:]], "z_mm = 3 after 3"),
+    ((np.array(SECTIONS) / 1000).tolist(), "z_mm ends at 0.01275 mm"),
+    ([*SECTIONS, [13.0, 0.9, 0.9, 0.0]], "z_mm spans 0 to 13 mm"),
+    ([*SECTIONS[:4], [12.75, 0.0, 1.0, 0.0]], "half_width_mm = 0 at z_mm = 12.75"),
+]
+
+
+@pytest.mark.parametrize(("points", "expected"), NO_PULP)
 def test_points_that_cannot_hold_a_pulp_are_refused(points: np.ndarray, expected: str) -> None:
     assert complaint(points=points.tolist()).startswith(expected)
 
 
-def test_points_must_fit_the_length_that_is_given() -> None:
-    assert "length_mm = 11" in complaint(length_mm=11.0, points=PUBLISHED.tolist())
-
-
-@pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        (lambda rows: rows[:4], "4 sections; at least 5 are required"),
-        (
-            lambda rows: [[z, 2 * half, height, lean] for z, half, height, lean in rows],  # full widths
-            "half_width_mm is 2.0 times height_mm (median); a finger's is at most 1.8 times: check that it is half",
-        ),
-        (lambda rows: [*rows[:2], rows[1], *rows[2:]], "z_mm = 3 after 3: z_mm must rise from row to row"),
-        (lambda rows: [rows[0], rows[2], rows[1], *rows[3:]], "z_mm = 3 after 6: z_mm must rise"),
-        (lambda rows: (np.array(rows) / 1000).tolist(), "z_mm ends at 0.01275 mm; it must be in millimeters"),
-        (
-            lambda rows: [*rows, [13.0, 0.9, 0.9, 0.0]],
-            "z_mm spans 0 to 13 mm; it must span 0, the proximal edge, to length_mm",
-        ),
-        (
-            lambda rows: [[1.0, 3.5, 3.0, 0.0], *rows[1:]],
-            "z_mm spans 1 to 12.75 mm; it must span 0, the proximal edge",
-        ),
-        (
-            lambda rows: [*rows[:4], [12.75, 0.0, 1.0, 0.0]],
-            "half_width_mm = 0 at z_mm = 12.75: must be more than 0 mm",
-        ),
-        (lambda rows: [*rows[:4], [12.75, 1.0, -1.0, 0.0]], "height_mm = -1 at z_mm = 12.75: must be more than 0 mm"),
-    ],
-)
-def test_sections_that_are_no_finger_are_refused(
-    change: Callable[[list[list[float]]], object], expected: str
-) -> None:
-    assert complaint(sections=change(SECTIONS)).startswith(expected)
+@pytest.mark.parametrize(("sections", "expected"), NO_FINGER)
+def test_sections_that_are_no_finger_are_refused(sections: list[list[float]], expected: str) -> None:
+    assert complaint(sections=sections).startswith(expected)
 
 
 def test_points_and_sections_exclude_each_other() -> None:
-    assert (
-        complaint(points=PUBLISHED.tolist(), sections=SECTIONS) == "points and sections cannot be combined; keep one"
-    )
+    assert complaint(points=PUBLISHED.tolist(), sections=SECTIONS).startswith("points and sections")
 
 
 @pytest.mark.parametrize(
@@ -259,17 +201,6 @@ def test_a_finger_that_rises_to_its_proximal_end_has_no_apex_inside() -> None:
         assert float(surface.ridge(x)) == pytest.approx(float(surface.height(x, 2.0)), abs=1e-6)
 
 
-def test_the_ridge_of_a_finger_that_is_highest_where_it_is_narrow() -> None:
-    # Near its widest x this finger is highest at the rim of the sections that reach so far. There the table of z,
-    # every 0.02 mm, is as good as it is dense: 0.02 mm times the slope along z, here below 1.
-    rows = [[z, 3.0 + 0.15 * z, 6.0 - 0.3 * z, 0.0] for z in np.linspace(0, 12.75, 6)]
-    surface = FingertipSurface.fit(Geometry(sections=rows))
-    z = np.arange(2.0, 11.0, 0.001)
-    for x in (-3.8, -3.0, 0.5, 3.9):
-        inside = z[abs(x) < 0.95 * surface.parameters(z)[0]]
-        assert float(surface.ridge(x)) == pytest.approx(surface.height(x, inside).max(), abs=0.02)
-
-
 # --- the key of the cached model ---
 
 
@@ -290,7 +221,7 @@ def test_the_numbers_make_the_key_not_the_path(tmp_path: Path) -> None:
 # --- the shipped example ---
 
 
-def test_the_synthetic_example_is_what_it_says(skin: FingertipSurface) -> None:
+def test_synthetic_example_is_the_scaled_finger(skin: FingertipSurface) -> None:
     phi, z = np.meshgrid(np.radians(np.arange(30, 151, 15)), np.arange(4.0, 11.51, 0.75))
     points = 1.2 * np.stack([*skin.section(phi, z), z], -1).reshape(-1, 3)
     shipped = EXAMPLES / "synthetic_larger_finger_points.csv"

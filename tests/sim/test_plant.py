@@ -1,12 +1,8 @@
 """What stands behind the virtual devices: steps and screws in, force out."""
 
-from copy import copy
-
-import numpy as np
 import pytest
 
 from sim.carriage import Carriage, Placement, Pose, Screws, Truth
-from sim.contact.indentor import Indentor
 from sim.contact.shapes import ShapeError
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
@@ -58,22 +54,6 @@ def test_no_force_above_the_skin_and_none_is_computed(finger: Fingertip, carriag
     assert plant.contact_solves == 0
 
 
-def test_no_force_without_an_indentor(finger: Fingertip, carriage: Steps) -> None:
-    plant = Plant(finger, Carriage(carriage, Screws(), PLACE))
-    carriage.command(-30.0, -26.0)
-    assert plant.force_n(0.0) == 0.0
-    assert plant.pose_at(0.0).doi_mm == float("-inf")
-
-
-def test_nothing_is_felt_beside_the_finger(finger: Fingertip, carriage: Steps) -> None:
-    """A stage homes far from the finger, farther than the model knows a skin."""
-    plant = plant_of(finger, carriage)
-    for x, z in ((-1.0, -1.0), (-1.0, -30.0), (-59.0, -39.0)):
-        carriage.command(x, z)
-        assert plant.pose_at(0.0).doi_mm == float("-inf")
-        assert plant.force_n(0.0) == 0.0
-
-
 @pytest.mark.parametrize("along_mm", [-6.9, 5.9])
 def test_nothing_is_felt_beyond_the_ends_of_the_finger(finger: Fingertip, along_mm: float) -> None:
     # The receptor plane is 6.893 mm from one end and 5.857 mm from the other.
@@ -88,13 +68,6 @@ def test_a_contact_that_is_not_solved_is_no_answer(finger: Fingertip, monkeypatc
     monkeypatch.setattr("sim.contact.solver.MAX_PASSES", 1)
     with raises(ModelRangeError, "no_answer", indentor="bar:3", x_mm=0.0):
         PressedFinger(finger, "bar:3.0").force_n(Pose(0.0, -1.0))
-
-
-def test_only_the_same_place_of_the_finger_is_gone_on_from() -> None:
-    here = Pose(0.1, -0.5, 0.2)
-    assert here.over(Pose(0.1, 3.0, 0.2))
-    assert not here.over(Pose(0.1, -0.5, 0.3))
-    assert not here.over(Pose(0.2, -0.5, 0.2))
 
 
 def test_force_is_that_of_the_model_at_the_true_pose(finger: Fingertip, carriage: Steps) -> None:
@@ -135,14 +108,6 @@ def test_a_screw_two_percent_off(finger: Fingertip, carriage: Steps) -> None:
     assert wrong.force_n(0.0) == finger.indent("step:5", bad.x_mm, doi_mm=bad.doi_mm).force_n > 0
 
 
-def test_only_the_wrong_axis_is_wrong(finger: Fingertip, carriage: Steps) -> None:
-    plant = plant_of(finger, carriage, Screws(x_steps_per_mm=400 / 1.02))
-    carriage.command(-30.5, -25.4)
-    pose = plant.pose_at(0.0)
-    assert pose.x_mm == pytest.approx(30.0 - 1.02 * 30.5, abs=1e-12)
-    assert pose.height_mm == pytest.approx(finger.apex_height_mm - 0.4, abs=1e-12)
-
-
 @pytest.mark.parametrize("way_mm", [0.002, 0.3, 0.9])
 def test_a_rig_that_gives_way_shares_the_way_with_the_finger(
     finger: Fingertip, carriage: Steps, way_mm: float
@@ -168,31 +133,6 @@ def test_uneven_steps_down_and_up_are_pressing_at_once(finger: Fingertip, carria
         if pose.doi_mm > 0:
             at_once = finger.indent("step:5", pose.x_mm, doi_mm=pose.doi_mm).force_n
             assert force == pytest.approx(at_once, rel=1e-8), depth
-
-
-def test_an_unchanged_pose_is_not_solved_again(finger: Fingertip, carriage: Steps) -> None:
-    plant = plant_of(finger, carriage)
-    carriage.command(-31.0, -25.4)
-    assert plant.force_n(0.0) == plant.force_n(1.0)
-    assert plant.contact_solves == 1
-
-
-def test_where_skin_is_touched_is_looked_up_once_for_a_place(finger: Fingertip) -> None:
-    """For as many places as a script is likely to come back to."""
-    asked, looking = [], copy(finger)
-
-    def touch_height_mm(shape: Indentor, x_mm: float, z_mm: float | None) -> float:
-        asked.append((x_mm, z_mm))
-        return finger.touch_height_mm(shape, x_mm, z_mm=z_mm)
-
-    looking.touch_height_mm = touch_height_mm  # type: ignore[method-assign, assignment]
-    press, places = PressedFinger(looking, "bar:3.0"), [0.01 * k for k in range(64)]
-    depths = [[press.doi_mm(Pose(x_mm, height_mm)) for x_mm in places] for height_mm in (0.1, 0.2)]
-    assert asked == [(x_mm, None) for x_mm in places]
-    assert np.allclose(np.subtract(*depths), 0.1)
-    press.doi_mm(Pose(2.0, 0.1))
-    press.doi_mm(Pose(places[0], 0.1))
-    assert asked[64:] == [(2.0, None), (places[0], None)]
 
 
 def test_another_indentor_is_another_force(finger: Fingertip, carriage: Steps) -> None:

@@ -2,18 +2,17 @@
 
 import math
 import multiprocessing
-import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from sim.carriage import Carriage, Placement, Pose, Screws, Truth
+from sim.carriage import Carriage, Placement, Screws, Truth
 from sim.config import FingertipConfig
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, Samples
 from sim.models.fingertip import Fingertip
-from sim.serve.force_process import FingerNotLoadedError, PressAnswer, PressProcess
+from sim.serve.force_process import FingerNotLoadedError, PressProcess
 from sim.serve.prefetch import STALE_S, PressAhead
 from sim.serve.real_time_loop import WallScheduler
 from sim.units import GWT_N
@@ -100,27 +99,6 @@ def test_a_planned_descent_is_answered_without_a_wait(
         assert force == pytest.approx(expected, rel=1e-6)
 
 
-def test_a_force_between_two_solved_poses_lies_between_theirs(following: Following, finger: Fingertip) -> None:
-    """Solved every 15 µm: on 10 µm a force bends by 0.15 % of the largest at most (docs/validation/speed.md)."""
-
-    def descent() -> int:
-        """How many were between."""
-        start_s, between = following.scheduler.monotonic_s() + 0.5, 0
-        following.plan = lambda t_s: -0.1 - 0.3 * min(max(t_s - start_s, 0.0), 1.0)
-        following.run(0.5)
-        for _ in range(40):
-            following.run(0.47 * PERIOD_S)
-            t_s = following.scheduler.monotonic_s()
-            height_mm = round(400 * following.plan(t_s)) / 400
-            if following.press.fresh(t_s) and -0.39 < height_mm < -0.11:
-                on_grid = abs(t_s / PERIOD_S - round(t_s / PERIOD_S)) < 0.1
-                between += not on_grid
-                assert following.press.force_n(t_s) == pytest.approx(force_at(finger, height_mm), rel=4e-3)
-        return between
-
-    until(lambda: descent() > 5)  # where nothing else runs, the first is enough
-
-
 def test_a_plan_that_changes_gives_the_last_force_and_says_so(following: Following, finger: Fingertip) -> None:
     following.plan = lambda t_s: -0.3
     following.run_until(following.known)
@@ -155,7 +133,7 @@ def test_a_depth_beyond_the_model_is_no_force_and_one_complaint(following: Follo
     assert following.press.force_n(following.scheduler.monotonic_s()) == 0.0
 
 
-def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(following: Following) -> None:
+def test_dead_finger_process_stops_the_loop_and_is_reported_once(following: Following) -> None:
     """The last test with this process."""
     (process,) = multiprocessing.active_children()
     process.kill()
@@ -166,77 +144,6 @@ def test_a_finger_whose_process_dies_stops_the_loop_and_is_told_once(following: 
     assert following.complaints == ["the process of the virtual finger ended"]
     following.plan = lambda t_s: -0.777  # where it has not been
     assert math.isnan(following.press.force_n(following.scheduler.monotonic_s() + 2 * STALE_S))
-
-
-def test_a_finger_closed_while_it_answers_ends_without_a_word(
-    finger: Fingertip, capfd: pytest.CaptureFixture[str]
-) -> None:
-    assert finger is not None  # in the cache from here on
-    process = PressProcess(FingertipConfig(), "bar:3.0")
-    process.ask(Pose(0.0, -0.8))  # from rest: it is at it for tens of milliseconds
-    process.close()
-    assert capfd.readouterr() == ("", "")
-
-
-class SteppedScheduler(WallScheduler):
-    """Real pipes, on a time that goes on only once there is nothing left to do."""
-
-    now_s = 0.0
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def run_once(self, until_s: float = math.inf) -> None:
-        self._run_due()
-        ready = self._selector.select(0)
-        for key, _ in ready:
-            key.data()
-        if not ready:
-            self.now_s = min(self._queue.next_s(), until_s)
-
-
-class SlowFinger:
-    """Takes its time for each answer, more than two sample periods; the force is the depth."""
-
-    SOLVE_S = 2.4 * PERIOD_S
-
-    def __init__(self, scheduler: WallScheduler) -> None:
-        self._scheduler = scheduler
-        self._done, self._tell = os.pipe()
-        self._pose: Pose | None = None
-        os.write(self._tell, b".")
-
-    def fileno(self) -> int:
-        return self._done
-
-    def ask(self, pose: Pose) -> None:
-        if self._pose is not None:
-            self._scheduler.call_at(self._scheduler.monotonic_s() + self.SOLVE_S, lambda: os.write(self._tell, b"."))
-        self._pose = pose
-
-    def answer(self) -> PressAnswer:
-        os.read(self._done, 1)
-        assert self._pose is not None
-        return PressAnswer(self._pose, -self._pose.above_apex_mm, self.SOLVE_S)
-
-    def close(self) -> None:
-        os.close(self._done)
-        os.close(self._tell)
-
-
-def test_a_finger_slower_than_the_samples_gives_late_forces_and_does_not_give_up() -> None:
-    """1 mm/s for 1.5 s, no two samples in one place: each force given is that of a place passed a moment ago."""
-    scheduler, told = SteppedScheduler(), []
-    carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
-    press = PressAhead(scheduler, carriage, SlowFinger(scheduler), PERIOD_S, told.append)
-    while (now_s := scheduler.monotonic_s()) < 1.5:
-        scheduler.run_once(now_s + PERIOD_S)
-        ago_mm = scheduler.monotonic_s() - press.force_n(scheduler.monotonic_s())
-        assert ago_mm <= STALE_S + 0.01
-    assert press.statistics.late > 10
-    assert press.statistics.unknown == 0
-    press.close()
-    scheduler.close()
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:

@@ -46,17 +46,3 @@ def test_a_node_of_the_rim_may_not_bear(placed: PlacedIndentor, shallow: Contact
     force[-1, placed.model.patch.rim.argmax()] = -1e-6
     with raises(RimError, "at_rim"):
         placed.refuse_rim(placed.pose(SHALLOW_MM), replace(shallow, force=force))
-
-
-def test_errors_are_scaled_by_the_depth_but_by_no_less_than_a_micrometre(placed: PlacedIndentor) -> None:
-    assert placed.pose(0.5).scale_mm == 0.5
-    assert placed.pose(1e-5).scale_mm == 1e-3
-    assert placed.pose(0.5).height_mm == placed.touch.height_mm - 0.5
-
-
-def test_passes_of_all_attempts_count(placed: PlacedIndentor) -> None:
-    # No residual meets this target: tried at once, then in steps of 12.5 µm, each one going on from the last.
-    pressing = Pressing(placed, between_nodes=False, target=-1.0)
-    attempts = [pressing._at(0.05, None, -1.0).passes, pressing._pressed_in_finely(0.05).passes]
-    assert pressing.solve(0.05, None).passes == sum(attempts)
-    assert attempts[1] > attempts[0] > 0

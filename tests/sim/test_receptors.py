@@ -12,16 +12,13 @@ from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import (
     DEFAULT_DEPTH_MM,
     DEFAULT_X_MM,
-    ReceptorError,
     ReceptorSet,
     blended,
     located,
-    patch_around,
     place_receptors,
     strain_operator,
 )
 from sim.models.fingertip import Fingertip
-from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 PLANE_MM = 6.893
@@ -53,29 +50,6 @@ def test_ten_receptors_760_micrometres_deep(skin: FingertipSurface, placed: Rece
         found = minimize(squared, start, method="Nelder-Mead", options={"xatol": 1e-9, "fatol": 1e-16})
         assert np.sqrt(found.fun) == pytest.approx(0.76, abs=1e-7)
         assert point[1] < skin.height(point[0], PLANE_MM)
-
-
-def test_receptors_can_be_placed_in_a_close_row(skin: FingertipSurface) -> None:
-    x = np.arange(-2.4, 2.41, 0.1)
-    for depth in (0.75, 1.5):
-        found = place_receptors(skin, x, depth, PLANE_MM).position_mm
-        np.testing.assert_allclose(found[:, 0], x, rtol=0, atol=1e-9)
-        np.testing.assert_allclose(found[:, 2], PLANE_MM, rtol=0, atol=1e-9)
-
-
-def test_vertical_depth_is_larger_off_the_apex(skin: FingertipSurface, placed: ReceptorSet) -> None:
-    # On a slope the vertical depth is about 0.76 / cos: nearly the same at the apex, several percent more at ± 2 mm.
-    x, y, z = placed.position_mm.T
-    vertical = skin.height(x, z) - y
-    assert (vertical >= 0.76 - 1e-9).all()
-    assert vertical[DEFAULT_X_MM.index(0.0)] == pytest.approx(0.76, abs=0.002)
-    assert vertical[0] > 0.80
-    assert vertical[-1] > 0.80
-
-
-def test_a_receptor_beside_the_finger_is_refused(skin: FingertipSurface) -> None:
-    with raises(ReceptorError, "nowhere", x_mm=9.0, depth_mm=0.76):
-        place_receptors(skin, np.array([9.0]), 0.76, PLANE_MM)
 
 
 def test_receptors_lie_in_the_dermis(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
@@ -150,22 +124,6 @@ def test_strain_beside_an_interface_is_of_its_own_layer(
     assert np.abs(by_inner[1]).max() > 1
 
 
-def test_the_cells_around_a_cell_are_centred_on_it(default_mesh: FingerMesh) -> None:
-    n_z, n_phi, _ = default_mesh.grid
-    rows = np.flatnonzero(default_mesh.layer[default_mesh.element_grid[0, 0]] == DERMIS)
-    assert len(rows) >= 3
-    for k, j, i, axial, around, radial in [
-        (9, 7, rows[1], [8, 9, 10], {6, 7, 8}, rows[:3]),
-        (0, 0, rows[0], [0, 1, 2], {n_phi - 1, 0, 1}, rows[:3]),
-        (n_z - 2, n_phi - 1, rows[-1], [n_z - 4, n_z - 3, n_z - 2], {n_phi - 2, n_phi - 1, 0}, rows[-3:]),
-    ]:
-        cells = patch_around(default_mesh, (k, j, int(i)))
-        assert len(cells) == 27
-        assert sorted(set(cells[:, 0])) == axial
-        assert set(cells[:, 1]) == around
-        assert sorted(set(cells[:, 2])) == list(radial)
-
-
 def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerMesh, placed: ReceptorSet) -> None:
     # u = quadratic in x, y, z: strains vary linearly. The elements' centroid strain is second order in the size
     # (0.2 mm) over the scale of the field (1 mm): within 1 % of the largest strain.
@@ -177,11 +135,6 @@ def test_strain_of_a_bent_field_converges_to_the_exact_one(default_mesh: FingerM
     zero = 0 * px
     exact = np.stack([0.01 * py, 0.02 * (py - 4), 0.01 * (py - 4), 0.01 * px, 0.01 * (pz - 7), zero], axis=1)
     np.testing.assert_allclose(strain, exact, rtol=0, atol=0.01 * np.abs(exact).max())
-
-
-def test_a_receptor_at_an_end_of_the_finger_is_refused(default_mesh: FingerMesh) -> None:
-    with raises(ReceptorError, "outside_finger", z_mm=0.01):
-        strain_operator(default_mesh, np.array([[0.0, 1.5, 0.01]]))
 
 
 def test_measures_take_the_layer_of_each_receptor(finger: Fingertip) -> None:

@@ -16,8 +16,8 @@ from sim.models.pressing import RimError
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import SampledForce
-from studies.verification import relaxing_contact
 from tests.error_codes import raises
+from tests.sim import relaxing_contact
 from tests.sim.coarse_mesh import coarse_mesh
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
@@ -42,13 +42,6 @@ class Stress:
 
 
 # --- the series ---
-
-
-def test_g_is_as_written_out_for_any_shape() -> None:
-    t_s = np.array([[0.0, 0.1], [2.0, 300.0]])
-    assert SERIES.relaxed(t_s) == pytest.approx(np.vectorize(relaxed)(t_s), rel=1e-14)
-    assert SERIES.relaxed(0.0) == 1.0
-    assert SERIES.lasting == pytest.approx(0.55, rel=1e-15)
 
 
 @pytest.mark.parametrize("step_s", [0.001, 0.05, 0.7])
@@ -118,30 +111,19 @@ def test_let_go_it_recovers_as_in_many_small_steps() -> None:
     assert stress.memory.released(200.0).borne == pytest.approx(0.0, abs=1e-12)
 
 
-def test_what_is_remembered_is_of_any_shape_and_of_each_entry_alone() -> None:
-    grid, alone = Memory.none(SERIES, (2, 3)), [Stress() for _ in range(6)]
-    for k, step_s in enumerate((0.0, 0.1, 3.0, 0.2)):
-        p = np.arange(6.0).reshape(2, 3) * (k + 1)
-        ahead = grid.ahead(step_s)
-        forces = ahead.stiffness * (p - ahead.carried)
-        grid = grid.after(ahead, p)
-        expected = [one.after(step_s, value) for one, value in zip(alone, p.ravel(), strict=True)]
-        assert forces.ravel() == pytest.approx(expected, rel=1e-13)
-
-
 @pytest.mark.parametrize("terms", [[(1.0, 1.0)], [(0.6, 1.0), (0.4, 2.0)], [(-0.1, 1.0)], [(0.1, 0.0)], [(0.0, 1.0)]])
-def test_what_is_no_series(terms: list[tuple[float, float]]) -> None:
+def test_impossible_relaxation_series_are_refused(terms: list[tuple[float, float]]) -> None:
     with raises(ArgumentError, "bad_series"):
         Prony([PronyTerm(*term) for term in terms])
 
 
 @pytest.mark.parametrize("step_s", [-0.1, math.nan, math.inf])
-def test_time_goes_on(step_s: float) -> None:
+def test_impossible_steps_are_refused(step_s: float) -> None:
     with raises(ArgumentError, "bad_step"):
         Memory.none(SERIES).ahead(step_s)
 
 
-# --- a sphere on a half-space: studies/verification/relaxing_contact.py has the sources ---
+# --- a sphere on a half-space: tests/sim/relaxing_contact.py has the sources ---
 
 STEPS = 20
 
@@ -152,7 +134,7 @@ def flat() -> Patch:
     return relaxing_contact.flat_skin(25)
 
 
-def test_a_ramp_and_a_hold_are_lee_and_radoks(flat: Patch) -> None:
+def test_ramp_and_hold_are_lee_and_radoks_solution(flat: Patch) -> None:
     """By steps of a twentieth of τ 0.04 % of the elastic force is left (docs/validation/tissue.md)."""
     way = relaxing_contact.up_and_held(STEPS)
     forces = relaxing_contact.pressed_along(flat, way) / relaxing_contact.elastic(flat)
@@ -161,7 +143,7 @@ def test_a_ramp_and_a_hold_are_lee_and_radoks(flat: Patch) -> None:
     assert expected[-1] < 0.7 * max(expected), "it relaxes"
 
 
-def test_on_the_way_back_it_is_tings(flat: Patch) -> None:
+def test_unloading_is_tings_solution(flat: Patch) -> None:
     """Less than the force alone would be, which goes on pulling back what contact has left."""
     way = relaxing_contact.up_and_down(STEPS)
     forces = relaxing_contact.pressed_along(flat, way)[STEPS:] / relaxing_contact.elastic(flat)
@@ -260,19 +242,3 @@ def test_the_past_counts_whether_or_not_anybody_asked() -> None:
     assert asked == legs_after([])
     assert [t_s for t_s, _ in asked] == pytest.approx([0.05 * k for k in range(1, 121)])
     assert {step_s for _, step_s in asked} == {0.05}
-
-
-def test_between_samples_the_last_one_stands_and_before_the_first_nothing() -> None:
-    clock = VirtualClock()
-    force = recorded(clock, [])
-    clock.wait_s(1.0)
-    assert force.force_n(0.51) == force.force_n(0.5) == pytest.approx(5.0)
-    assert force.force_n(-1.0) == 0.0
-
-
-def test_a_long_day_keeps_only_the_last_samples() -> None:
-    clock = VirtualClock()
-    force = recorded(clock, [])
-    clock.wait_s(100.0)
-    assert force.force_n(95.0) > 0
-    assert len(force._forces) <= 257

@@ -1,7 +1,6 @@
 """A finger that relaxes, under a stage and in a process of its own."""
 
 import math
-from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -9,13 +8,12 @@ from sim.carriage import Carriage, Placement, Pose, Screws, Truth, Turn
 from sim.config import FingertipConfig
 from sim.devices.clock import VirtualClock
 from sim.errors import ModelRangeError
-from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.relaxation import Prony, PronyTerm
 from sim.models.viscoelastic import InTime
-from sim.plant import PressedFinger, RelaxingPlant, RelaxingPress
-from sim.serve.force_process import Going, Leg, TrajectoryForces, TrajectoryProcess, TrajectoryUpdate
-from sim.serve.prefetch import STALE_S, TrajectoryPrefetcher
+from sim.plant import RelaxingPlant, RelaxingPress
+from sim.serve.force_process import Going, Leg, TrajectoryProcess, TrajectoryUpdate
+from sim.serve.prefetch import TrajectoryPrefetcher
 from sim.serve.real_time_loop import WallScheduler
 from tests.error_codes import raises
 from tests.waiting import until
@@ -25,48 +23,35 @@ PERIOD_S = 0.05
 SHAPE = "cylinder:9"
 
 
-@pytest.fixture(scope="module")
-def skin() -> Fingertip:
-    """The cheapest; what is asserted holds for any."""
-    return load("halfspace")
-
-
-def deep(skin: Fingertip, doi_mm: float) -> Pose:
-    return Pose(0.0, skin.touch_height_mm(SHAPE, 0.0) - skin.apex_height_mm - doi_mm)
+def deep(halfspace: Fingertip, doi_mm: float) -> Pose:
+    return Pose(0.0, halfspace.touch_height_mm(SHAPE, 0.0) - halfspace.apex_height_mm - doi_mm)
 
 
 DEPTHS_MM = (-0.1, 0.1, 0.3, 0.3, 0.3, 0.1, -0.1, 0.2)
 
 
-def test_step_by_step_it_is_the_librarys(skin: Fingertip) -> None:
+def test_relaxing_press_of_a_bench_equals_the_librarys(halfspace: Fingertip) -> None:
     """To what contact is solved to: a bench asks for 1e-8, the library for 1e-10."""
-    press, library = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0)), InTime(skin, SHAPE, Prony(TERMS))
+    press, library = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0)), InTime(halfspace, SHAPE, Prony(TERMS))
     for doi_mm in DEPTHS_MM:
         expected = 2.0 * library.to_depth(0.2, doi_mm).force_n
-        assert press.moved_to(deep(skin, doi_mm), 0.2) == pytest.approx(expected, rel=1e-6, abs=1e-12)
+        assert press.moved_to(deep(halfspace, doi_mm), 0.2) == pytest.approx(expected, rel=1e-6, abs=1e-12)
     assert expected > 0
 
 
-def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(skin: Fingertip) -> None:
+def test_below_an_indentor_that_it_does_not_reach_it_recovers_as_in_the_air(halfspace: Fingertip) -> None:
     def again(between_mm: float) -> list[float]:
-        press = RelaxingPress(skin, SHAPE, TERMS)
-        return [press.moved_to(deep(skin, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
+        press = RelaxingPress(halfspace, SHAPE, TERMS)
+        return [press.moved_to(deep(halfspace, mm), s) for s, mm in ((5.0, 0.4), (1.0, between_mm), (0.1, 0.4))]
 
     assert again(0.05)[1] == 0.0
     assert again(0.05) == pytest.approx(again(-0.1), rel=1e-9)
 
 
-def test_what_relaxes_slowly_is_elastic_at_first(skin: Fingertip) -> None:
-    slow, elastic = RelaxingPress(skin, SHAPE, [PronyTerm(0.5, 1e7)]), PressedFinger(skin, SHAPE)
-    for doi_mm in DEPTHS_MM:
-        pose = deep(skin, doi_mm)
-        assert slow.moved_to(pose, 0.1) == pytest.approx(elastic.force_n(pose), rel=1e-5)
-
-
-def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Fingertip) -> None:
+def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(halfspace: Fingertip) -> None:
     compliance = 0.5
-    press = RelaxingPress(skin, SHAPE, TERMS, Truth(compliance_mm_per_n=compliance))
-    library, pose, at_first_n = InTime(skin, SHAPE, Prony(TERMS)), deep(skin, 0.4), 0.0
+    press = RelaxingPress(halfspace, SHAPE, TERMS, Truth(compliance_mm_per_n=compliance))
+    library, pose, at_first_n = InTime(halfspace, SHAPE, Prony(TERMS)), deep(halfspace, 0.4), 0.0
     for step_s in (0.0, 0.5, 0.5):
         force_n = press.moved_to(pose, step_s)
         doi_mm = press.doi_mm(pose)
@@ -76,211 +61,70 @@ def test_a_rig_that_gives_way_shares_the_way_with_the_skin_as_it_is(skin: Finger
     assert force_n < 0.8 * at_first_n
 
 
-def test_a_turned_finger_takes_spheres_only() -> None:
+def test_a_turned_finger_takes_spheres_only(halfspace: Fingertip) -> None:
     with raises(ModelRangeError, "turned_finger", indentor=SHAPE):
-        RelaxingPress(load("halfspace"), SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
+        RelaxingPress(halfspace, SHAPE, TERMS, Truth(turn=Turn(roll_deg=3.0)))
 
 
-def test_under_a_stage_the_force_is_that_of_the_samples(skin: Fingertip) -> None:
+def test_under_a_stage_the_force_is_that_of_the_samples(halfspace: Fingertip) -> None:
     clock, at = VirtualClock(), [-0.1]
     steps_per_mm = 1e6
 
     def steps(t_s: float) -> tuple[int, int, int]:
-        return 0, 0, round(steps_per_mm * deep(skin, at[0]).above_apex_mm)
+        return 0, 0, round(steps_per_mm * deep(halfspace, at[0]).above_apex_mm)
 
     carriage = Carriage(steps, Screws(z_steps_per_mm=steps_per_mm), Placement(0.0, 0.0))
-    plant = RelaxingPlant(skin, carriage, TERMS, Truth(2.0), clock, PERIOD_S)
+    plant = RelaxingPlant(halfspace, carriage, TERMS, Truth(2.0), clock, PERIOD_S)
     clock.wait_s(1.0)
     assert plant.force_n(1.0) == 0.0, "nothing is mounted"
     plant.mount(SHAPE)
     clock.wait_s(1.01)
     at[0] = 0.3
-    press = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0))
+    press = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0))
     for _ in range(4):
-        expected = press.moved_to(deep(skin, 0.3), PERIOD_S)
+        expected = press.moved_to(deep(halfspace, 0.3), PERIOD_S)
         clock.wait_s(PERIOD_S)
         assert plant.force_n(clock.monotonic_s()) == pytest.approx(expected, rel=1e-6)
     assert plant.pose_at(clock.monotonic_s()).doi_mm == pytest.approx(0.3, abs=2e-6)
     plant.mount(SHAPE)
     clock.wait_s(PERIOD_S)
-    fresh = RelaxingPress(skin, SHAPE, TERMS, Truth(2.0)).moved_to(deep(skin, 0.3), PERIOD_S)
+    fresh = RelaxingPress(halfspace, SHAPE, TERMS, Truth(2.0)).moved_to(deep(halfspace, 0.3), PERIOD_S)
     assert plant.force_n(clock.monotonic_s()) == pytest.approx(fresh, rel=1e-6)
 
 
 # --- ways, in another process ---
 
 
-def legs(skin: Fingertip, *doi_mm: float, step_s: float = PERIOD_S) -> tuple[Leg, ...]:
-    return tuple(Leg(step_s, deep(skin, depth)) for depth in doi_mm)
+def legs(halfspace: Fingertip, *doi_mm: float, step_s: float = PERIOD_S) -> tuple[Leg, ...]:
+    return tuple(Leg(step_s, deep(halfspace, depth)) for depth in doi_mm)
 
 
-def alone(skin: Fingertip, way: tuple[Leg, ...]) -> list[float]:
-    press = RelaxingPress(skin, SHAPE, TERMS)
+def alone(halfspace: Fingertip, way: tuple[Leg, ...]) -> list[float]:
+    press = RelaxingPress(halfspace, SHAPE, TERMS)
     return [press.moved_to(leg.pose, leg.step_s) for leg in way]
 
 
-def test_what_was_planned_and_came_so_is_not_solved_again(skin: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    solved: list[Pose] = []
-    moved_to = RelaxingPress.moved_to
-
-    def counted(self: RelaxingPress, pose: Pose, step_s: float) -> float:
-        solved.append(pose)
-        return moved_to(self, pose, step_s)
-
-    way = legs(skin, 0.1, 0.2, 0.3, 0.35)
-    expected = alone(skin, way)
-    monkeypatch.setattr(RelaxingPress, "moved_to", counted)
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    assert going(TrajectoryUpdate(way[:1], way[1:3])).forces_n == pytest.approx(expected[:3])
-    assert going(TrajectoryUpdate(way[1:2], way[2:4])).forces_n == pytest.approx(expected[1:])
-    assert going(TrajectoryUpdate(way[2:], ())).forces_n == pytest.approx(expected[2:])
-    assert solved == [leg.pose for leg in way]
+def test_plan_that_did_not_come_is_forgotten(halfspace: Fingertip) -> None:
+    going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
+    going(TrajectoryUpdate(legs(halfspace, 0.1), legs(halfspace, 0.8, 1.2)))
+    came = legs(halfspace, 0.1, 0.15, 0.15)
+    assert going(TrajectoryUpdate(came[1:2], came[2:])).forces_n == pytest.approx(
+        alone(halfspace, came)[1:], rel=1e-6
+    )
+    later = Leg(3 * PERIOD_S, deep(halfspace, 0.15))  # the same place, but not the same time
+    assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(
+        alone(halfspace, (*came[:2], later))[2:], rel=1e-6
+    )
 
 
-def test_what_was_planned_and_came_otherwise_is_forgotten(skin: Fingertip) -> None:
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    going(TrajectoryUpdate(legs(skin, 0.1), legs(skin, 0.8, 1.2)))
-    came = legs(skin, 0.1, 0.15, 0.15)
-    assert going(TrajectoryUpdate(came[1:2], came[2:])).forces_n == pytest.approx(alone(skin, came)[1:], rel=1e-6)
-    later = Leg(3 * PERIOD_S, deep(skin, 0.15))  # the same place, but not the same time
-    assert going(TrajectoryUpdate((later,))).forces_n == pytest.approx(alone(skin, (*came[:2], later))[2:], rel=1e-6)
-
-
-def test_what_has_no_answer_is_told_and_not_remembered(skin: Fingertip) -> None:
-    going = Going(RelaxingPress(skin, SHAPE, TERMS))
-    way = (*legs(skin, 0.2), Leg(PERIOD_S, deep(skin, 2.5)), *legs(skin, 0.2))
+def test_leg_without_an_answer_is_reported_and_forgotten(halfspace: Fingertip) -> None:
+    going = Going(RelaxingPress(halfspace, SHAPE, TERMS))
+    way = (*legs(halfspace, 0.2), Leg(PERIOD_S, deep(halfspace, 2.5)), *legs(halfspace, 0.2))
     answer = going(TrajectoryUpdate(way))
     assert math.isnan(answer.forces_n[1])
     assert "DOI 2.5 mm: must be more than 0 and at most 2 mm" in answer.problem
-    assert answer.forces_n[2] == pytest.approx(alone(skin, (way[0], way[2]))[1], rel=1e-6)
-    assert going(TrajectoryUpdate(legs(skin, 0.2))).problem == ""
-
-
-class OnTheSpot:
-    """Stands in for the process: answers at once, or when a test says so; remembers what it was asked."""
-
-    def __init__(self) -> None:
-        self.asked: list[TrajectoryUpdate] = []
-        self.ended = False
-
-    def ask(self, way: TrajectoryUpdate) -> None:
-        self.asked.append(way)
-
-    def answer(self) -> TrajectoryForces:
-        if self.ended:
-            raise EOFError
-        way = self.asked[-1]
-        return TrajectoryForces(tuple(-leg.pose.above_apex_mm for leg in (*way.gone, *way.planned)), 0.01)
-
-    def fileno(self) -> int:
-        return 0
-
-    def close(self) -> None:
-        self.ended = True
-
-
-class StillClock(WallScheduler):
-    """A loop whose time a test sets; files are not watched."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.now_s = 0.0
-        self.answers: Callable[[], None] = lambda: None
-
-    def monotonic_s(self) -> float:
-        return self.now_s
-
-    def watch(self, file: object, on_readable: Callable[[], None]) -> None:
-        self.answers = on_readable
-
-    def unwatch(self, file: object) -> None:
-        """There is nothing to unwatch."""
-
-    def go(self, to_s: float) -> None:
-        self.now_s = to_s
-        self._run_due()
-
-
-class Rig:
-    """TrajectoryPrefetcher on a clock that stands still, the stage's plan as a test sets it."""
-
-    def __init__(self) -> None:
-        self.clock, self.process, self.told = StillClock(), OnTheSpot(), list[str]()
-        self.plan: Callable[[float], float] = lambda t_s: 1.0
-        carriage = Carriage(
-            lambda t_s: (0, 0, round(1e6 * self.plan(t_s))), Screws(z_steps_per_mm=1e6), Placement(0, 0)
-        )
-        self.ahead = TrajectoryPrefetcher(self.clock, carriage, self.process, PERIOD_S, self.told.append)  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def rig() -> Iterator[Rig]:
-    rig = Rig()
-    yield rig
-    rig.clock.close()
-
-
-def test_each_instant_is_gone_once_and_two_are_planned(rig: Rig) -> None:
-    rig.plan = lambda t_s: 1.0 - t_s
-    for k in range(1, 4):
-        rig.clock.go(k * PERIOD_S)
-        rig.clock.answers()
-    assert [len(way.gone) for way in rig.process.asked] == [1, 1, 1, 1]
-    assert [len(way.planned) for way in rig.process.asked] == [0, 2, 2, 2]
-    assert [way.gone[0].step_s for way in rig.process.asked] == pytest.approx([0.0, *[PERIOD_S] * 3])
-    assert rig.ahead.force_n(3 * PERIOD_S) == pytest.approx(-(1.0 - 0.15))
-    assert rig.ahead.force_n(3.5 * PERIOD_S) == pytest.approx(-(1.0 - 0.175)), "between two, linear in time"
-    assert rig.ahead.fresh(5 * PERIOD_S)
-    assert not rig.ahead.fresh(5.1 * PERIOD_S)
-
-
-def test_who_is_behind_goes_to_now_by_the_last_turn(rig: Rig) -> None:
-    """At rest or evenly on the way one step does, and each step costs a contact."""
-    rig.plan = lambda t_s: 1.0 - min(max(t_s - 5 * PERIOD_S, 0.0), 5 * PERIOD_S)
-    rig.clock.go(22 * PERIOD_S)
-    [*_, way] = rig.process.asked
-    assert [leg.step_s for leg in way.gone] == pytest.approx([10 * PERIOD_S, 12 * PERIOD_S])
-    rig.clock.answers()
-    assert rig.ahead.fresh(22 * PERIOD_S)
-    assert not rig.ahead.fresh(17 * PERIOD_S), "skipped"
-    rig.clock.go(40 * PERIOD_S)
-    [*_, way] = rig.process.asked
-    assert [leg.step_s for leg in way.gone] == pytest.approx([PERIOD_S, PERIOD_S, 16 * PERIOD_S]), "two were planned"
-
-
-def test_who_takes_long_plans_for_when_the_answer_comes(rig: Rig) -> None:
-    rig.plan = lambda t_s: 1.0 - t_s
-    rig.clock.go(PERIOD_S)
-    for now, planned in ((4, 7), (7, 10)):
-        rig.clock.go(now * PERIOD_S)
-        rig.clock.answers()
-        [*_, way] = rig.process.asked
-        assert [1.0 - leg.pose.above_apex_mm for leg in way.planned] == pytest.approx([planned * PERIOD_S], abs=1e-5)
-    assert rig.ahead.fresh(7 * PERIOD_S), "it has just come"
-    assert [leg.step_s for leg in way.gone] == pytest.approx([3 * PERIOD_S]), "as it was planned"
-
-
-def test_a_plan_that_changed_makes_an_instant_unknown_until_it_is_solved_anew(rig: Rig) -> None:
-    rig.clock.go(PERIOD_S)
-    rig.clock.answers()
-    assert rig.ahead.fresh(2 * PERIOD_S)
-    rig.plan = lambda t_s: 1.0 if t_s < 1.5 * PERIOD_S else 0.5
-    assert not rig.ahead.fresh(2 * PERIOD_S)
-    assert rig.ahead.force_n(2 * PERIOD_S) == -1.0, "the last one"
-    assert rig.ahead.statistics.late == 1
-    assert math.isnan(rig.ahead.force_n(PERIOD_S + STALE_S + 0.01)), "too old to be an answer"
-    rig.clock.go(2 * PERIOD_S)
-    rig.clock.answers()
-    assert rig.ahead.force_n(2 * PERIOD_S) == -0.5
-
-
-def test_a_process_that_has_gone_is_told_and_ends_the_loop(rig: Rig) -> None:
-    rig.clock.go(PERIOD_S)
-    rig.process.ended = True
-    rig.clock.answers()
-    assert (rig.ahead.ended, rig.told) == (True, ["the process of the virtual finger ended"])
-    rig.clock.go(9 * PERIOD_S)
-    assert len(rig.process.asked) == 2, "nobody is asked any more"
+    assert answer.forces_n[2] == pytest.approx(alone(halfspace, (way[0], way[2]))[1], rel=1e-6)
+    assert going(TrajectoryUpdate(legs(halfspace, 0.2))).problem == ""
 
 
 def test_in_real_time_a_hold_relaxes(finger: Fingertip) -> None:

@@ -13,27 +13,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from sim.config import FingertipConfig, Geometry, Tissue
-from sim.contact.indentor import ACROSS, ALONG, BOTH
+from sim.config import FingertipConfig
+from sim.contact.indentor import ALONG, BOTH
 from sim.contact.patch import PatchNodes, Y
 from sim.contact.points import ContactPoints
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import ContactState
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import ReceptorSet
-from sim.models import sources
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from sim.models.pictures import ModelOutline
 from sim.models.result import IndentationResult, PointLoadResult, median_of_four
-from sim.models.sources import Recipe, made
 
 Result = IndentationResult | PointLoadResult
 LARGEST_BYTES = 100_000
-ROUND_SHAPES = ("sphere:2", "flat:1")
-SHAPES = ("bar:3", "cylinder:9", "step:1", "grating:0.5,1", "wedge:60", "profile", "line", *ROUND_SHAPES, "point")
+ROUND_SHAPES = ("sphere:2",)
+SHAPES = ("bar:3", "grating:0.5,1", "profile", "line", *ROUND_SHAPES, "point")
 
 
 @pytest.fixture(scope="session", params=SHAPES)
@@ -97,21 +94,6 @@ def test_an_answer_is_small_and_stays_so(result: Result) -> None:
     assert _same(again.receptor_strain, result.receptor_strain)
 
 
-def test_many_answers_share_what_they_keep_of_the_model(finger: Fingertip) -> None:
-    one, two = (finger.indent("cylinder:9", x, doi_mm=0.2) for x in (0.0, 0.1))
-    assert one.model is two.model
-    back = pickle.loads(pickle.dumps([one, two]))
-    assert back[0].model is back[1].model
-    assert len(pickle.dumps([one, two])) < 2 * len(pickle.dumps(one)) - 20_000
-
-
-def test_contact_alone_computes_no_strain(finger: Fingertip) -> None:
-    result = finger.indent("cylinder:9", doi_mm=0.2)
-    assert "receptor_strain" not in vars(result)
-    assert result.receptor_strain is result.receptor_strain
-    assert _same(replace(pickle.loads(pickle.dumps(result)), x_mm=1.0).receptor_strain, result.receptor_strain)
-
-
 def test_a_press_goes_on_from_an_answer_read_back(finger: Fingertip) -> None:
     result = finger.indent("cylinder:9", doi_mm=0.2)
     live, back = (
@@ -131,16 +113,6 @@ def test_reading_an_answer_back_loads_no_finger(finger: Fingertip, tmp_path: Pat
         assert not {"sim.models.fingertip", "sim.models.condensed", "sim.models.cache", "sim.fem.dissection"} & set(sys.modules)
     """  # noqa: E501
     subprocess.run([sys.executable, "-c", code, path], check=True)
-
-
-def test_an_answer_names_shape_place_depth_and_force(finger: Fingertip) -> None:
-    result = finger.indent("bar:3", 0.5, doi_mm=0.25)
-    assert repr(result) == (
-        f"<IndentationResult bar:3 at x = 0.5, z = 6.893 mm: 0.25 mm deep, {result.force_gwt:.4g} gwt>"
-    )
-    of_a_section = load("section").indent("bar:3", 0.5, doi_mm=0.25)
-    assert repr(of_a_section).endswith(f" {of_a_section.force_gwt:.4g} gwt per mm of length>")
-    assert repr(finger.point_load(0.5, 3)) == "<PointLoadResult at x = 0.5, z = 6.893 mm: 3 gwt>"
 
 
 def test_receptors_are_a_table(result: Result) -> None:
@@ -172,22 +144,6 @@ def test_a_finger_crosses(coarse_config: FingertipConfig, crossed: Callable[[Fin
     assert finger.e_epidermis_mpa != 1.0
 
 
-def test_a_copy_shares_models_and_a_pickle_holds_none(finger: Fingertip) -> None:
-    assert copy.deepcopy(finger).model is finger.model
-    assert len(pickle.dumps(finger)) < 5000
-
-
-def test_a_process_to_which_a_finger_is_sent_again_reads_it_once(
-    finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made.cache_clear()
-    sent = pickle.dumps(finger)
-    first = pickle.loads(sent)
-    monkeypatch.setattr(sources, "cached_arrays", None)
-    assert pickle.loads(sent).model is first.model
-    made.cache_clear()
-
-
 def test_the_same_receptors_cross(
     coarse_config: FingertipConfig, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,18 +166,6 @@ def test_the_other_models_cross(name: Any, coarse_config: FingertipConfig) -> No
     assert one.model.kind == two.model.kind == name
     assert one.force_n == pytest.approx(two.force_n, rel=1e-12)
     assert repr(other).startswith(f"<Fingertip {name}, FingertipConfig(mesh=MeshSpec(spacing_mm=0.5, ")
-
-
-def test_a_config_tells_what_differs_from_the_defaults() -> None:
-    assert repr(FingertipConfig()) == "FingertipConfig()"
-    config = FingertipConfig(tissue=Tissue(epidermis_mm=0.3), receptor_plane_from_tip_mm=6)
-    assert repr(config) == "FingertipConfig(tissue=Tissue(epidermis_mm=0.3), receptor_plane_from_tip_mm=6.0)"
-    rows = tuple((z, 4.0, 4.0, 0.0) for z in (0.0, 3.0, 6.0, 9.0, 12.75))
-    assert repr(Geometry(sections=rows)) == "Geometry(sections=<5 rows>)"
-
-
-def test_axes_are_kept(coarse_finger: Fingertip) -> None:
-    assert coarse_finger.indent("line", z_mm=7.0, doi_mm=0.1).model.patch.axes[:-1] == ACROSS
 
 
 # --- what is read from an answer made by hand: three rows of six nodes with forces where they are wanted ---
@@ -261,7 +205,7 @@ def _by_hand(bearing: dict[int, float], shape: str = "bar:3", axes: tuple[int, .
 FEW = {_node(-0.5): 0.3, _node(0.25): 0.1, _node(0.75): 0.2, _node(0.0, row=2): 0.4}
 
 
-def test_numbers() -> None:
+def test_numbers_of_an_answer() -> None:
     result = _by_hand(FEW)
     area = result.model.patch.area_mm2
     assert result.force_gwt == pytest.approx(0.02 / 9.80665e-3)
@@ -274,7 +218,7 @@ def test_numbers() -> None:
     assert _by_hand({node: 2 * newton for node, newton in FEW.items()}).contact_area_mm2 == result.contact_area_mm2
 
 
-def test_profiles() -> None:
+def test_profiles_of_an_answer() -> None:
     result = _by_hand(FEW)
     nodes = [_node(x) for x in SIDE]
     assert result.plane == slice(6, 12)
@@ -289,40 +233,6 @@ def test_profiles() -> None:
     z, down = result.axial_profile
     assert z.tolist() == ALONG_MM.tolist()
     assert down == pytest.approx(0.01 * np.array([_node(0.0, row) for row in range(3)]))
-
-
-def test_what_lies_across_moves_nothing_sideways() -> None:
-    result = _by_hand(FEW, "line", ACROSS)
-    x, y = result.skin_profile
-    assert x.tolist() == SIDE.tolist()
-    assert y == pytest.approx(4.0 - 0.1 * SIDE**2 - 0.01 * np.array([_node(x) for x in SIDE]))
-    here, moved = result.touching_mm
-    assert here.tolist() == [-0.5, 0.0, 0.25, 0.75]  # of all rows
-    assert moved.tolist() == here.tolist()
-
-
-def test_places_that_touch() -> None:
-    here, moved = _by_hand(FEW).touching_mm
-    assert here.tolist() == [-0.5, 0.25, 0.75]  # of the receptor plane
-    assert moved == pytest.approx(here + 0.001 * np.array([_node(x) for x in here]))
-
-
-def test_places_between_nodes_that_touch() -> None:
-    """The first of three between two neighbours, a quarter of the way; the third between others; one beside."""
-    result = _by_hand(FEW)
-    segments = result.model.patch.segments
-    first, last = (int(np.flatnonzero((segments == pair).all(axis=1))[0]) for pair in ([6, 7], [9, 10]))
-    points = ContactPoints(np.array([_node(-1.0)]), np.array([0, 3 * first, 3 * last + 2]))
-    state = replace(result.state, points=points, multiplier=np.array([0.1, 0.1, 0.1, 0.1]))
-    here, moved = replace(result, state=state).touching_mm
-    x6, x7, x9, x10 = (SIDE[::-1][node - 6] for node in (6, 7, 9, 10))
-    expected = np.array([x6 + 0.25 * (x7 - x6), x9 + 0.75 * (x10 - x9), -1.0])
-    at_node = np.array([6.25, 9.75, _node(-1.0)])
-    order = np.argsort(expected)
-    assert here == pytest.approx(expected[order])
-    assert moved == pytest.approx((expected + 0.001 * at_node)[order])
-    none = replace(state, multiplier=np.array([0.0, 0.0, 0.1, 0.0]))
-    assert replace(result, state=none).touching_mm[0] == pytest.approx([expected[0]])
 
 
 @pytest.mark.parametrize(
@@ -355,98 +265,6 @@ def test_regions_open_between_nodes_under_a_smooth_shape() -> None:
     ((low, high),) = _opening({-1.0: 0.16**1.5, -0.5: 0.04**1.5, 0.75: 0.04**1.5, 1.5: 0.16**1.5})
     assert high == pytest.approx(0.75 - 0.75 * 0.04 / 0.12)
     assert low == pytest.approx(-0.5 + 0.5 * 0.04 / 0.12)
-
-
-def test_regions_open_no_sooner_than_at_the_last_place() -> None:
-    ((_, high),) = _opening({0.75: 0.15**1.5, 1.5: 0.16**1.5})
-    assert high == 0.25
-
-
-@pytest.mark.parametrize("far", [0.04, 0.03])
-def test_a_gap_that_does_not_open_ends_at_the_last_place(far: float) -> None:
-    ((_, high),) = _opening({0.75: 0.04**1.5, 1.5: far**1.5})
-    assert high == 0.25
-
-
-def test_without_two_nodes_beyond_it_ends_at_the_last_place() -> None:
-    result = _by_hand({_node(0.75): 0.1}, "cylinder:9")
-    ((low, high),) = result.contact_regions_mm
-    assert (low, high) == (0.75, 0.75)
-    ((_, high),) = _by_hand({_node(0.25): 0.1}, "cylinder:9").contact_regions_mm
-    assert high == 0.25  # two nodes beyond, equal gaps
-
-
-def test_receptors() -> None:
-    result = _by_hand(FEW)
-    assert result.receptor_strain.tolist() == (1e-3 * np.arange(12.0).reshape(2, 6)).tolist()
-    measures = result.receptor_measures
-    assert measures["e22"] == pytest.approx([1e-3, 7e-3])
-    mu, volume = 1e3 / 2.96, np.array([3e-3, 21e-3])  # of E = 1000 and ten times that
-    s11 = 2 * mu * np.array([0.0, 6e-3]) + 2 * mu * 0.48 / 0.04 * volume
-    assert measures["s11"] == pytest.approx(s11 * [1, 10])
-    assert result.as_json()["receptors"]["x_mm"] == [-0.5, 0.5]
-    assert result.as_json()["receptors"]["s11"] == measures["s11"].tolist()
-
-
-def test_json() -> None:
-    told = _by_hand(FEW).as_json()
-    solver = {"model": "finger", "nodes": 1234, "iterations": 7, "kkt_residual": 2e-11}
-    assert told["solver"] == solver | {"converged": True, "contact_s": 0.003}
-    assert told["contact_regions_mm"] == [[-0.5, -0.5], [0.25, 0.25], [0.75, 0.75]]
-    assert told["pressure"]["x_mm"] == SIDE.tolist()
-    assert told["pressure"]["kpa"] == _by_hand(FEW).pressure_profile_kpa[1].tolist()
-    assert (told["force_n"], told["doi_mm"]) == (0.02, 0.5)
-    assert told["force_gwt"] == _by_hand(FEW).force_gwt
-    assert told["peak_pressure_kpa"] == _by_hand(FEW).peak_pressure_kpa
-
-
-def test_what_is_read_back_has_its_gap_from_the_pose() -> None:
-    """Zero of DOI at 4.25 mm and 0.5 mm deep: the bar's flat lies at 3.75 mm."""
-    result = replace(_by_hand(FEW), _strain=partial(np.zeros, (2, 6)))
-    back = pickle.loads(pickle.dumps(result))
-    expected: NDArray[np.float64] = 3.75 - (4.0 - 0.1 * result.model.patch.x**2 - 0.01 * np.arange(18))
-    below = np.abs(result.model.patch.x + 0.001 * np.arange(18) - 0.125) < 1.4
-    assert back.state.gap[below] == pytest.approx(expected[below])
-    assert back.state.force.tolist() == result.state.force.tolist()
-    assert back.model.patch_in_skin.tolist() == (np.arange(18) + 40).tolist()
-    assert len(pickle.loads(pickle.dumps(result)).model.patch) == 18
-    assert result.state.gap.max() == 0.2  # what is pickled stays as it was
-
-
-def test_what_was_looked_at_is_not_pickled() -> None:
-    fresh, seen = _outline(), _outline()
-    assert len(seen.patch.tangential_mm) + len(seen.patch.segments) + len(seen.patch.rim) + len(seen.across) == 40
-    assert pickle.dumps(seen) == pickle.dumps(fresh)
-
-
-def test_a_point_load() -> None:
-    load = PointLoadResult(0.5, 6.25, 0.02, 1e-3 * np.arange(12.0).reshape(2, 6), _outline())
-    assert load.as_json() == {
-        "force_n": 0.02,
-        "force_gwt": 0.02 / 9.80665e-3,
-        "doi_mm": None,
-        "peak_pressure_kpa": None,
-        "contact_regions_mm": [],
-        "pressure": {"x_mm": [], "kpa": []},
-        "receptors": _by_hand(FEW).as_json()["receptors"],
-        "solver": {
-            "model": "finger",
-            "nodes": 1234,
-            "iterations": 0,
-            "kkt_residual": 0.0,
-            "converged": True,
-            "contact_s": 0.0,
-        },
-    }
-
-
-def test_two_fingers_are_kept_where_they_are_sent() -> None:
-    begun: list[int] = []
-    recipes = [Recipe.of(begun.append, n) for n in range(3)]
-    for n in (0, 1, 0, 1, 2, 0):
-        made(recipes[n])
-    made.cache_clear()
-    assert begun == [0, 1, 2, 0]
 
 
 def test_the_sources_filter() -> None:

@@ -8,26 +8,19 @@ from typing import Any
 
 import pytest
 
-from sim.carriage import AS_MODELLED, Carriage, Placement, Pose, Screws
-from sim.config import FingertipConfig
-from sim.models.fingertip import Fingertip
-from sim.models.relaxation import PronyTerm
-from sim.plant import PressedFinger, RelaxingPress
+from sim.carriage import Carriage, Placement, Pose, Screws
 from sim.serve.force_process import (
     ForceProcess,
-    Leg,
     PressAnswer,
     PressProcess,
     TrajectoryForces,
     TrajectoryProcess,
     TrajectoryUpdate,
-    _going,
-    _pressing,
 )
 from sim.serve.prefetch import STALE_S, ForcePrefetcher, PressAhead, TrajectoryPrefetcher
-from tests.sim.test_press_ahead import PERIOD_S, SteppedScheduler
+from tests.sim.stepped_scheduler import SteppedScheduler
 
-TERMS = (PronyTerm(0.3, 0.07),)
+PERIOD_S = 0.05
 LONG_S = 0.22
 """An answer: with it the time to the next one's is less than STALE_S, whatever is asked in between."""
 
@@ -83,9 +76,10 @@ class Served:
 
     def __init__(self, kind: type[Any]) -> None:
         self.scheduler, self.told = SteppedScheduler(), list[str]()
+        self.depth_mm: Callable[[float], float] = lambda t_s: t_s
         ahead, answer = KINDS[kind]
         self.finger = Slow(self.scheduler, answer)
-        carriage = Carriage(lambda t_s: (0, 0, -round(400 * t_s)), Screws(), Placement(0.0, 0.0))
+        carriage = Carriage(lambda t_s: (0, 0, -round(400 * self.depth_mm(t_s))), Screws(), Placement(0.0, 0.0))
         make: Callable[..., ForcePrefetcher] = ahead
         self.ahead = make(self.scheduler, carriage, self.finger, PERIOD_S, self.told.append)
 
@@ -133,14 +127,20 @@ def test_a_force_is_known_from_when_its_answer_came_however_long_that_took(serve
     assert served.told == []
 
 
-def test_an_answer_that_took_longer_than_foreseen_counts_for_what_it_was_asked(served: Served) -> None:
+def test_after_a_change_of_plan_the_last_force_counts_until_the_new_one_is_solved(served: Served) -> None:
     for _ in served.each_sample(0.5):
         pass
-    served.finger.solve_s, asked = 0.4, len(served.finger.asked)
-    samples = served.each_sample(2.0)
-    while len(served.finger.asked) < asked + 2:
-        next(samples)
-    assert served.ahead.force_n(served.scheduler.monotonic_s()) > served.finger.asked[asked][0] + 1.5 * PERIOD_S
+    now_s, late = served.scheduler.monotonic_s(), served.ahead.statistics.late
+    before = served.ahead.force_n(now_s)
+    assert served.ahead.fresh(now_s)
+    served.depth_mm = lambda t_s: 2.0
+    assert not served.ahead.fresh(now_s)
+    assert served.ahead.force_n(now_s) == pytest.approx(before, abs=PERIOD_S + 1e-6)
+    assert served.ahead.statistics.late == late + 1
+    assert math.isnan(served.ahead.force_n(now_s + STALE_S + PERIOD_S)), "too old to be an answer"
+    *_, later_s = served.each_sample(now_s + 5 * PERIOD_S)
+    assert served.ahead.fresh(later_s)
+    assert served.ahead.force_n(later_s) == pytest.approx(2.0)
 
 
 def test_too_late_is_said_once_each_time(served: Served) -> None:
@@ -158,39 +158,3 @@ def test_too_late_is_said_once_each_time(served: Served) -> None:
             pass
         now_s = served.scheduler.monotonic_s()
         assert served.ahead.force_n(now_s) == pytest.approx(now_s, abs=0.01)
-
-
-def test_a_loop_that_was_kept_from_running_knows_what_was_solved_before(served: Served) -> None:
-    """What it was kept from looking at is not lost: the newest instant that is known counts."""
-    for _ in served.each_sample(0.5):
-        pass
-    ahead_s = max(t_s for t_s in (0.5 + k * PERIOD_S for k in range(9)) if served.ahead.fresh(t_s))
-    served.finger.solve_s = 4 * STALE_S
-    served.scheduler.now_s = ahead_s + 0.4
-    served.scheduler.run_once(served.scheduler.now_s)
-    assert served.ahead.force_n(served.scheduler.now_s) == pytest.approx(ahead_s, abs=0.01)
-
-
-@pytest.mark.parametrize("indentor", ["bar:3.0", "sphere:4"])
-def test_contact_was_solved_once_before_anybody_is_answered(
-    indentor: str, coarse_finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """What a first contact loads, or builds for its shape, is there; and it leaves nothing behind."""
-    solved: list[float] = []
-    indent = Fingertip.indent
-
-    def counted(self: Fingertip, *arguments: Any, **options: Any) -> Any:
-        solved.append(options["doi_mm"])
-        return indent(self, *arguments, **options)
-
-    monkeypatch.setattr(Fingertip, "load", lambda config: coarse_finger)
-    monkeypatch.setattr(Fingertip, "indent", counted)
-    pose = Pose(0.0, coarse_finger.touch_height_mm(indentor, 0.0) - coarse_finger.apex_height_mm - 0.3)
-    press = _pressing(FingertipConfig(), indentor, AS_MODELLED)
-    assert solved == pytest.approx([0.1])
-    assert press(pose).force_n == PressedFinger(coarse_finger, indentor).force_n(pose)
-    solved.clear()
-    going = _going(FingertipConfig(), indentor, TERMS, AS_MODELLED)
-    assert solved == pytest.approx([0.1])
-    expected = RelaxingPress(coarse_finger, indentor, TERMS).moved_to(pose, PERIOD_S)
-    assert going(TrajectoryUpdate((Leg(PERIOD_S, pose),))).forces_n == (expected,)

@@ -82,21 +82,6 @@ def test_a_pseudo_terminal_serves_one_client_after_another(loop: Loop) -> None:
         port.close()
 
 
-def test_nobody_reads_and_the_devices_go_on(loop: Loop) -> None:
-    """More than any buffer holds: what does not fit is lost, and the loop still answers its timers."""
-    port = PtyPort(loop.scheduler, loop.line)
-    ticked = threading.Event()
-    for _ in range(100):
-        loop.line.device_write(b"x" * 1000)
-    loop.scheduler.call_at(loop.scheduler.monotonic_s() + 1.2, ticked.set)
-    loop.start()
-    try:
-        assert ticked.wait(DEADLINE_S)
-    finally:
-        loop.stop()
-        port.close()
-
-
 def test_tcp_clients_reconnect(tcp: TcpPort) -> None:
     for text in (b"one", b"two", b"three"):
         with connect(tcp) as client:

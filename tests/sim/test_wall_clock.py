@@ -36,13 +36,6 @@ def test_calls_come_in_order_and_not_before_their_time(scheduler: WallScheduler)
     assert heard[2][1] >= now_s + 0.02
 
 
-def test_a_call_may_make_another(scheduler: WallScheduler) -> None:
-    heard: list[int] = []
-    scheduler.call_at(0.0, lambda: scheduler.call_at(0.0, lambda: heard.append(1)) and None)
-    run_until(scheduler, scheduler.monotonic_s() + 0.01)
-    assert heard == [1]
-
-
 def test_files_are_heard_between_timers_and_no_more_once_unwatched(scheduler: WallScheduler) -> None:
     near, far = socket.socketpair()
     heard: list[bytes] = []

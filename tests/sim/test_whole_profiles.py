@@ -1,21 +1,19 @@
 """Whole pressure profiles: forces that lean as the skin does, and pressures of presses on a finer mesh read back."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
 from sim.coding import bayes
-from sim.coding.bayes import ModelError, Profile, decode_profile
+from sim.coding.bayes import Profile, decode_profile
 from sim.coding.decoder_results import DecodingError, decoding_errors
 from sim.coding.encoding import Receptor, noise_sd
-from sim.coding.model_averaging import Mixture
-from sim.coding.operators import at_receptors, centred, influence, weighted
-from sim.coding.pressure import Frictionless, contact_pressure, frictionless
+from sim.coding.operators import at_receptors, centred
+from sim.coding.pressure import Frictionless, SectionSkin, contact_pressure, frictionless
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import SampledSection, Sampling, sampled_section
+from sim.coding.shape_class import classify_shape, edges_mm
 from sim.config import FingertipConfig, MeshSpec
 from sim.errors import ModelRangeError
 from tests.error_codes import raises
@@ -23,18 +21,6 @@ from tests.error_codes import raises
 Array = NDArray[np.float64]
 
 PLACES = centred(39, 0.17)
-
-
-@pytest.fixture(scope="module")
-def section() -> SampledSection:
-    """What decodes."""
-    return sampled_section(FingertipConfig(), Sampling())
-
-
-@pytest.fixture(scope="module")
-def operator(section: SampledSection) -> Frictionless:
-    """39 samples 170 µm apart."""
-    return frictionless(section, centred(40, 0.17), "finite")
 
 
 @pytest.fixture(scope="module")
@@ -68,13 +54,6 @@ def test_normal_pressures_say_how_all_forces_lean(
     assert np.linalg.norm(upright.sed(true) - sed) / np.linalg.norm(sed) > 2.5 * most
 
 
-def test_under_a_flat_bar_forces_go_straight_down(section: SampledSection, operator: Frictionless) -> None:
-    true, _ = _pressed(section, "bar:3.0")
-    normal = operator.skin.normal
-    inside = np.flatnonzero(true > 300)[2:-2]
-    assert_allclose(operator.skin.lean(true)[inside], (normal[:, 0] / normal[:, 1])[inside], atol=0.02)
-
-
 def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Frictionless) -> None:
     press = section.finger.indent("bar:3.0", 0.0, doi_mm=0.67)
     borne = contact_pressure(section, press)
@@ -84,51 +63,6 @@ def test_the_skin_lies_on_the_indentor(section: SampledSection, operator: Fricti
     assert np.ptp(y[inside]) < 0.02  # flat
     assert y[inside].mean() == pytest.approx(operator.skin.at_rest_mm[1].max() - 0.67, abs=0.03)
     assert_allclose(operator.skin.pressed(0 * true, 0 * true), operator.skin.at_rest_mm)
-
-
-def test_skin_that_is_not_pressed_does_not_lean(section: SampledSection, operator: Frictionless) -> None:
-    # chords of 170 µm on a skin of 3.5 mm radius, between nodes as far apart
-    assert np.abs(operator.skin.lean(np.zeros(39))).max() < 0.01
-    upright = influence(section, PLACES, np.full(39, 0.17), "finite")
-    assert_allclose(operator.parts, upright.parts[:, :, :39])
-    assert_allclose(operator.lateral, upright.parts[:, :, 39:])
-
-
-def test_a_lean_is_lateral_over_normal_pressure(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    leaning, lean = operator.leaning(pressure), operator.skin.lean(pressure)
-    assert_allclose(leaning.parts, operator.parts + lean * operator.lateral)
-    assert_allclose(operator.sed(pressure), leaning.sed(pressure))
-    assert_allclose(operator.slope(pressure), leaning.slope(pressure))
-    weight = np.arange(49.0)
-    assert_allclose(operator.pulled_back(pressure, weight), leaning.pulled_back(pressure, weight))
-    assert np.abs(operator.skin.lean(1e6 * pressure)).max() <= 1.0
-    assert leaning.leaning(pressure) is leaning
-    assert not leaning.unsure(pressure).any()
-
-
-def test_what_is_not_known_of_leans_is_a_share_of_what_leans_would_do(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    unsure = operator.unsure(pressure)
-    assert_allclose(unsure, unsure.T)
-    assert_allclose(operator.unsure(2 * pressure).trace() / unsure.trace(), 16, rtol=0.2)  # SED is quadratic
-    alone = np.where(np.arange(39) == 19, 1.0, 0.0)
-    by_lean = 2 * np.einsum("cm,cm->m", operator.leaning(alone).parts[:, :, 19], operator.lateral[:, :, 19])
-    assert_allclose(operator.unsure(alone), 0.15**2 * np.outer(by_lean, by_lean))
-
-
-def test_receptors_are_weighed_and_chosen_with_all_that_they_feel(operator: Frictionless) -> None:
-    pressure = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
-    every_third = at_receptors(operator, slice(0, None, 3))
-    assert_allclose(every_third.sed(pressure), operator.sed(pressure)[::3])
-    assert len(every_third.receptor_mm) == 17
-    assert_allclose(weighted(operator, np.full(49, 4.0)).sed(pressure), 4 * operator.sed(pressure))
-
-
-def test_samples_beside_the_patch_are_refused(section: SampledSection) -> None:
-    low_mm, high_mm = (pytest.approx(end, abs=0.005) for end in (-3.9, 4.09))
-    with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25, low_mm=low_mm, high_mm=high_mm):
-        frictionless(section, centred(51, 0.17), "finite")
 
 
 # --- read back ---
@@ -159,46 +93,11 @@ def bar(operator: Frictionless) -> tuple[Array, Readings, Profile]:
     return true, readings, decode_profile(operator, readings)
 
 
-def test_few_pressures_are_smooth_and_many_lie_within_contacts(
-    operator: Frictionless, bar: tuple[Array, Readings, Profile]
+def test_fewer_readings_than_pressures_will_do_but_not_any_number(
+    section: SampledSection, operator: Frictionless
 ) -> None:
-    _, readings, within = bar
-    assert within.mixture is not None
-    assert (within.pressure[np.abs(PLACES) > 1.5] < 1.0).all()
-    same = decode_profile(operator, readings, prior="contacts")
-    assert (same.pressure == within.pressure).all()
-    upright = operator.leaning(np.zeros(39))
-    few = replace(upright, parts=upright.parts[:, :, 16:23], place_mm=PLACES[16:23])
-    assert decode_profile(few, readings).mixture is None
-    eight = replace(upright, parts=upright.parts[:, :, 16:24], place_mm=PLACES[16:24])
-    assert decode_profile(eight, readings).mixture is not None
-
-
-def test_the_band_is_of_the_mixture_and_widens_with_sd(bar: tuple[Array, Readings, Profile]) -> None:
-    _, _, found = bar
-    assert isinstance(found.mixture, Mixture)
-    low, high = found.band(1.0)
-    assert_allclose(low, np.minimum(found.pressure, found.mixture.quantile(0.158655)), atol=1e-3)
-    assert_allclose(high, np.maximum(found.pressure, found.mixture.quantile(0.841345)), rtol=1e-4, atol=1e-3)
-    assert_allclose(found.sd, found.mixture.moments()[1])
-    wider = replace(found, sd=2 * found.sd).band(1.0)
-    assert_allclose(wider[1] - found.pressure, 2 * (high - found.pressure), atol=1e-9)
-    assert (wider[0] >= 0).all()
-
-
-def test_a_wrong_model_widens_the_band(operator: Frictionless, bar: tuple[Array, Readings, Profile]) -> None:
-    _, readings, default = bar
-    wrong = decode_profile(operator, readings, ModelError(0.3))
-    assert wrong.sd.sum() > 1.5 * default.sd.sum()
-
-
-def test_the_models_error_is_alike_over_a_length(operator: Frictionless) -> None:
-    two = replace(operator, receptor_mm=np.array([0.0, 2.0]))
-    together = 2 * np.exp(-0.5)
-    assert_allclose(ModelError(0.1, 2.0).covariance(two, np.array([10.0, 20.0])), [[1, together], [together, 4]])
-
-
-def test_fewer_readings_than_pressures_will_do_but_not_any_number(operator: Frictionless) -> None:
+    with raises(ModelRangeError, "samples_beside_patch", from_mm=-4.25, to_mm=4.25):
+        frictionless(section, centred(51, 0.17), "finite")
     true = np.where(np.abs(PLACES) < 1, 300.0, 0.0)
     sparse = at_receptors(operator, slice(0, None, 6))
     found = decode_profile(sparse, _said(sparse.sed(true), 30.0, 0))
@@ -223,13 +122,6 @@ def test_silent_receptors_are_readings_too(operator: Frictionless) -> None:
     assert decoding_errors(true, found.pressure).relative_l2 < 0.4
 
 
-def test_nothing_pressed_is_read_as_next_to_nothing(operator: Frictionless) -> None:
-    rest = 0.01 * np.random.default_rng(0).normal(size=49)
-    found = decode_profile(operator, Readings.of_sed(rest, 0.01))
-    assert np.isfinite(found.pressure).all()
-    assert operator.sed(found.pressure).max() < 0.05  # five sd
-
-
 def test_what_is_cut_off_says_so(
     operator: Frictionless, bar: tuple[Array, Readings, Profile], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,3 +129,71 @@ def test_what_is_cut_off_says_so(
     assert whole.converged
     monkeypatch.setattr(bayes, "_MOST_ROUNDS", 1)
     assert not decode_profile(operator, readings).converged
+
+
+# --- class and size of an indentor from the skin on it ---
+
+ENDS = centred(40, 0.17)
+
+
+def _lying_on(height: Array, noise_mm: float = 0.0) -> SectionSkin:
+    """A skin whose samples' ends are at these heights whatever bears on it."""
+    up = height + noise_mm * np.random.default_rng(0).normal(size=40)
+    return SectionSkin(np.stack([ENDS, up]), np.zeros((2, 40, 78)), np.tile([0.0, 1.0], (39, 1)))
+
+
+def _within(low: float, high: float) -> Array:
+    return np.where((low < PLACES) & (high > PLACES), 100.0, 0.0)
+
+
+@pytest.mark.parametrize("diameter", [3.0, 9.0, 15.0])
+def test_round_skin_is_a_cylinder_of_that_diameter(diameter: float) -> None:
+    radius = diameter / 2
+    on = np.sqrt(np.maximum(1e-9, radius**2 - (ENDS - 0.2) ** 2))
+    found = classify_shape(_lying_on(7.0 - on, 1e-4), _within(-0.9, 1.2))
+    assert found.name == "cylinder"
+    assert found.size_mm == pytest.approx(diameter, rel=0.03)
+
+
+def test_flat_skin_is_a_bar_as_wide_as_its_peaks_lie_apart() -> None:
+    pressure = _within(-1.0, 1.0)
+    pressure[[14, 24]] = 900.0  # 0.85 mm to each side
+    found = classify_shape(_lying_on(np.full(40, 5.0), 1e-3), pressure)
+    assert found.name == "bar"
+    assert found.size_mm == pytest.approx(1.70 + 0.17)
+    assert_allclose(edges_mm(_lying_on(np.full(40, 5.0)), pressure), [-0.85 - 0.085, 0.85 + 0.085])
+    pressure[13] = 500.0  # of a peak between two samples, by what each bears over the rest: 400 and 800
+    assert edges_mm(_lying_on(np.full(40, 5.0)), pressure)[0] == pytest.approx(-0.85 - 0.085 - 0.17 / 3)
+
+
+@pytest.mark.parametrize("half_wave", [1.3, 2.5])
+def test_skin_on_a_flank_between_two_levels_is_a_step(half_wave: float) -> None:
+    s = np.clip((ENDS + 1.2) / half_wave, 0.0, 1.0)
+    found = classify_shape(_lying_on(5.0 + 0.25 * (1 - np.cos(np.pi * s)), 1e-4), _within(-2.0, 2.0))
+    assert found.name == "step"
+    assert found.size_mm == pytest.approx(half_wave, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("shape", "x_mm", "doi_mm", "name", "size", "within"),
+    [
+        ("cylinder:9", 0.4, 1.0, "cylinder", 9.0, 0.1),
+        ("cylinder:3", 0.0, 0.67, "cylinder", 3.0, 0.1),
+        ("bar:2.0", 0.0, 0.9, "bar", 2.0, 0.1),
+        ("bar:1.5", -0.3, 0.8, "bar", 1.5, 0.1),
+        ("step:3", -1.2, 0.8, "step", 1.3, 0.35),
+    ],
+)
+def test_the_pressures_of_a_press_tell_what_pressed(
+    section: SampledSection,
+    shape: str,
+    x_mm: float,
+    doi_mm: float,
+    name: str,
+    size: float,
+    within: float,
+) -> None:
+    true = contact_pressure(section, section.finger.indent(shape, x_mm, doi_mm=doi_mm)).means(PLACES)
+    found = classify_shape(frictionless(section, ENDS, "finite").skin, true)
+    assert found.name == name
+    assert_allclose(found.size_mm, size, rtol=within)

@@ -12,11 +12,6 @@ import pytest
 from sim.workers import here_and_in_processes, in_processes
 
 
-def test_answers_come_in_the_order_of_the_items() -> None:
-    assert list(in_processes(abs, [-3, 1, -2], 2)) == [3, 1, 2]
-    assert multiprocessing.active_children() == []
-
-
 def _blocked(_: int) -> bool:
     return signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, [])
 
@@ -27,7 +22,7 @@ def test_they_leave_ctrl_c_to_us() -> None:
     assert not _blocked(0)
 
 
-def test_they_end_at_once_when_no_more_is_asked_for() -> None:
+def test_workers_end_when_answers_are_closed() -> None:
     """One that sleeps for an hour is not waited for: this test would not end in time."""
     answers = in_processes(time.sleep, [0.0, 3600.0], 1)
     next(answers)
@@ -39,7 +34,7 @@ def _where(number: int) -> tuple[int, int]:
     return number, os.getpid()
 
 
-def test_this_process_works_too() -> None:
+def test_caller_works_beside_its_workers() -> None:
     """It begins with the last item, while the other one starts; every item is worked on once."""
     found = dict(here_and_in_processes(_where, range(400), 2))
     assert sorted(found) == list(range(400))
