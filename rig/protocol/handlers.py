@@ -26,14 +26,7 @@ class ResumeHandler:
 
     The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)
     is passed on only when that press comes, at the spot where the script made the step. A step that differs from the
-    journal is refused.
-
-    Parameters
-    ----------
-    before : Journalled
-    then : Handler
-    press_mm_s : float
-        Speed of a press that names none (mm/s).
+    journal is refused. `press_mm_s` is the speed of a press that names none.
     """
 
     def __init__(self, before: Journalled, then: Handler, press_mm_s: float) -> None:
@@ -114,14 +107,9 @@ class SilentScriptError(BaseException):
 class Patience:
     """Handler that limits the number of steps, and with `impatient` the time between two of them.
 
-    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an
-    alarm on the main thread, or by another thread on Windows; elsewhere Ctrl-C ends a script that makes no steps.
-
-    Parameters
-    ----------
-    then : Handler
-    on_step : callable
-        Called with the number of steps so far, before each step.
+    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an alarm
+    on the main thread, or by another thread on Windows; elsewhere Ctrl-C ends a script that makes no steps. `on_step`
+    gets the number of steps so far, before each.
     """
 
     def __init__(self, then: Handler, on_step: Callable[[int], None] = lambda steps: None) -> None:

@@ -49,7 +49,8 @@ class ChebyshevAxis:
     @cached_property
     def nodes(self) -> Array:
         """(n,) Chebyshev nodes of the first kind."""
-        return self._scaled(np.cos(np.pi * (np.arange(self.n) + 0.5) / self.n))
+        t = np.cos(np.pi * (np.arange(self.n) + 0.5) / self.n)
+        return np.asarray(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * t)
 
     def basis(self, value: Array) -> Array:
         """Return the (…, n) weights of the nodes; values outside the range are clipped."""
@@ -63,9 +64,6 @@ class ChebyshevAxis:
 
     def _polynomials(self, t: Array) -> Array:
         return np.asarray(np.polynomial.chebyshev.chebvander(t, self.n - 1))
-
-    def _scaled(self, t: Array) -> Array:
-        return np.asarray(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * t)
 
 
 @dataclass(frozen=True)

@@ -89,15 +89,7 @@ def _over_both(indentor: Indentor) -> Indentor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionResult(IndentationResult):
-    """One simulated indentation with friction; forces on the skin are normal and tangential.
-
-    Attributes
-    ----------
-    state : FrictionState
-        Forces and displacements of the skin, and errors of contact and friction.
-    increments : int
-        Number of increments of the path.
-    """
+    """One simulated indentation with friction; forces on the skin are normal and tangential."""
 
     increments: int = 0
 
@@ -229,16 +221,7 @@ def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
 class Rubbed:
     """A shape over a finger with friction, at any position; models grow as contact leaves their patch.
 
-    Parameters
-    ----------
-    finger : Fingertip
-        Finger whose model has all axes.
-    indentor : Indentor
-        The shape.
-    how : PathOptions
-        Friction, and how its path is followed.
-    plane_strain : bool
-        Whether nothing moves along the finger.
+    The finger's model has all axes; in `plane_strain` nothing moves along the finger.
     """
 
     finger: "Fingertip"

@@ -157,20 +157,7 @@ class StrainAtAnyPoint:
     _anywhere: Anywhere
 
     def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
-        """Return the model that gave a result.
-
-        Parameters
-        ----------
-        slopes : tuple of int
-            Axes along which the indentor slopes.
-        patch : tuple of float, optional
-            Half-widths of the skin that an indentor may touch (mm).
-
-        Returns
-        -------
-        CondensedModel
-            The model.
-        """
+        """Return the model that gave a result, for axes of its slopes and half-widths (mm) of the touched skin."""
         raise NotImplementedError
 
     def points_below(self, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike | None = None) -> Array:
