@@ -96,7 +96,6 @@ REAL_TIME = (
     "rig/test_transport.py",
     "rig/test_wall_clock.py",
     "rig/test_watch_command.py::test_ctrl_c_ends_the_looking_on_only",
-    "rig/test_watch_command.py::test_the_screen_is_drawn_when_something_comes_and_at_no_other_time",
     "sim/test_door.py::test_importing_sim_imports_no_library",
     "sim/test_finger_process.py",
     "sim/test_relaxing_plant.py::test_in_real_time_a_hold_relaxes",
@@ -121,8 +120,12 @@ REAL_TIME = (
 # most of whose time is waiting, a worker takes one test at a time (tests/dealt_out.py).
 TOGETHER = (
     "panel/",
-    "portable/",
-    "rig/real_time/test_bluesky.py",
+    "rig/real_time/test_bluesky.py::test_documents",
+    "rig/real_time/test_bluesky.py::test_a_plan_of_bluesky",
+    "rig/real_time/test_bluesky.py::test_devices",
+    "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[confirmed ",
+    "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[a number]",
+    "rig/real_time/test_bluesky.py::test_no_promise_is_lost_below_bluesky[no other key]",
     "rig/test_control_socket.py",
     "rig/test_grbl_conformance.py",
     "rig/test_identification_mistakes.py",
