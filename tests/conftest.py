@@ -120,6 +120,7 @@ REAL_TIME = (
 # most of whose time is waiting, a worker takes one test at a time (tests/dealt_out.py).
 TOGETHER = (
     "panel/",
+    "portable/",
     "rig/real_time/test_bluesky.py::test_documents",
     "rig/real_time/test_bluesky.py::test_a_plan_of_bluesky",
     "rig/real_time/test_bluesky.py::test_devices",
