@@ -123,4 +123,4 @@ release-check:
 	$(PYTHON) -m studies.release_check
 
 clean:
-	rm -rf .venv .mutants runs study build dist docs/gallery
+	rm -rf .venv .mutants runs study build dist docs/gallery *.egg-info

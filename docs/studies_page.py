@@ -15,7 +15,6 @@ commit that brought the table into this documentation.
 ```
 .venv/bin/python -m studies list           # this page
 .venv/bin/python -m studies run NAME       # runs a study and stores its tables
-.venv/bin/python -m studies tables         # writes the tables of the pages anew
 .venv/bin/python -m studies check          # compares registry, results and pages
 ```
 """
@@ -50,12 +49,12 @@ def provenance(text: str, up: str) -> str:
     owner = _owners()
 
     def named(found: re.Match[str]) -> str:
-        name = found["file"] or found["written"]
+        name = found["file"]
         study = owner[name]
         line = (
             f"*[{study.name}]({up}studies.md#{study.name}), {study.measured(name)},* "
             f"{{download}}`CSV <{up}../studies/results/{name}.csv>`"
         )
-        return f"{line}\n\n{found['rows'] or found[0]}"
+        return f"{line}\n\n{found[0]}"
 
     return QUOTED.sub(named, text)

@@ -444,20 +444,8 @@ def _wait_for_reply(answer: Callable[[float], Any]) -> None:
 def press(rig: BlueskyBench, **order: Any) -> Messages:
     """Press once, within a run of Bluesky, and emit its touch, holds and readings as events.
 
-    Parameters
-    ----------
-    rig : BlueskyBench
-    order : float
-        `doi_mm` or `force_gwt` of the last increment; optionally `x_mm`, `increments` and `hold_s`.
-
-    Yields
-    ------
-    Msg
-
-    Raises
-    ------
-    FailedStatus
-        If the press is refused, tripped or stopped; the events up to then are emitted first.
+    `order` is `doi_mm` or `force_gwt` of the last increment, optionally `x_mm`, `increments` and `hold_s`. Raises
+    FailedStatus if the press is refused, tripped or stopped, after the events up to then.
     """
     plans, failed = _plans()
     begins = len(rig.journalled)

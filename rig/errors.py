@@ -12,15 +12,9 @@ from pydantic import BaseModel, JsonValue, ValidationError
 class RigError(Exception):
     """An error with a stable code.
 
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, where, and what to do. With `fields` it is a format string over them: "{port}: no reply to
-        {command} within {timeout_s:g} s". Without fields it is printed as it is, so a driver may raise plain text.
-    code : str, optional
-        What went wrong, for programs: lower case, with underscores. The class's own `default_code` if not given.
-    **fields
-        Numbers in the unit that their name ends with, names, and choices.
+    With `fields`, `sentence` is a format string over them: "{port}: no reply to {command} within {timeout_s:g} s".
+    Without fields it is printed as it is, so a driver may raise plain text. `code` is lower case, with underscores;
+    default: the class's `default_code`.
     """
 
     default_code: ClassVar[str] = "error"

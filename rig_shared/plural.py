@@ -4,24 +4,9 @@ import re
 
 
 def number_of(number: int, plural: str) -> str:
-    """Return a number and its noun, which is in the singular for one.
+    """Return a number and its noun, given in the plural: 1 "other presses in contact" is "1 other press in contact".
 
-    Parameters
-    ----------
-    number : int
-        How many there are.
-    plural : str
-        Noun in the plural, perhaps after adjectives and before other words.
-
-    Returns
-    -------
-    str
-        The number, then the words; for one, the first word that ends in s loses its ending.
-
-    Examples
-    --------
-    >>> number_of(1, "other presses in contact"), number_of(3, "fingers")
-    ('1 other press in contact', '3 fingers')
+    For one, the first word that ends in s loses its ending.
     """
     return f"{number} {one_of(plural) if number == 1 else plural}"
 

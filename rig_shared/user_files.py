@@ -34,12 +34,8 @@ _SPECIAL = {
 def open_file(path: str | Path, *, buffering: int = -1) -> BinaryIO:
     """Open a regular file for reading.
 
-    A pipe would block, and opening a device may act on it, so what the path names is examined first.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be read, or is a pipe, a socket, a device or a folder.
+    A pipe would block, and opening a device may act on it, so what the path names is examined first. Raises OSError
+    if the file cannot be read, or is a pipe, a socket, a device or a folder.
     """
     try:
         _refuse_special(path, os.stat(path))
@@ -83,10 +79,7 @@ def text_of(content: bytes, *, encoding: str = "utf-8", errors: str = "strict") 
 def lines_of(path: str | Path, *, most: int, lines: int = MOST_LINES) -> io.TextIOWrapper:
     """Return the lines of a table, with or without a byte-order mark.
 
-    Raises
-    ------
-    OSError
-        As `read_bytes`, and for too many lines.
+    Raises OSError as `read_bytes`, and for too many lines.
     """
     content = read_bytes(path, most)
     if max(content.count(b"\n"), content.count(b"\r")) > lines:

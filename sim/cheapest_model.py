@@ -221,7 +221,7 @@ def bundled() -> Expected:
 
 
 def from_json(text: str) -> Expected:
-    """Read the table that `studies/choice/table.py` wrote."""
+    """Read the table that `studies/choice/table.py` writes."""
     content = json.loads(text)
     largest = {
         Cell(row["family"], row["depth_mm"], row["place_mm"]): {

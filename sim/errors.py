@@ -7,15 +7,9 @@ from typing import Any, ClassVar
 class SimError(Exception):
     """An error with a stable code.
 
-    Parameters
-    ----------
-    sentence : str
-        What went wrong, where, and what to do. With `fields` it is a format string over them: "{shape}: {doi_mm:g} mm
-        is deeper than {most_mm:g} mm". Without fields it is printed as it is, so plain text needs no care.
-    code : str, optional
-        What went wrong, for programs: lower case, with underscores. The class's own `default_code` if not given.
-    **fields
-        Numbers in the unit that their name ends with, names, and choices.
+    With `fields`, `sentence` is a format string over them: "{shape}: {doi_mm:g} mm is deeper than {most_mm:g} mm".
+    Without fields it is printed as it is. `code` is lower case, with underscores; default: the class's
+    `default_code`.
     """
 
     default_code: ClassVar[str] = "error"
@@ -57,9 +51,9 @@ class ForceOutOfReachError(ModelRangeError):
 
 
 def refuse_unless_numbers(**arguments: object) -> None:
-    """Raise ArgumentError for arguments that are not one number each."""
+    """Raise ArgumentError for arguments that are not one number each; True and False are none."""
     for name, value in arguments.items():
-        if not isinstance(value, (str, bytes)):
+        if not isinstance(value, (str, bytes, bool)) and str(getattr(value, "dtype", "")) != "bool":
             try:
                 float(value)  # type: ignore[arg-type]
                 continue

@@ -9,10 +9,39 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.errors import ArgumentError, SimError
+
+# --- arguments ---
+
+
+def numbers_of(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    """Return the array of an argument. Raises ArgumentError for text, True and False, and lists of unequal length."""
+    try:
+        each = values if isinstance(values, np.ndarray) and values.dtype != object else np.asarray(values, object)
+        kinds = [type(one) for one in each.flat] if each.dtype == object else [each.dtype.type]
+        wrong = next((kind for kind in kinds if issubclass(kind, (bool, np.bool_, str, bytes))), None)
+        if wrong is None:
+            return np.asarray(values, dtype=float)
+    except (TypeError, ValueError):
+        wrong = type(values)
+    raise ArgumentError("{name}: must be numbers, not {kind}", code="not_numbers", name=name, kind=wrong.__name__)
+
+
+def broadcast(**arguments: NDArray[Any]) -> list[NDArray[Any]]:
+    """Return the arrays of arguments in one shape. Raises ArgumentError with their shapes if there is none."""
+    try:
+        return list(np.broadcast_arrays(*arguments.values()))
+    except ValueError:
+        shapes = ", ".join(f"{name} {' × '.join(map(str, one.shape)) or 1}" for name, one in arguments.items())
+        raise ArgumentError(
+            "the arguments have unequal lengths ({shapes}); each must have the same, or one value for all",
+            code="unequal_lengths",
+            shapes=shapes,
+        ) from None
+
 
 # --- csv table ---
 

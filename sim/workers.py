@@ -145,8 +145,7 @@ def keep_freed_memory() -> None:
     """Keep freed memory in this process, with glibc; for processes that must be fast.
 
     A contact allocates and frees megabytes; the system clears returned pages, which makes a deep contact a quarter
-    slower.
-    Source: mallopt(3).
+    slower. Source: mallopt(3).
     """
     if sys.platform == "linux":
         mallopt = getattr(ctypes.CDLL(None), "mallopt", lambda *_: 0)

@@ -3,7 +3,6 @@
 .venv/bin/python -m studies list [NAME …]      what each answers, how long it takes, what it writes
 .venv/bin/python -m studies run NAME …         run studies and store the tables that they print
 .venv/bin/python -m studies run --set bench    all studies of `make bench`
-.venv/bin/python -m studies tables             write the tables of the pages anew from studies/results/
 .venv/bin/python -m studies check              compare registry, results and pages
 """
 
@@ -34,7 +33,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     running = commands.add_parser("run", help="run studies and store their tables")
     running.add_argument("names", nargs="*", choices=[[], *known], metavar="NAME")
     running.add_argument("--set", choices=("bench",), help="all studies of a make target")
-    commands.add_parser("tables", help="write the tables of the pages anew")
     commands.add_parser("check", help="compare registry, results and pages")
     options = parser.parse_args(arguments)
     if options.command == "list":
@@ -46,7 +44,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if not names:
             running.error("name a study, or a set with --set")
         return max(run(known[name]) for name in names)
-    return write_pages() if options.command == "tables" else check()
+    return check()
 
 
 def as_text(study: Study) -> str:
@@ -130,16 +128,6 @@ def _commit() -> str:
 
     changed = git("status", "--porcelain", "-uno").strip()
     return git("rev-parse", "--short=8", "HEAD").strip() + ("+" if changed else "")
-
-
-def write_pages() -> int:
-    """Write the Markdown tables of all pages anew."""
-    for page in registry.pages():
-        text = page.read_text(encoding="utf-8")
-        if (changed := registry.rewritten(text)) != text:
-            replace_text(page, changed)
-            print(page.relative_to(registry.ROOT))
-    return 0
 
 
 def check() -> int:

@@ -1,9 +1,6 @@
 """The table of studies (`registry.toml`), their results as CSV, and the pages that quote these.
 
-A page of `docs/` shows a table of `studies/results/` in one of two ways:
-
-- as a `csv-table` directive, whose `:file:` is the CSV;
-- as a Markdown table after the line `<!-- studies/results/NAME.csv -->`; `python -m studies tables` writes it anew.
+A page of `docs/` shows a table of `studies/results/` as a `csv-table` directive, whose `:file:` is the CSV.
 """
 
 import csv
@@ -26,8 +23,7 @@ DOCS = ROOT / "docs"
 Rows = list[list[str]]
 
 QUOTED = re.compile(
-    r"^```\{csv-table\}\n:file: (?:\.\./)+studies/results/(?P<file>[\w/]+)\.csv\n(?::[^\n]*\n)*```$"
-    r"|^<!-- studies/results/(?P<written>[\w/]+)\.csv -->\n(?P<rows>(?:\|[^\n]*\n)*)",
+    r"^```\{csv-table\}\n:file: (?:\.\./)+studies/results/(?P<file>[\w/]+)\.csv\n(?::[^\n]*\n)*```$",
     flags=re.MULTILINE,
 )
 """A table of the results on a page."""
@@ -144,26 +140,12 @@ def pages(docs: Path = DOCS) -> list[Path]:
 def quoted(text: str) -> Iterator[str]:
     """Yield the names of the tables that a page quotes."""
     for found in QUOTED.finditer(text):
-        yield found["file"] or found["written"]
+        yield found["file"]
 
 
 def expanded(text: str, results: Path = RESULTS) -> str:
     """Return a page with each `csv-table` as Markdown: what a reader sees."""
-    return QUOTED.sub(lambda found: as_markdown(read_table(found["file"] or found["written"], results)), text)
-
-
-def rewritten(text: str, results: Path = RESULTS) -> str:
-    """Return a page with its Markdown tables written anew."""
-
-    def table(found: re.Match[str]) -> str:
-        name = found["written"]
-        return found[0] if name is None else _marked(name, results)
-
-    return QUOTED.sub(table, text)
-
-
-def _marked(name: str, results: Path) -> str:
-    return f"<!-- studies/results/{name}.csv -->\n{as_markdown(read_table(name, results))}"
+    return QUOTED.sub(lambda found: as_markdown(read_table(found["file"], results)), text)
 
 
 # --- check ---
@@ -213,7 +195,4 @@ def _of_results(known: Mapping[str, Study], results: Path) -> Iterator[str]:
 
 def _of_page(name: str, text: str, owner: Mapping[str, Study], results: Path) -> Iterable[str]:
     unknown = [table for table in quoted(text) if table not in owner or not (results / f"{table}.csv").exists()]
-    if unknown:
-        return [f"docs/{name}.md quotes {table}, which no study writes" for table in unknown]
-    changed = rewritten(text, results) != text
-    return [f"docs/{name}.md differs from its CSV files: run `python -m studies tables`"] if changed else []
+    return [f"docs/{name}.md quotes {table}, which no study writes" for table in unknown]

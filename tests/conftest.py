@@ -46,6 +46,7 @@ from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
 from tests import preloaded
+from tests.kept_runs import make_stopped_run
 from tests.portable.cannot import CANNOT
 
 TESTS = Path(__file__).parent
@@ -209,7 +210,6 @@ STUDIES = (
     # Whole pages, scripts and sites: what they name and type is checked in `make test`.
     # [empty], and rig/compare/test_report_sections.py::test_a_figure_has_the_same_bytes_each_time
     "rig/compare/test_compare_command.py::test_the_same_input_gives_the_same_bytes[drawn]",
-    "rig/compare/test_comparison_figures.py::test_letters_do_not_lie_over_each_other",  # its other tests
     # its test_the_command
     "rig/compare/test_on_fingers.py::test_the_shipped_fingers_that_the_source_allows_are_compared_with",
     "rig/compare/test_place_fit.py::test_intervals_hold_the_truth_as_often_as_they_say",  # its other tests, once each
@@ -280,7 +280,6 @@ LONG = (
     "rig/test_lost_journal.py",
     "rig/test_stop_button.py",
     "rig/test_every_block.py",
-    "rig/compare/test_comparison_figures.py",
     "sim/test_strain_map.py",
     "rig/test_every_end.py",
     "sim/test_own_finger.py",
@@ -323,6 +322,7 @@ def pytest_configure(config: pytest.Config) -> None:
     _signals_as_in_the_foreground()
     gc.set_threshold(*LOOKED_THROUGH)
     if not hasattr(config, "workerinput"):
+        make_stopped_run()
         make_ready()
 
 

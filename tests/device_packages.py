@@ -32,7 +32,7 @@ def offer(folder: Path, name: str, points: Mapping[str, str], modules: Mapping[s
 def wheel(project: Path, folder: Path) -> Path:
     """A project with one plain package as a wheel, made without its build system: nothing has to be fetched."""
     told = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))
-    about, (package,) = told["project"], told["tool"]["hatch"]["build"]["targets"]["wheel"]["packages"]
+    about, (package,) = told["project"], told["tool"]["setuptools"]["packages"]
     files = dist_info(about["name"], about["version"], about["entry-points"]["rig.devices"])
     files |= {
         path.relative_to(project).as_posix(): path.read_text(encoding="utf-8")

@@ -1,8 +1,8 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
 Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move
-(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, all commands with an empty cache
-(studies/speed/silence), and a hundred times as many hostile files and replies as the suite has (tests/fuzz).
+(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and a hundred times as many hostile files
+and replies as the suite has (tests/fuzz).
 Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
 
@@ -38,7 +38,6 @@ def main() -> None:
     if not (asked.no_campaign or asked.tests):
         failed.update(campaign())
         failed.update(moving_fingers(asked.fingers))
-        failed.update(silences())
         failed.update(hostile(asked.hostile))
     for name, times in failed.most_common():
         print(f"{times} × {name}")
@@ -81,12 +80,6 @@ def moving_fingers(examples: int) -> Iterator[str]:
         command, env=os.environ | {"FINGERS": str(examples), "FINGER_SEED": seed}, check=False
     ).returncode:
         yield f"a finger that moves, FINGER_SEED={seed}"
-
-
-def silences() -> Iterator[str]:
-    """All commands with an empty cache, none of which may be silent for long."""
-    if subprocess.run([sys.executable, "-m", "studies.speed.silence"], check=False).returncode:
-        yield "a command is silent for too long"
 
 
 def hostile(times: int) -> Iterator[str]:

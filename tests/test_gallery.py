@@ -77,17 +77,20 @@ SMALLER = {
         "Fingertip, MeasuredProfile": "Fingertip, FingertipConfig, MeasuredProfile, MeshSpec",
         "Fingertip.load()": f"Fingertip.load(FingertipConfig(mesh={COARSE}))",
     },
-    "04_own_layers": {'MeshSpec(level="coarse")': COARSE},
-    "05_own_finger": {'MeshSpec(level="coarse")': COARSE},
+    "04_own_layers": {"MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6)": COARSE},
+    "05_own_finger": {"MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6)": COARSE},
     "07_ssrp": {'MeshSpec(level="coarse")': COARSE},
     "08_fit_to_rates": {'MeshSpec(level="coarse")': COARSE},
     "09_many_poses": {'MeshSpec(level="coarse")': COARSE, "POSES = 80": "POSES = 12"},
     "10_parameter_study": {
-        "(0.3, 0.4, 0.5), (0.26, 0.32, 0.38)": "(0.3, 0.5), (0.26, 0.38)",
-        "MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6)": COARSE,
+        "(0.3, 0.4, 0.5), (0.26, 0.38)": "(0.3, 0.5), (0.26, 0.38)",
+        "MeshSpec(spacing_mm=0.5, axial_spacing_mm=0.8)": COARSE,
     },
     "11_encode": {'MeshSpec(level="coarse")': COARSE},
-    "03_letter": {'"--x-mm", "0", ': '"--x-mm", "0", "--model", "halfspace", '},
+    "03_letter": {
+        '"--x-mm", "0", ': '"--x-mm", "0", "--model", "halfspace", ',
+        '"--config", "coarse.toml", ': "",
+    },
 }
 """What is written otherwise in a script, to take less time."""
 

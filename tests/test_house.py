@@ -73,13 +73,7 @@ def test_every_study_that_is_named_can_be_run() -> None:
             assert path.with_suffix(".py").exists() or (path / "__main__.py").exists(), f"{page}: {name}"
 
 
-FOREIGN = {
-    "bfb67f0",
-    "9bdd165",
-    "c9f6b81",
-    "8689918",
-    "4ec9f5c",
-}  # of grbl, grbl-sim, grblHAL and its core: docs/validation/devices.md; of TouchSim: docs/validation/nerve.md
+FOREIGN = {"4ec9f5c"}  # of TouchSim: docs/validation/nerve.md
 
 
 def _commits(text: str) -> set[str]:

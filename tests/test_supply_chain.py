@@ -15,7 +15,7 @@ from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from studies.supply import licenses, sbom, wheels
-from studies.supply.lock import EXTRAS
+from studies.supply.lock import EXTRAS, PROMISED
 from studies.supply.locked import LOCKS, PROJECT, REQUIREMENTS, ROOT, Pin, all_locked, read_lock, required
 
 VENDOR = sorted(path for path in (ROOT / "rig").rglob("vendor/*/*") if path.name != "README.md")
@@ -77,18 +77,41 @@ def test_every_extra_is_locked() -> None:
     ] == []
 
 
-def test_one_version_of_each_package() -> None:
-    dev = _lock("dev")
-    for lock in LOCKS:
-        for name, pin in _lock(lock).items():
-            assert name not in dev or (dev[name].version, dev[name].hashes) == (pin.version, pin.hashes), name
-    assert set(_lock("setup")) <= set(dev)
+def test_a_package_is_locked_once(tmp_path: Path) -> None:
+    text = (REQUIREMENTS / "setup.txt").read_text(encoding="utf-8")
+    (tmp_path / "setup.txt").write_text(text, encoding="utf-8")
+    (tmp_path / "dev.txt").write_text(f"-r setup.txt\n{text}", encoding="utf-8")
+    with pytest.raises(ValueError, match=r"setup\.txt locks"):
+        read_lock(tmp_path / "dev.txt")
+
+
+@pytest.mark.parametrize(
+    ("file", "locked"),
+    [
+        ("made-1.0-py3-none-any.whl", True),
+        ("made-1.0-py2.py3-none-any.whl", True),
+        ("made-1.0.tar.gz", True),
+        ("made-1.0-cp39-abi3-win_amd64.whl", True),
+        ("made-1.0-py3-none-manylinux1_x86_64.whl", True),
+        ("made-1.0-cp314-cp314-manylinux_2_27_x86_64.manylinux_2_28_x86_64.whl", True),
+        ("made-1.0-cp311-cp311-manylinux2014_aarch64.manylinux_2_17_aarch64.whl", True),
+        ("made-1.0-cp313-cp313-macosx_11_0_arm64.whl", True),
+        ("made-1.0-cp314-cp314t-macosx_11_0_arm64.whl", False),
+        ("made-1.0-cp310-cp310-win_amd64.whl", False),
+        ("made-1.0-cp312-cp312-win32.whl", False),
+        ("made-1.0-cp312-cp312-musllinux_1_2_x86_64.whl", False),
+        ("made-1.0-pp311-pypy311_pp73-manylinux_2_28_x86_64.whl", False),
+        ("made-1.0-cp312-cp312-manylinux_2_17_ppc64le.manylinux2014_ppc64le.whl", False),
+    ],
+)
+def test_the_files_of_promised_systems_are_locked(file: str, locked: bool) -> None:
+    assert bool(PROMISED.search(file)) is locked
 
 
 def test_a_lock_names_no_index() -> None:
     for lock in LOCKS:
         text = (REQUIREMENTS / f"{lock}.txt").read_text(encoding="utf-8")
-        assert not re.search(r"://|^-|/tmp", text, re.M)
+        assert not re.search(r"://|^-(?!r [\w-]+\.txt$)|/tmp", text, re.M)
 
 
 @pytest.mark.parametrize(

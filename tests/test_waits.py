@@ -20,7 +20,6 @@ MAY = {
     "shake.py": "is no test",
     "rig/test_wall_clock.py": "the clock itself, against the system's",
     "sim/test_workers.py": "a sleep as a piece of work that never ends",
-    "fuzz/campaign.py": "progress of a campaign, which is no test",
     "rig/test_kills.py": "a study of its own, that ends before pytest's deadline",
     "standa_client.py": "a program that polls, and ends before pytest's deadline",
     "tmcl_client.py": "a program that polls, and ends before pytest's deadline",
@@ -132,7 +131,6 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
         "rig/compare/test_recordings_say_what_they_lack.py",  # another program, which nothing hurries
         "rig/test_ascii_locale.py",  # the same
         "rig/test_figures_without_settings.py",  # the same
-        "rig/test_same_run.py",  # commands, one after the other
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
         "sim/test_calculix.py",  # another program, which nothing hurries
         "test_adding_a_part.py",  # commands, one after the other

@@ -1,6 +1,6 @@
 """What a user installs: `rig`, `sim` and `rig_shared` of a wheel, which need nothing of the repository.
 
-Its files are what `pyproject.toml` says belongs in it, laid out as an installer does, without the build system.
+`setup.py` builds the packages, which are laid out as an installer does.
 """
 
 import json
@@ -31,23 +31,39 @@ main()
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the wheel installed."""
-    site = tmp_path_factory.mktemp("wheel") / "site"
-    told = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    about, target = told["project"], told["tool"]["hatch"]["build"]["targets"]["wheel"]
-    places = {name: name for name in target["packages"]} | target["force-include"]
-    files = {
-        (Path(inside) / path.relative_to(ROOT / outside)).as_posix(): path.read_bytes()
-        for outside, inside in places.items()
-        for path in sorted([ROOT / outside, *(ROOT / outside).rglob("*")])
-        if path.is_file() and "__pycache__" not in path.parts
-    }
-    files |= {path: text.encode() for path, text in dist_info(about["name"], about["version"], {}).items()}
-    for path, content in files.items():
+    """A folder with what `setup.py` builds."""
+    folder = tmp_path_factory.mktemp("wheel")
+    site = folder / "site"
+    options = ("egg_info", "--egg-base", folder, "build", "--build-base", folder / "build", "--build-lib", site)
+    subprocess.run([sys.executable, "setup.py", "-q", *map(str, options)], cwd=ROOT, check=True)
+    about = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for path, text in dist_info(about["name"], about["version"], {}).items():
         (site / path).parent.mkdir(parents=True, exist_ok=True)
-        (site / path).write_bytes(content)
+        (site / path).write_text(text, encoding="utf-8")
     bring_loops(site)
     return site
+
+
+def _files(folder: Path) -> set[str]:
+    return {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*")
+        if path.is_file() and path.suffix != ".pyc" and path.parent.name != "__pycache__"
+    }
+
+
+@pytest.mark.parametrize(
+    ("source", "inside"),
+    [
+        ("rig", "rig"),
+        ("rig_shared", "rig_shared"),
+        ("sim", "sim"),
+        ("protocols", "rig/shipped_protocols"),
+        ("examples/human_finger", "rig/shipped_fingers/human_finger"),
+    ],
+)
+def test_every_file_is_in_the_wheel(site: Path, source: str, inside: str) -> None:
+    assert _files(ROOT / source) - _files(site / inside) == set()
 
 
 def _python(site: Path, *arguments: str | Path) -> str:

@@ -25,7 +25,7 @@ from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
 from rig.compare.profile_shape_test import chance_rows
 from rig.compare.receptor_place import RequestedRanges, common_range, places
 from rig.compare.recordings.columns import column_map
-from rig.compare.recordings.reading import Reading, read_recordings, sha256
+from rig.compare.recordings.reading import Reading, read_recordings, refuse_unused_options, sha256
 from rig.compare.recordings.recording import Recording
 from rig.compare.spike_clock import (
     ClockShift,
@@ -230,6 +230,7 @@ def command(
         plausible = None if fingers is None else read_plausible(fingers)
         with busy("reading the recordings …", quick=True):
             recordings = read_recordings(recorded or [], mirror or [], found, reading)
+            refuse_unused_options(recordings.values(), reading)
         if place and not recordings:
             raise BadInputError(
                 "{option} requires recordings; add {needs}",

@@ -12,7 +12,7 @@ from rig.compare.group_text import afferents_as_json, group_as_json, in_short, s
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import CandidatePool, afferents, answers, candidate_pool
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
-from rig.compare.recordings.reading import Reading
+from rig.compare.recordings.reading import Reading, refuse_unused_options
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.table_cells import file_and_sheet
 from rig.compare.spike_clock import clock_shift, columns_sentences, recording_sentences, recordings_as_json
@@ -97,6 +97,7 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
     with busy("reading the recordings …", quick=True):
         found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
+        refuse_unused_options((one for some in found.values() for one in some.values()), of.reading)
     with busy("comparing every measure with every afferent …", as_json=as_json):
         judged, left_out, small_strain = _judged(of.stimuli, found)
         group = group_verdict(judged)

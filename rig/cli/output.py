@@ -220,17 +220,9 @@ def busy(
     quick: bool = False,
     total: int = 0,
 ) -> Iterator[Activity]:
-    """Print the activity of a command with its progress: in a live line on a terminal, else in lines on standard
-    error.
+    """Print a command's activity and progress: in a live line on a terminal, else in lines on standard error.
 
-    Parameters
-    ----------
-    what : str
-        The work, which begins with it.
-    as_json, quick : bool
-        Whether to say nothing if the work is short.
-    total : int
-        Number of pieces that are counted.
+    `total` pieces are counted; with `as_json` or `quick`, short work prints nothing.
     """
     activity = Activity(what, total)
     with _shown(activity, at_once=not (as_json or quick)):

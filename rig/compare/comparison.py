@@ -247,12 +247,14 @@ def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Reco
     conditions = {f"{stimulus.shape}@{stimulus.condition}" for stimulus in ordered}
     for shape in recordings:
         if shape not in held | conditions:
+            same = [one.title for one in ordered if one.shape == shape.partition("@")[0]]
             raise ComparisonError(
-                "--recorded {shape}: the runs contain no such shape; use one of {names}",
+                "--recorded {shape}: the runs contain "
+                + ("{names}; use that" if same else "no such shape; use one of {names}"),
                 code="never_pressed",
                 shape=shape,
                 held=sorted(held, key=natural_order),
-                names=", ".join(sorted(held, key=natural_order)),
+                names=", ".join(sorted(same or held, key=natural_order)),
             )
 
 

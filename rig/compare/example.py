@@ -133,11 +133,6 @@ def rehearse(
     return _rehearsal(finger, cast(dict[str, Array], arrays), speed_mm_s)
 
 
-def rehearsal_of(finger: Fingertip, paths: Sequence[Sequence[IndentationResult]], speed_mm_s: float) -> Rehearsal:
-    """Return the rehearsal of presses that were made elsewhere, one sequence of depths for each position."""
-    return _rehearsal(finger, cast(dict[str, Array], _as_arrays(paths)), speed_mm_s)
-
-
 def ramps(
     finger: Fingertip, x_mm: Array, on_position: Callable[[int, int], None] = lambda done, total: None
 ) -> list[list[IndentationResult]]:
@@ -337,12 +332,3 @@ def intervals(predicted: Predicted) -> Array:
 def static_comparison(rehearsal: Rehearsal) -> Comparison:
     """Return the comparison of the static phase, for the figures of the page."""
     return compare([rehearsal.stimulus], {rehearsal.stimulus.shape: recorded("static")})
-
-
-def with_errors(recording: Recording, rng: np.random.Generator) -> Recording:
-    """Return a recording read once more from its figure: ± 0.05 mm and ± 3 impulses/s, uniform."""
-    from rig.compare.recordings.recording import recording as made
-
-    position = np.sort(recording.position_mm + rng.uniform(-0.05, 0.05, len(recording.position_mm)))
-    rate = np.where(recording.rate > 0, recording.rate + rng.uniform(-3, 3, len(position)), recording.rate)
-    return made(recording.name, [(float(x), max(float(y), 0.0), np.nan) for x, y in zip(position, rate, strict=True)])

@@ -263,25 +263,10 @@ class NoStageError(RigError):
 
 
 def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
-    """Read [stage] of a configuration file, whatever errors the rest contains.
+    """Read [stage] of a configuration file, whatever errors the rest contains, with one line for each skipped value.
 
-    An invalid value in [stage] gets its default, unless it identifies the stage or its port; the table of another
-    kind is not read.
-
-    Parameters
-    ----------
-    path : Path
-        The configuration file.
-
-    Returns
-    -------
-    tuple of (BenchSettings, tuple of str)
-        Settings, of which only the stage is read, and one line for each skipped value.
-
-    Raises
-    ------
-    NoStageError
-        If the file cannot be read, or kind, port or device id are invalid.
+    An invalid value gets its default. The table of another kind is not read. Raises NoStageError if the file cannot
+    be read, or kind, port or device id are invalid.
     """
     tables, passed = _tables(path)
     stage = _of_its_kind(tables.get("stage", {}))
@@ -366,24 +351,9 @@ _AGAIN_FOR_S = 1.0
 
 @dataclass
 class SentStop:
-    """Result of a stop.
+    """Result of a stop: whether this process sent bytes, and the processes that received and confirmed the stop.
 
-    Attributes
-    ----------
-    ports : tuple of str
-        Ports of the stage.
-    sent : bool
-        Whether this process sent bytes.
-    state : str or None
-        State of the stage after the bytes; None without a reply.
-    owner : PortOwner or None
-        Owner of the port at the time of the stop.
-    notified : tuple of int
-        Processes that received the stop, over their sockets or by a signal.
-    confirmed_by : int or None
-        Process that confirmed the stop.
-    problems : list of str
-        Problems, one line each.
+    `state` of the stage is after the bytes, None without a reply; `owner` is that of the port at the time.
     """
 
     ports: tuple[str, ...]
@@ -419,25 +389,11 @@ def send_stop(
     signal: Callable[[int], object] | None = None,
     find: Callable[[], Iterable[Announced]] = announced,
 ) -> SentStop:
-    """Stop a stage from outside of its owner.
+    """Stop a stage from outside of its owner; problems are in the result, not raised.
 
     The stop is first sent to the owner, without waiting. This process then sends the bytes as well: at once if the
-    port has no owner, after an owner that stops and releases it, and beside one that does not reply within
-    BESIDE_S.
-
-    Parameters
-    ----------
-    settings : BenchSettings
-        Settings of the stage.
-    signal : callable, optional
-        Signals a process; called only for one of this account that holds the lock of the port.
-    find : callable
-        Returns the announced processes.
-
-    Returns
-    -------
-    SentStop
-        Result; problems are not raised.
+    port has no owner, after an owner that stops and releases it, and beside one that does not reply within BESIDE_S.
+    `signal` is called only for a process of this account that holds the lock of the port.
     """
     return _Stopping(settings, signal, find).stopped()
 

@@ -207,26 +207,9 @@ def new_run_folder(
 
 
 def rescued_folder(lost: RunFolder, contents: Mapping[str, bytes], otherwise: Path) -> RunFolder:
-    """Write the rest of a run whose folder or files are lost into a new folder beside the old one.
+    """Write the rest of a run whose folder or files are lost into a new folder beside the old one, or in `otherwise`.
 
-    Parameters
-    ----------
-    lost : RunFolder
-        Original folder.
-    contents : mapping of str to bytes
-        Files, by name.
-    otherwise : Path
-        Parent of the new folder if the old one's parent cannot be written to.
-
-    Returns
-    -------
-    RunFolder
-        A folder that can be resumed.
-
-    Raises
-    ------
-    OSError
-        If neither parent can be written to.
+    The new folder can be resumed. Raises OSError if neither parent can be written to.
     """
     name = f"{lost.path.name}-rescued-{secrets.token_hex(3)}"
     try:
@@ -271,19 +254,7 @@ _EVENT_BYTES, _RUN_BYTES = 2_000, 3_000_000
 
 
 def refuse_full_disk(out: Path, events: int) -> None:
-    """Refuse a run whose files the disk cannot hold.
-
-    Parameters
-    ----------
-    out : Path
-        Folder of the runs, which may have to be made first.
-    events : int
-        Predicted number of events in the journal.
-
-    Raises
-    ------
-    BadInputError
-    """
+    """Raise BadInputError if the disk cannot hold a run's files; the folder `out` may not exist yet."""
     there = next((one for one in (out, *out.absolute().parents) if one.exists()), out)
     free, needed = shutil.disk_usage(there).free, events * _EVENT_BYTES + _RUN_BYTES
     if free < needed:

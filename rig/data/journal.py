@@ -68,13 +68,7 @@ class LineFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Open or create the file.
-
-        Raises
-        ------
-        OSError
-            If it cannot be opened.
-        """
+        """Open or create the file, or raise OSError."""
         self.path = path
         self.lost: LostFileError | None = None
         self._at = path.absolute()  # A script may change the working folder.
@@ -83,20 +77,7 @@ class LineFile:
         self._content: bytes | None = None
 
     def append(self, line: bytes, *, sync: bool = False) -> None:
-        """Append a whole line, or none of it.
-
-        Parameters
-        ----------
-        line : bytes
-            Line with its line end.
-        sync : bool
-            Whether to wait until it is on the disk.
-
-        Raises
-        ------
-        OSError
-            If it cannot be written.
-        """
+        """Append a line with its end, or none of it; `sync` waits until it is on the disk. Raises OSError."""
         end = self._file.tell()
         try:
             left = memoryview(line)
@@ -125,13 +106,7 @@ class LineFile:
             self._file.seek(size)
 
     def check(self) -> None:
-        """Check that the path still leads to the written file.
-
-        Raises
-        ------
-        LostFileError
-            If the file was deleted, moved, replaced or shortened.
-        """
+        """Raise LostFileError if the written file was deleted, moved, replaced or shortened."""
         if self.lost is None:
             self.lost = self._what_happened()
         if self.lost is not None:

@@ -76,30 +76,10 @@ class SpikeCount(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class AdaptiveRule:
-    """Choice among the presses that may be made.
+    """Choice among the presses that may be made; the number of a press is its place in `presses`.
 
-    Attributes
-    ----------
-    candidates : tuple of str
-    presses : tuple of PossiblePress
-        All that may be made; the number of a press is its place here.
-    times : PressTimes
-        What each of them takes.
-    minutes : float
-        Length of the session, with homing, rests and changes of shape.
-    prior : CandidatePosterior
-        State before the first count.
-    seed : int
-        Seed of the estimates of information.
-
-    Examples
-    --------
-    ::
-
-        posterior, state = rule.replayed([])
-        while isinstance(choice := rule.chosen(posterior, state), PressChoice):
-            count = ...  # press rule.presses[choice.press]
-            posterior, state = rule.updated(posterior, state, SpikeCount(choice.press, count))
+    `prior` is the state before the first count, and `minutes` the length of the session, with homing, rests and
+    changes of shape. Start with `replayed`, then alternate `chosen` and `updated`.
     """
 
     candidates: tuple[str, ...]
@@ -126,20 +106,8 @@ class AdaptiveRule:
     ) -> "AdaptiveRule":
         """Return the rule for the presses of a table, all of which may be made.
 
-        Parameters
-        ----------
-        table : ResponseTable
-        candidates : sequence of str
-        model : CountModel
-            Window and unknowns.
-        times : PressTimes
-            Of the presses of the table.
-        minutes : float
-        seed : int
-        draws : int
-            Fibers for each candidate.
-        particles : int
-            Fibers by which the information is estimated, shared among the candidates.
+        `draws` fibers are drawn for each candidate; `particles`, shared among the candidates, estimate the
+        information.
         """
         known = draw_fibers(draws, table, model.unknowns, seed + 23)
         log_rate = np.stack([log_rates(relative_rates(table, one, known)) for one in candidates])

@@ -67,20 +67,9 @@ def choose_press(engine: Engine, step: ChoosePress, expected: None) -> int | Non
 
 @dataclass(eq=False)
 class AdaptiveRun:
-    """Presses of an adaptive run: first those in the journal, then chosen or planned ones.
+    """Presses of an adaptive run: first those in the journal of `before`, then chosen or planned ones.
 
-    Parameters
-    ----------
-    script : Script
-        The designed script.
-    designed : Designed
-    choosing : Choosing
-    within_s : float
-        Longest wait for a count (s).
-    open_chooser : callable
-        Opens the chooser.
-    before : Run, optional
-        The stopped run that is resumed.
+    A count is awaited for at most `within_s`.
     """
 
     script: Script

@@ -90,23 +90,7 @@ class _Data:
 
 
 class PressChooser:
-    """Choice among the presses of a table.
-
-    Parameters
-    ----------
-    table : ResponseTable
-        The possible presses.
-    candidates : sequence of str
-        Names of the candidates.
-    model : CountModel
-        Window and unknowns.
-    times : PressTimes
-        What presses cost.
-    effort : Effort
-        Size of the computation.
-    seed : int
-        Seed of all draws.
-    """
+    """Choice among the presses of a table."""
 
     def __init__(
         self,

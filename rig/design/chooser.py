@@ -98,7 +98,8 @@ class InProcessChooser:
             self._posterior, self._state = self._rule.replayed(what.history)
         self._minutes, self._table = what.request.minutes, what.table
         self._source = opened(what.source, what.config, what.table, what.model)
-        self._counts = AcceptedCounts(self._source, [_as_int(one.spikes) for one in what.history])
+        known = [None if one.spikes is None else int(one.spikes) for one in what.history]
+        self._counts = AcceptedCounts(self._source, known)
         self._counts.look(what.made)
         self.truth = _plain(self._source.truth())
         self._press: int | None = None
@@ -144,10 +145,6 @@ def _plain(truth: Mapping[str, Any] | None) -> Mapping[str, Any] | None:
     """Return a source's description of its nerve as JSON values for the journal. Raises TypeError, ValueError."""
     found: dict[str, Any] | None = json.loads(json.dumps(None if truth is None else dict(truth), allow_nan=False))
     return found
-
-
-def _as_int(count: float | None) -> int | None:
-    return None if count is None else int(count)
 
 
 class ChooserLostError(CountError):

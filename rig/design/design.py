@@ -181,26 +181,9 @@ def design(
     count: Counted,
     progress: Progress,
 ) -> Design:
-    """Return the design.
+    """Return the design; raise DesignError if the request does not fit the bench.
 
-    Parameters
-    ----------
-    request : DesignRequest
-    config : Config
-        Rig and finger, for limits and times.
-    finger : Fingertip
-        The configured finger.
-    plausible : PlausibleFingers, optional
-        Ranges of its parameters.
-    count : callable
-        Shows the progress of the table of responses.
-    progress : callable
-        Called with what is computed, and how far it is.
-
-    Raises
-    ------
-    DesignError
-        If the request does not fit the bench.
+    `count` shows the progress of the table of responses; `progress` gets what is computed, and how far it is.
     """
     with threadpool_limits(1):  # many small products of matrices, which threads only slow down
         table, times, possible = bench_of(request, config, finger, plausible, count, progress)

@@ -55,12 +55,7 @@ class Designed:
     def of(cls, script: Script) -> "Designed":
         """Return the design that a script carries.
 
-        Raises
-        ------
-        DesignError
-            If it is no designed script, or a block is wrong.
-        ShapeError
-            For a shape that does not exist.
+        Raises DesignError if it is no designed script or a block is wrong, and ShapeError for an unknown shape.
         """
         if script.design is None:
             raise DesignError(

@@ -79,23 +79,10 @@ def information_bits(
     chance: np.random.Generator,
     chosen: NDArray[np.int64] | None = None,
 ) -> Array:
-    """Return (presses,) the expected information (bits) of one more press, averaged over the data sets.
+    """Return (presses,) the expected information (bits) of one more press, averaged over the s data sets of `sums`.
 
-    Parameters
-    ----------
-    model : CountModel
-    bins : CountBins
-    sums : CountSums
-        The data sets (s,) so far.
-    log_rate : ndarray, shape (candidates, draws, presses)
-    draws : FiberDraws
-    log_likelihood : ndarray, shape (candidates, s, draws)
-        Of the data sets.
-    particles : int
-        Number for each candidate and data set.
-    chance : numpy.random.Generator
-    chosen : ndarray, optional
-        Numbers of the presses in question; others have no information. Default: all.
+    `log_rate` has shape (candidates, draws, presses), `log_likelihood` (candidates, s, draws). `particles` is the
+    number for each candidate and data set. Presses that are not `chosen` have no information; default: all are.
     """
     weight = probabilities(log_likelihood)
     every = np.arange(log_rate.shape[2]) if chosen is None else chosen

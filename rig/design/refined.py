@@ -62,21 +62,10 @@ def refined_evidence(
     chance: np.random.Generator,
     used: Ints | None = None,
 ) -> Refined:
-    """Return the evidence of a candidate for one data set.
+    """Return the evidence of a candidate for one data set, whose presses are `used` (default: all).
 
-    Parameters
-    ----------
-    table : ResponseTable
-        All presses on the bench, as the rates are relative to the strongest.
-    candidate : str
-    model : CountModel
-    sums : CountSums
-        The data set.
-    z, log_likelihood : ndarray, shapes (n, unknowns) and (n,)
-        The best draws from the prior.
-    chance : numpy.random.Generator
-    used : ndarray, optional
-        Numbers of the presses that the data set has. Default: all.
+    `table` has all presses on the bench, as the rates are relative to the strongest. `z` (n, unknowns) and
+    `log_likelihood` (n,) are the best draws from the prior.
     """
     best = Refined(-np.inf, 0.0)
     log_weight = np.asarray(log_likelihood, dtype=float)

@@ -110,25 +110,9 @@ def response_table(
     plausible: PlausibleFingers | None,
     count: Counted,
 ) -> ResponseTable:
-    """Return the table, from the cache or computed in parallel processes.
+    """Return the table for nodes in x and below the epidermis (mm), from the cache or computed in parallel processes.
 
-    Parameters
-    ----------
-    config : FingertipConfig
-        The finger.
-    presses : sequence of PossiblePress
-        The possible presses.
-    x_mm, below_mm : ndarray
-        Nodes in x, and in depth below the epidermis (mm).
-    plausible : PlausibleFingers, optional
-        Ranges of the finger's parameters.
-    count : callable
-        Shows the progress.
-
-    Raises
-    ------
-    DesignError
-        If a finger cannot be built, or has no such receptor.
+    Raises DesignError if a finger cannot be built, or has no such receptor.
     """
     configured = _task(config, presses, x_mm, below_mm)
     fingers = [config] if plausible is None else [one.config for one in plausible.design(config, np.nan)]

@@ -612,30 +612,9 @@ def doubt_about_zero(
 ) -> Doubt | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 
-    Parameters
-    ----------
-    link : GrblLink
-        Link to the board.
-    board : mapping of int to float
-        Settings of the board, by number.
-    present : tuple of float
-        Present position, machine mm.
-    coordinates : tuple of float
-        Work coordinates for the present position (mm).
-    speed_mm_s : float
-        Speed of the next motion (mm/s).
-    confirm_modes : bool
-        Whether to read back modes and feed before a short motion, too.
-
-    Returns
-    -------
-    Doubt, optional
-        Missing confirmation; None if the board confirmed everything.
-
-    Raises
-    ------
-    StageError
-        If the board refuses the line, does not respond, is held, or is not idle.
+    Settings of the board are by number, `present` is in machine mm, and `coordinates` are the work coordinates (mm)
+    there. Returns the missing confirmation, or None; raises StageError if the board refuses the line, does not
+    respond, is held, or is not idle.
     """
     link.void_offset()  # also if the board refuses the line
     link.command(offset_line(coordinates, speed_mm_s), look_s=LOOK_S)

@@ -158,21 +158,10 @@ class LeadshineStage(Stage):
         drive.jog(sign, held, speed_mm_s)
 
     def limit_depth(self, lowest_z_mm: float) -> None:
-        """Set a volatile soft limit of the z drive at a height; it holds until the next homing.
+        """Set a volatile soft limit of the z drive at a machine height (mm), clipped to the travel.
 
-        Parameters
-        ----------
-        lowest_z_mm : float
-            Lowest allowed position of the vertical axis, in machine mm, clipped to the travel.
-
-        Raises
-        ------
-        StageError
-            If the drive moves or does not confirm the limit; the position is then not trusted.
-        StageNotHomed
-            Before any byte.
-        MoveError
-            If the height is not a finite number.
+        It holds until the next homing. Raises StageError if the drive moves or does not confirm the limit (the
+        position is then not trusted), and before any byte StageNotHomed, or MoveError if the height is not finite.
         """
         if not self._trusted:
             raise StageNotHomed("the drives")

@@ -34,8 +34,7 @@ def open_stage(
 ) -> Stage:
     """Return the stage on its ports, not yet connected; `guarded` wraps each transport.
 
-    Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a mere
-    stop.
+    Raises TransportError; NotOwnedError if another process owns the port, unless owned is False, as for a mere stop.
     """
 
     def opener(port: str) -> Transport:

@@ -28,22 +28,11 @@ class Spread:
 
 @dataclass(frozen=True)
 class DeviceTimes:
-    """Measurements of one kind of device on one wire.
+    """Measurements of one kind of device on one wire of the virtual device.
 
-    Parameters
-    ----------
-    wire : str
-        Wire of the virtual device.
-    samples, stops : int
-        Number of readings or positions, and of stops.
-    rate_hz : float
-        Readings with a new sample, or positions, for each second.
-    age : Spread
-        Age of a reading when the program decides about a trip, or longest age of a position.
-    to_bytes : Spread or None
-        Time from the call of a stop to its written bytes.
-    to_rest : Spread or None
-        Time from this call until the virtual stage is at rest, with its braking from 5 mm/s.
+    `rate_hz` counts readings with a new sample, or positions; `age` is that of a reading when the program decides
+    about a trip, or the longest of a position. From the call of a stop, `to_bytes` lasts until its bytes are written,
+    and `to_rest` until the virtual stage is at rest, with its braking from 5 mm/s.
     """
 
     wire: str

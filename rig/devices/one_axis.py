@@ -208,6 +208,19 @@ class WatchedAxis(Generic[Look]):
         return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
 
 
+def whole_speed(speed_mm_s: float, unit: float) -> int:
+    """Return the speed in a drive's unit, so many for 1 mm/s, rounded down. Raises MoveError below 1."""
+    native = math.floor(speed_mm_s * unit + 1e-9)
+    if native < 1:
+        raise MoveError(
+            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
+            code="too_slow",
+            least_mm_s=1 / unit,
+            speed_mm_s=speed_mm_s,
+        )
+    return native
+
+
 AnAxis = TypeVar("AnAxis", bound=DrivenAxis[Any])
 
 

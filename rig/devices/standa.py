@@ -17,7 +17,6 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import (
     Looks,
-    MoveError,
     Stage,
     StageAlarm,
     StageError,
@@ -26,7 +25,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, WayHome, travel_s, whole_speed
 from rig.devices.registry import Evidence, NumberedIdentity, Opener, StageKind
 from rig.devices.standa_link import (
     COMMAND,
@@ -312,15 +311,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def native_speed(self, speed_mm_s: float) -> int:
         """Return the speed in microsteps per second, rounded down. Raises MoveError below 1."""
-        native = math.floor(speed_mm_s * self._counts_per_mm + 1e-9)
-        if native < 1:
-            raise MoveError(
-                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-                code="too_slow",
-                least_mm_s=1 / self._counts_per_mm,
-                speed_mm_s=speed_mm_s,
-            )
-        return native
+        return whole_speed(speed_mm_s, self._counts_per_mm)
 
     # --- helpers ---
 

@@ -8,14 +8,12 @@ is under way at a time, and after a lost or garbled reply zero bytes clear the l
 
 import struct
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import Transport
+from rig.transport import Transport, in_turn
 from rig.transport.wire import arrived
 
 REPLY_S = 0.2
@@ -127,7 +125,7 @@ class StandaLink:
         self._transport.close()
 
     def _exchange(self, letters: str, payload: bytes, size: int) -> bytes:
-        with self._turn():
+        with in_turn(self._one, 2 * REPLY_S):
             if not self._clear:
                 self._synchronize(letters)
             for _ in arrived(self._transport):
@@ -137,16 +135,6 @@ class StandaLink:
             reply = self._answer(letters, size)
             self._clear = True
             return reply
-
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        """Wait for a command in another thread, but not for one that hangs."""
-        mine = self._one.acquire(timeout=2 * REPLY_S)
-        try:
-            yield
-        finally:
-            if mine:
-                self._one.release()
 
     def _synchronize(self, letters: str) -> None:
         """Send zero bytes until the controller returns them, which ends every frame that was cut short.

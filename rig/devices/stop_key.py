@@ -54,19 +54,10 @@ class StopKey:
     """
 
     def __init__(self, path: Path, code: int | None = None) -> None:
-        """Open and reserve the device.
+        """Open and reserve an input device, e.g. below /dev/input/by-id.
 
-        Parameters
-        ----------
-        path : Path
-            Input device, e.g. below /dev/input/by-id.
-        code : int, optional
-            Linux code of the only key that counts. Default: any key.
-
-        Raises
-        ------
-        StopKeyError
-            If it is missing, is no input device, or is used by another program.
+        `code` is the Linux code of the only key that counts. Raises StopKeyError if it is missing, is no input
+        device, or is used by another program.
         """
         self.path, self.problem, self._why = path, "", ""
         self._code, self._held = code, set[int]()

@@ -48,15 +48,21 @@ _DASH = r"[-\u2010-\u2015\u2212\ufe63\uff0d]|(?<!\w)\ufffd+"
 _LONE_MINUS = re.compile(rf"({_DASH})(?![\w.>\ufffd])|\b(minus|neg|negative)\b", re.IGNORECASE)
 """A minus that belongs to no number behind it. `->` is an arrow; a character that is not ASCII arrives as U+FFFD."""
 _WORD = re.compile(r"(?:[^\W\d_]|\ufffd)+")
+_BEHIND = re.compile(r"[^\s\d,;:|=<>(){}\[\]\"']+")
+_NO_WORD = ".!?*+-_/\\#\u00b7"
+_IN_BRACKETS = re.compile(r"([(\[][^()\[\]\d]*[)\]])\W*\Z")
 _PART_OF_NUMBER = re.compile(r"[\d.]\{value\}|\{value\}(\d|[.eE]\{)")
 _UNIT_WORDS = {
-    "g": "g gr gram grams gramm gf gwt",
-    "kg": "kg kgs kgf kp kilo kilos kilogram kilograms kilogramm",
-    "lb": "lb lbs lbf pound pounds",
+    "g": "g gr gram grams gramm gf gwt gram-force grams-force",
+    "kg": "kg kgs kgf kp kilo kilos kilogram kilograms kilogramm kg-f kilogram-force",
+    "lb": "lb lbs lbf lb-f pound pounds pound-force",
     "N": "n newton newtons",
     "mN": "mn millinewton millinewtons",
-    "": "mg milligram milligrams oz ozs ozf ounce ounces kn kilonewton kilonewtons \ufffd\ufffdn un dyn dyne dynes",
+    "": "mg milligram milligrams oz ozs ozf ozt ounce ounces kn kilonewton kilonewtons \ufffdn un dyn dyne dynes "
+    "dan decanewton decanewtons cn centinewton centinewtons MN Mn dag hg cg ct carat carats grain grains "
+    "ton tons tonne tonnes mv pa kpa psi",
 }
+"""Words of each unit, in any case unless it is MN; those of "" are units that cannot be set."""
 _MINUS = "has a minus apart from its number; have the board print it directly before the number"
 _COMMA = "has a comma within a number; have the board print a decimal point and no separators of thousands"
 _BLANK = (
@@ -66,11 +72,39 @@ _BLANK = (
 _UNIT_OF = {word: unit for unit, words in _UNIT_WORDS.items() for word in words.split()}
 
 
+def _unit_of(word: str) -> str | None:
+    return _UNIT_OF.get(word, _UNIT_OF.get(re.sub("\ufffd+", "\ufffd", word.casefold())))
+
+
 def _other_unit(before: str, after: str, unit: str) -> str | None:
     """Return the known unit beside a number, up to the next digit, if it is another one."""
     words = _WORD.findall(re.split(r"\d", after)[0]), _WORD.findall(re.split(r"\d", before)[-1])[::-1]
-    known = next((word for side in words for word in side if word.casefold() in _UNIT_OF), None)
-    return None if known is None or _UNIT_OF[known.casefold()] == unit else known
+    known = next((word for side in words for word in side if _unit_of(word) is not None), None)
+    return None if known is None or _unit_of(known) == unit else known
+
+
+def _words_behind(after: str) -> list[str]:
+    """Return the words behind a number, with what is attached to them, such as N/mm or %."""
+    words = (word.strip(_NO_WORD) for word in _BEHIND.findall(after))
+    return [word for word in words if _WORD.search(word) or "%" in word or "‰" in word]
+
+
+def _not_the_unit(before: str, after: str, unit: str, line: str) -> str | None:
+    """Return a word beside a number that may be another unit.
+
+    Behind the number it is the first word that is neither the unit nor in the format. Labels stand in front of a
+    number, so there it is the nearest known unit, or a word in brackets that is not in the format.
+    """
+    in_front, _, behind = _FIELD.sub(_placeholder, line).partition(_HERE)
+    for word in _words_behind(re.split(r"\d", after)[0]):
+        if _unit_of(word) == unit:
+            return None
+        if word not in _words_behind(behind):
+            return word
+    brackets = _IN_BRACKETS.search(before)
+    if brackets and brackets[1] not in in_front and (word := brackets[1][1:-1].strip()) and _unit_of(word) != unit:
+        return word
+    return _other_unit(before, "", unit)
 
 
 _HERE = "\0"
@@ -315,8 +349,11 @@ class TextCellForce:
         split = re.match(r"[\s'’]\d", after) and not re.search(r"\{value\}\s", template)
         if split or (re.search(r"\d[\s'’]\Z", before) and not re.search(r"\s\{value\}", template)):
             return _BLANK
-        if word := _other_unit(before, after, unit):
-            return f"has a number in {word}, but force.text_cell.unit is {unit}; set the unit that the board sends"
+        if word := _not_the_unit(before, after, unit, template):
+            return (
+                f"has {word!r} beside its number, but force.text_cell.unit is {unit}; set the unit that the board "
+                "sends, or put a word that is no unit into force.text_cell.line"
+            )
         return None
 
     def _line(self, within_s: float) -> str:

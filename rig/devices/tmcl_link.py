@@ -11,14 +11,13 @@ and the group is asked again.
 import re
 import struct
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import Transport
+from rig.transport import Transport, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -122,7 +121,7 @@ class TmclLink:
 
     def command(self, motor: Motor, command: int, kind: int = 0, value: int = 0) -> None:
         """Send a command once and wait for its reply. Raises StageError, TransportError."""
-        with self._turn():
+        with in_turn(self._one, 2 * REPLY_S):
             self._quieten()
             self._exchanged(TmclRequest(motor, command, kind, value))
 
@@ -159,19 +158,9 @@ class TmclLink:
         """Close the transport."""
         self._transport.close()
 
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        """Wait for a command in another thread, but not for one that hangs."""
-        mine = self._one.acquire(timeout=2 * REPLY_S)
-        try:
-            yield
-        finally:
-            if mine:
-                self._one.release()
-
     def _group(self, motor: Motor, parameters: Sequence[int]) -> tuple[list[int], int]:
         last = TmclRequest(motor, RFS, SEARCH_STATUS)
-        with self._turn():
+        with in_turn(self._one, 2 * REPLY_S):
             self._quieten()
             values = [self._exchanged(TmclRequest(motor, GAP, parameter))[0].value for parameter in parameters]
             reply, others = self._exchanged(last)
@@ -222,7 +211,7 @@ class TmclLink:
     def _version_of(self, motor: Motor) -> str:
         request = TmclRequest(motor, VERSION, AS_TEXT)
         for _ in range(READ_TRIES):
-            with self._turn():
+            with in_turn(self._one, 2 * REPLY_S):
                 self._quieten()
                 self._transport.write(request.frame())
                 deadline_s = self._clock.monotonic_s() + REPLY_S

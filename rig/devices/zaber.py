@@ -16,7 +16,6 @@ from typing import Any
 from rig.clock import Clock
 from rig.devices.base import (
     Looks,
-    MoveError,
     Stage,
     StageAlarm,
     StageError,
@@ -25,7 +24,7 @@ from rig.devices.base import (
     StageReset,
     StageTimeout,
 )
-from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, travel_s
+from rig.devices.one_axis import POLL_S, TwoAxisStage, WatchedAxis, travel_s, whole_speed
 from rig.devices.registry import Evidence, Opener, StageKind
 from rig.devices.zaber_link import NO_WARNING, READ_TRIES, Reply, ZaberLink
 from rig.settings import BenchSettings, StageSettings, ZaberAxisSettings, ZaberSettings
@@ -333,16 +332,7 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def native_speed(self, speed_mm_s: float) -> int:
         """Return the speed in native units, rounded down. Raises MoveError below 1."""
-        unit = self._counts_per_mm * self._units.speed_unit
-        native = math.floor(speed_mm_s * unit + 1e-9)
-        if native < 1:
-            raise MoveError(
-                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-                code="too_slow",
-                least_mm_s=1 / unit,
-                speed_mm_s=speed_mm_s,
-            )
-        return native
+        return whole_speed(speed_mm_s, self._counts_per_mm * self._units.speed_unit)
 
     # --- helpers ---
 

@@ -6,13 +6,11 @@ Sources: Zaber ASCII protocol manual, firmware 6 and 7; transcripts of the maker
 import math
 import re
 import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
-from rig.transport import LineReader, Transport
+from rig.transport import LineReader, Transport, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -119,7 +117,7 @@ class ZaberLink:
 
     def command(self, device: int, axis: int, words: str) -> Reply:
         """Send a command once and return its reply. Raises StageError, TransportError."""
-        with self._turn():
+        with in_turn(self._one, 2 * REPLY_S):
             number = self._next()
             self._transport.write(frame(device, axis, number, words))
             reply = self._answer(device, axis, number, words)
@@ -139,16 +137,6 @@ class ZaberLink:
     def close(self) -> None:
         """Close the transport."""
         self._transport.close()
-
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        """Wait for a command in another thread, but not for one that hangs."""
-        mine = self._one.acquire(timeout=2 * REPLY_S)
-        try:
-            yield
-        finally:
-            if mine:
-                self._one.release()
 
     def _next(self) -> int:
         now_s = self._clock.monotonic_s()

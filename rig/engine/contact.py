@@ -41,20 +41,10 @@ _TO_DO: Mapping[ContactKind, str | None] = {
 class KnownContact:
     """Known state of contact between indentor and finger.
 
-    Parameters
-    ----------
-    kind : ContactKind
-        `lifted`: confirmed by position and force. `raised`: at clearance by position, without a force.
-        `disagreement`: at clearance by position, and the force shows a touch. `touching`: the force shows a touch
-        anywhere else. `unknown`: none of these.
-    force_gwt : float or None
-        The last force from zero, gwt.
-    x_mm, height_mm : float or None
-        The last known place, mm from the pad's center and above its nominal apex.
-    unix_s : float
-        When force and position were measured, seconds since 1970; 0 where only the order of events matters.
-    aged : bool
-        Whether this is longer ago than `FRESH_S`, so that the force is that of then and the contact unknown since.
+    `lifted`: confirmed by position and force. `raised`: at clearance by position, without a force. `disagreement`: at
+    clearance by position, and the force shows a touch. `touching`: the force shows a touch anywhere else. `unknown`:
+    none of these. Places are in mm from the pad's center and above its nominal apex; `unix_s` is 0 where only the
+    order of events matters; `aged` is measured longer than `FRESH_S` ago, so that the contact is unknown since.
     """
 
     kind: ContactKind = "unknown"
@@ -138,16 +128,9 @@ class KnownContact:
 
 
 def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> ContactKind:
-    """Return the state of contact from position and force at rest.
+    """Return the state of contact at rest; `clear` is a trusted position at clearance or higher.
 
-    Parameters
-    ----------
-    clear : bool
-        Whether a trusted position is at clearance or higher.
-    force_gwt : float or None
-        The force at rest, from zero; None where the sensor does not answer or was never zeroed.
-    touch_gwt : float
-        The force that means contact, push and pull alike.
+    The force from zero is None where the sensor does not answer or was never zeroed; push and pull count alike.
     """
     if force_gwt is None:
         return "raised" if clear else "unknown"

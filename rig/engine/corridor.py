@@ -19,24 +19,10 @@ _AXES = ("x", "y", "z")
 
 @dataclass(frozen=True)
 class Corridor:
-    """Corridor of one motion, in machine mm.
+    """Corridor of one motion, in machine mm: a box, since two axes move together only laterally, at clearance.
 
-    Parameters
-    ----------
-    start_mm, target_mm : sequence of float
-        Machine x, y and z at the start and the end of the motion.
-    speed_mm_s : float
-        Commanded speed.
-    begun_s : float
-        Time when the command was sent, on the clock of `strayed`.
-    tolerance_mm : float
-        How far a report may lie outside.
-    overrun_mm : sequence of float
-        How far beyond the target each axis may go where it moves in its positive direction: twice its backlash.
-
-    Notes
-    -----
-    Each axis is checked separately, so the corridor is a box. Two axes move together only laterally, at clearance.
+    A report may lie `tolerance_mm` outside, and each axis go `overrun_mm` beyond the target in its positive
+    direction: twice its backlash. `begun_s`, when the command was sent, is on the clock of `strayed`.
     """
 
     start_mm: Sequence[float]
@@ -49,12 +35,7 @@ class Corridor:
     def strayed(self, at: StageStatus, now_s: float) -> EngineError | None:
         """Return an error if a reported position lies outside the corridor, else None.
 
-        Parameters
-        ----------
-        at : StageStatus
-            The report.
-        now_s : float
-            Time when the report arrived; the stage was there at that time or earlier.
+        The stage was there when the report arrived, at `now_s`, or earlier.
         """
         gone_mm = 0.0
         ways = zip(_AXES, (at.x_mm, at.y_mm, at.z_mm), self.start_mm, self.target_mm, self.overrun_mm, strict=True)

@@ -22,8 +22,7 @@ class Trips:
     """Four force limits (gwt); a reading of either sign beyond one of them trips.
 
     Soft: the configured limit, lowered by the plan. Pressure: limits.max_pressure_kpa times the expected contact
-    area. Ramp: lower than both during one, by what it may overshoot. Hard: the same for every plan and
-    every reading.
+    area. Ramp: lower than both during one, by what it may overshoot. Hard: the same for every plan and every reading.
     """
 
     def __init__(self, limits: LimitSettings, soft_trip_n: float | None) -> None:
@@ -309,20 +308,11 @@ class FingerStiffness:
 
 @dataclass(frozen=True)
 class SidewaysLimit:
-    """Speed of a move sideways at clearance, and how far it may drag a finger that has come up.
+    """Speed of a move sideways at clearance, and how far it may drag a finger that has come up, with the force then.
 
     A touch ends the move. Until the stage is at rest it may go the way to the touch threshold, and the stopping
     distance: v · (delay of the sensor, longest time without a reading, delay of the controller) + v² / 2a. The finger
     counts as a wall as stiff as the stiffest predicted press, so that this distance stays below half the trip.
-
-    Attributes
-    ----------
-    speed_mm_s : float
-        Highest speed, at most habits.travel_speed_mm_s.
-    in_contact_mm : float
-        Longest way in contact at this speed.
-    force_gwt : float
-        Force at its end.
     """
 
     speed_mm_s: float
@@ -353,22 +343,10 @@ class RampBound:
     """Force limits of a ramp, for F ∝ d^1.5 through a depth and the force measured or predicted there.
 
     A press may reach bound_gwt: the trip and the documented overshoot of its increments. A ramp covers a longer
-    distance before it is at rest, so that it trips at a lower force, from which that distance ends at the same bound.
-
-    Attributes
-    ----------
-    speed_mm_s : float
-        Speed of the ramp.
-    force_gwt : float
-        Force at its depth.
-    trip_gwt : float
-        Force that trips the ramp; 0 if the stopping distance alone exceeds the bound.
-    stop_mm : float
-        Stopping distance: v · (delays of sensor, reading and controller, and the longest time unread) + v² / 2a.
-    bound_gwt : float
-        Force that a ramp, like a press, does not exceed.
-    fastest_mm_s : float
-        Highest speed of a ramp to this depth.
+    distance `stop_mm` before it is at rest, v · (delays of sensor, reading and controller, and the longest time
+    unread) + v² / 2a, so that it trips at a lower force, from which that distance ends at the same bound. `trip_gwt`
+    is 0 if the stopping distance alone exceeds the bound; `fastest_mm_s` is the highest speed of a ramp to this
+    depth.
     """
 
     speed_mm_s: float

@@ -16,18 +16,8 @@ from rig.units import GWT_N
 def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[float, float] | None = None) -> None:
     """Compare a reference press with the first one of the run, and journal the largest deviation.
 
-    Parameters
-    ----------
-    found : Indentation
-        Reference press. Later ones are compared with the first one of the run.
-    promised_gwt : (float, float), optional
-        Predicted band of the force at the last hold (gwt), for an identified finger.
-
-    Raises
-    ------
-    TripError
-        If limits.on_alarm is `trip`: a deviation beyond limits.reference_band, or a force outside promised_gwt.
-        Otherwise both are alarms in the journal.
+    `promised_gwt` is the predicted band of the force at the last hold, for an identified finger. A force outside it,
+    or a deviation beyond limits.reference_band, is an alarm; TripError if limits.on_alarm is `trip`.
     """
     forces_gwt = [hold.force_gwt for hold in found.holds]
     first_gwt = engine.first_reference_gwt = engine.first_reference_gwt or forces_gwt

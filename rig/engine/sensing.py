@@ -189,26 +189,12 @@ class Sensing:
                 return reading
 
     def at_rest_gwt(self, meanwhile: Callable[[float], object] = lambda seconds: None) -> float:
-        """Return the force from zero at rest (gwt).
+        """Return the force from zero at rest (gwt); `meanwhile` is called before each wait with its length (s).
 
         Below the touch threshold two readings, `APART_S` apart, must agree, because the reading of a touch passes
-        through zero while the sensor drifts. A touch must persist, because a late sensor or a slow cell still shows
-        it in the air.
-
-        Parameters
-        ----------
-        meanwhile : callable
-            Called before each wait with its length (s).
-
-        Returns
-        -------
-        float
-            The force (gwt); at or above `touch_gwt` it persisted for `AT_REST_S`.
-
-        Raises
-        ------
-        NoReadingError
-            The sensor does not respond, or (`unsteady`) its readings do not agree within `AT_REST_S`.
+        through zero while the sensor drifts. A touch must persist for `AT_REST_S`, because a late sensor or a slow
+        cell still shows it in the air. Raises NoReadingError if the sensor does not respond, or (`unsteady`) its
+        readings do not agree within `AT_REST_S`.
         """
         until_s, before_gwt = self._clock.monotonic_s() + AT_REST_S, None
         while True:

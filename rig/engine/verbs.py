@@ -77,14 +77,9 @@ def home(engine: Engine) -> None:
 
 
 def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
-    """Home, which lifts first, if the indentor may touch the finger; journal the finding as an alarm.
+    """Home, which lifts first, if `resumed` or the indentor may touch the finger; journal the finding as an alarm.
 
-    Parameters
-    ----------
-    before : LastKnown
-        State that the previous command left: record of contact, and zero of the sensor.
-    resumed : bool
-        Whether to home in any case.
+    `before` is the record of contact and the zero that the previous command left.
     """
     sensing, known = engine.sensing, before.contact
     engine.may_touch = known is not None and known.may_touch

@@ -42,7 +42,7 @@ TOUCH_GWT = 0.1
 MODEL_ERROR, USUAL_MISFIT = 0.018, 0.8
 """Relative standard deviation of a force under a shape that was not pressed, in addition to the spread of the likely
 fingers; and the usual misfit of the most likely finger, squared standardized distance per reading
-(docs/identification.md)."""
+(docs/identify.md)."""
 
 
 @dataclass(frozen=True)

@@ -88,19 +88,9 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
 def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
     """Zero the sensor, record the zero, and return the sensor's identification.
 
-    Parameters
-    ----------
-    hand : ByHand or None
-        Manual control of the stage, which then lifts by `ZERO_LIFT_MM` and stays there. None zeros unchecked,
-        although a contact may be detected.
-
-    Raises
-    ------
-    LimitError
-        There are no readings; they scatter; or, with `hand`, the last recorded zero or the lift shows a contact.
-    StageError
-        The stage did not lift.
-    ForceError, TransportError
+    With `hand` the stage lifts by `ZERO_LIFT_MM` and stays there; None zeros unchecked. Raises LimitError without
+    readings, if they scatter, or if the last recorded zero or the lift shows a contact; StageError if the stage did
+    not lift; ForceError, TransportError.
     """
     memory = BenchMemory(settings)
     name, last = sensing.connect(), memory.read()

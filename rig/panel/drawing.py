@@ -286,7 +286,7 @@ Drawing = dict[str, Any]
 def drawn(job: Job) -> Drawing:
     """Return the section of a job, with `prediction` for a press; a failure is in `problem`."""
     try:
-        config = _finger_config(job.config, _written_ns(job.config))
+        config = _finger_config(job.config, job.config.stat().st_mtime_ns)
         section = _still(config, job)
         return section if job.press is None else _pressed(config, job, section)
     except (BadInputError, ShapeError, OSError) as error:
@@ -319,10 +319,6 @@ def _shape(job: Job) -> Indentor:
 @lru_cache(maxsize=4)
 def _finger_config(path: Path, written_ns: int) -> FingertipConfig:
     return load_config(path).finger
-
-
-def _written_ns(path: Path) -> int:
-    return path.stat().st_mtime_ns
 
 
 @lru_cache(maxsize=1)

@@ -107,10 +107,7 @@ class Visits:
 def visits_of(run: Run, config: Config) -> Visits:
     """Return the visits of a run in order.
 
-    Raises
-    ------
-    BadInputError
-        If the run never came near a finger, or never measured a contact height.
+    Raises BadInputError if the run never came near a finger, or never measured a contact height.
     """
     walk = _Walk(config)
     for stream, event in run.in_order:
@@ -279,10 +276,7 @@ def firing_speeds(
 ) -> list[FiringSpeed]:
     """Return the slowest press at which each class fires, at the place of the deepest press.
 
-    Raises
-    ------
-    ModelRangeError
-        If the finger model cannot press that deep.
+    Raises ModelRangeError if the finger model cannot press that deep.
     """
     press = max(presses, key=lambda one: (one.doi_mm, -abs(one.x_mm)))
     fastest_mm_s = max(one.speed_mm_s for one in presses)
@@ -353,36 +347,11 @@ def run_spikes(
     step_s: float = MOST_STEP_S,
     show_progress: Progress = lambda done, of: None,
 ) -> SpikeRecord:
-    """Return the spikes of a population during a run, at the electrode.
+    """Return the spikes of a population during a run, on the run's clock, at an electrode `path_m` up the nerve.
 
-    Parameters
-    ----------
-    run : Run
-        The run.
-    found : Visits
-        Its visits.
-    finger : Fingertip
-        The finger of its configuration.
-    afferents : AfferentPopulation
-        The afferents.
-    seed : int, optional
-        Seed of the population, which is recorded.
-    path_m : float, optional
-        Nerve between the fingertip and the electrode (m).
-    step_s : float, optional
-        Time between samples of the signals (s). Default: that of the integrator.
-    show_progress : callable, optional
-        Called as ``show_progress(done, of)`` with numbers of places and then of pieces of the run.
-
-    Returns
-    -------
-    SpikeRecord
-        Spike times on the run's clock.
-
-    Raises
-    ------
-    ModelRangeError
-        If the finger model cannot press that deep, at a place, or is of tissue that stiffens.
+    `finger` is that of the run's configuration; `show_progress(done, of)` gets numbers of places and then of pieces
+    of the run. Raises ModelRangeError if the finger model cannot press that deep at a place, or is of tissue that
+    stiffens.
     """
     tables = tables_of(run, found, finger, afferents, show_progress)
     pieces = list(_pieces(run.end_s, step_s))

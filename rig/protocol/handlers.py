@@ -14,7 +14,7 @@ from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
 from rig.protocol.same_steps import SameSteps
-from rig.protocol.steps import Journalled, Owed, Step
+from rig.protocol.steps import Journalled, Mount, Owed, Step
 from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
@@ -26,14 +26,7 @@ class ResumeHandler:
 
     The journal answers for a finished press. What a step before the next missing press still requires (`Step.owed`)
     is passed on only when that press comes, at the spot where the script made the step. A step that differs from the
-    journal is refused.
-
-    Parameters
-    ----------
-    before : Journalled
-    then : Handler
-    press_mm_s : float
-        Speed of a press that names none (mm/s).
+    journal is refused. `press_mm_s` is the speed of a press that names none.
     """
 
     def __init__(self, before: Journalled, then: Handler, press_mm_s: float) -> None:
@@ -54,7 +47,9 @@ class ResumeHandler:
             return self._then.handle(step, spot)
         if step.owed is Owed.ONCE and self._is_new(step):
             return self._then.handle(step, spot)
-        if step.owed in (Owed.LAST, Owed.LAST_IF_NEXT):
+        if step.verb == Mount.verb:
+            self._drop(Owed.LAST_OF_INDENTOR)
+        if step.owed in (Owed.LAST, Owed.LAST_OF_INDENTOR, Owed.LAST_IF_NEXT):
             self._owed.pop(step.verb, None)
             self._owed[step.verb] = step, spot
         return None  # type: ignore[return-value]
@@ -72,7 +67,7 @@ class ResumeHandler:
         data = press.purpose == "data"
         if press.index in answers:
             if data:
-                self._drop_steps_of_next_press()
+                self._drop(Owed.LAST_IF_NEXT)
             return answers[press.index]
         owed, self._owed = self._owed, {}
         for step_owed, where in owed.values():
@@ -81,8 +76,8 @@ class ResumeHandler:
             self._behind = press.index < self._last_done
         return self._then.handle(step, spot)
 
-    def _drop_steps_of_next_press(self) -> None:
-        self._owed = {verb: owed for verb, owed in self._owed.items() if owed[0].owed is not Owed.LAST_IF_NEXT}
+    def _drop(self, owed: Owed) -> None:
+        self._owed = {verb: one for verb, one in self._owed.items() if one[0].owed is not owed}
 
     def _is_new(self, step: Step[Any, Any]) -> bool:
         """Return whether the journal lacks the step; it has the first ones of each verb, in order."""
@@ -112,14 +107,9 @@ class SilentScriptError(BaseException):
 class Patience:
     """Handler that limits the number of steps, and with `impatient` the time between two of them.
 
-    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an
-    alarm on the main thread, or by another thread on Windows; elsewhere Ctrl-C ends a script that makes no steps.
-
-    Parameters
-    ----------
-    then : Handler
-    on_step : callable
-        Called with the number of steps so far, before each step.
+    Only the script's own time counts, not that of a step: model, stage, rest or operator. It is measured by an alarm
+    on the main thread, or by another thread on Windows; elsewhere Ctrl-C ends a script that makes no steps. `on_step`
+    gets the number of steps so far, before each.
     """
 
     def __init__(self, then: Handler, on_step: Callable[[int], None] = lambda steps: None) -> None:

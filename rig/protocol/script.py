@@ -174,19 +174,7 @@ def _module_advice(folder: Path, name: str) -> str:
 def script_error(
     kind: type[Coded], path: Path, error: BaseException, verbatim: tuple[type[BaseException], ...]
 ) -> Coded:
-    """Return an error that names the line of the script.
-
-    Parameters
-    ----------
-    kind : type
-        Class of the error to return.
-    path : Path
-        File of the script.
-    error : BaseException
-        What the script raised.
-    verbatim : tuple of types
-        Classes whose sentence is enough; for others the class is named.
-    """
+    """Return an error that names the line of the script, and for classes other than `verbatim` the class."""
     problem = error if isinstance(error, verbatim) else failed_in_script(path, error)
     return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
 

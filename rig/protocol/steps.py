@@ -43,7 +43,8 @@ class Owed(Enum):
 
     NOTHING = "nothing: it is done anyway, or of no consequence"
     LAST = "the last of its kind, before the next press"
-    LAST_IF_NEXT = "the same, but not where that press is done already"
+    LAST_OF_INDENTOR = "the same, but nothing once another indentor is mounted"
+    LAST_IF_NEXT = "the last of its kind, but not where the next press is done already"
     ONCE = "it is journalled once and for all"
     ANSWER = "nothing where the journal has its answer, else the step itself"
 
@@ -63,14 +64,8 @@ class Journalled(Protocol):
 class Step(ABC, Generic[E, A]):
     """Verb with the arguments from the script; a schedule fills in block, repeat and condition.
 
-    E is the type of its prediction (None for most steps), A that of its answer to the script.
-
-    Attributes
-    ----------
-    verb : str
-        Method of `Rig` that creates the step.
-    owed : Owed
-        What a resumed run repeats of it.
+    E is the type of its prediction (None for most steps), A that of its answer to the script. `verb` is the method of
+    `Rig` that creates it, `owed` what a resumed run repeats of it.
     """
 
     verb: ClassVar[str]
@@ -88,42 +83,13 @@ class Step(ABC, Generic[E, A]):
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
-        """Check the step without the model, and advance the walk.
+        """Check the step without the model, advance the walk, and return the step's position and press numbers.
 
-        Every pass over a script checks every step, because a script may decide as it runs.
-
-        Parameters
-        ----------
-        walk : Walk
-            State of the script before the step.
-
-        Returns
-        -------
-        Spot
-            Position of the step, and the numbers of its presses.
-
-        Raises
-        ------
-        BadInputError
+        Every pass over a script checks every step, because a script may decide as it runs. Raises BadInputError.
         """
 
     def expect(self, spot: Spot, walk: Walk) -> E:
-        """Return the prediction for the step, after a check against the limits.
-
-        Parameters
-        ----------
-        spot : Spot
-            What `check` returned.
-        walk : Walk
-
-        Returns
-        -------
-        E
-
-        Raises
-        ------
-        BadInputError
-        """
+        """Return the prediction at the spot that `check` returned, within the limits. Raises BadInputError."""
         return None  # type: ignore[return-value]
 
     def foreseen(self, expected: E) -> A:
@@ -220,32 +186,10 @@ def expect_press(
     speed_mm_s: float | None = None,
     ramp: bool = False,
 ) -> ExpectedPresses:
-    """Return the prediction for a press, checked against the limits.
+    """Return the prediction for a press to a depth (mm) or force (gwt), in equal increments or a ramp.
 
-    Parameters
-    ----------
-    verb : str
-        Named in errors.
-    target : Target
-        Depth (mm) or force (gwt) of the last increment.
-    spot : Spot
-    walk : Walk
-    increments : int
-        Number of equal increments to the target, each with a hold.
-    hold_s : float
-    speed_mm_s : float, optional
-        Default: habits.press_speed_mm_s.
-    ramp : bool, optional
-        Whether the press is a ramp, at constant speed without increments.
-
-    Returns
-    -------
-    ExpectedPresses
-
-    Raises
-    ------
-    BadInputError
-        If the model has no prediction, or one beyond a limit.
+    The default speed is habits.press_speed_mm_s. Raises BadInputError if the model has no prediction, or one beyond a
+    limit.
     """
     habits = walk.settings.habits
     increment_mm = math.inf if ramp else habits.increment_mm
@@ -385,7 +329,7 @@ class Precondition(Step[ExpectedPresses, None]):
     """Press several times at the present position, to settle the skin."""
 
     verb: ClassVar[str] = "precondition"
-    owed: ClassVar[Owed] = Owed.LAST
+    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
 
     presses: int
     doi_mm: float | None = None
@@ -412,7 +356,7 @@ class Reference(Step[ExpectedPresses, None]):
     """Press at a fixed position; an alarm is raised if the force differs from that of the first such press."""
 
     verb: ClassVar[str] = "reference"
-    owed: ClassVar[Owed] = Owed.LAST
+    owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
 
     x_mm: float
     doi_mm: float

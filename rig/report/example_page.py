@@ -34,7 +34,7 @@ DRY_RUN = "rig dry-run bars --set increments=1 from_mm=5.1 to_mm=-5.05"
 """Command that presses the range of the rehearsal on the virtual bench."""
 
 SENSITIVITY = files("rig.compare") / "data" / "bar3_sensitivity.csv"
-"""Sensitivity of both phases to the assumptions; `python -m studies run bar3-sensitivity` writes it."""
+"""Sensitivity of both phases to the assumptions, as the study `bar3-sensitivity` measured it."""
 
 
 class Level(NamedTuple):
@@ -211,7 +211,7 @@ def _sensitivity(levels: Sequence[Level]) -> list[Section]:
             "The measure that predicts most of the held-out deviance, and the second, at each level of each axis. A "
             f"measure is settled only if it leads at every level of every axis. Settled: {said}. A bar that slides "
             "from position to position has no ramp and is judged in the static phase alone. Values are stored; "
-            "`python -m studies run bar3-sensitivity` measures them.",
+            "the study `bar3-sensitivity` measured them.",
             ("axis", "level", "phase", "leads", "predicts", "second", "predicts", "r of SED at 0"),
             tuple(rows),
         )

@@ -41,15 +41,8 @@ EXECUTE: dict[type[Step[Any, Any]], Executor] = {}
 def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], Callable[[Engine, S, E], A]]:
     """Register the decorated function as the executor of a step class.
 
-    Parameters
-    ----------
-    kind : type of Step
-        The step class, of this program or of a package or script of your own. A subclass needs its own executor.
-
-    Returns
-    -------
-    callable
-        Decorator of a function (engine, step, expected) that returns the step's answer.
+    It gets (engine, step, expected) and returns the step's answer. The class may be of a package or script of your
+    own. A subclass needs its own executor.
     """
 
     def register(executor: Callable[[Engine, S, E], A]) -> Callable[[Engine, S, E], A]:
@@ -60,24 +53,9 @@ def executes(kind: type[Step[E, A]]) -> Callable[[Callable[[Engine, S, E], A]], 
 
 
 def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
-    """Carry out a step with the engine; at its end all events are on disk.
+    """Carry out a step as `step.expect` predicted, and return its answer; at its end all events are on disk.
 
-    Parameters
-    ----------
-    engine : Engine
-    step : Step
-    expected : object
-        What `step.expect` returned.
-
-    Returns
-    -------
-    object
-        The step's answer to the script.
-
-    Raises
-    ------
-    BadInputError
-        If the step's class has no executor.
+    Raises BadInputError if the step's class has no executor.
     """
     executor = EXECUTE.get(type(step))
     if executor is None:

@@ -21,21 +21,9 @@ class StopButton:
     """Stop button of a real run; close() it, or use it in a `with`."""
 
     def __init__(self, settings: StopSettings, stage: OwnedStage, stop: Callable[[], object]) -> None:
-        """Open the key, if one is configured.
+        """Open the key, if one is configured; BadInputError if it is missing.
 
-        Parameters
-        ----------
-        settings : StopSettings
-            Table [stop] of the configuration.
-        stage : OwnedStage
-            Stage of the run, whose inputs are read.
-        stop : callable
-            Stops the stage past every queue, from any thread but the main one.
-
-        Raises
-        ------
-        BadInputError
-            If the key is missing.
+        `stop` stops the stage past every queue, from any thread but the main one.
         """
         self._settings, self._stage, self._stop = settings, stage, stop
         self.tested = self.stopped = False
@@ -145,12 +133,8 @@ def key_interrupting(settings: BenchSettings, interrupt: Callable[[], object]) -
 def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
     """Refuse a run if a stop input is active, or if the transmitter trips at another force than configured.
 
-    Raises
-    ------
-    BadInputError
-        Before a motion; it names the key of `[stop]`.
-    StageError, ForceError, TransportError
-        If a device does not respond.
+    Raises BadInputError, with the key of `[stop]`, before a motion; StageError, ForceError or TransportError if a
+    device does not respond.
     """
     stop = settings.stop
     if stop.inputs:
@@ -186,12 +170,8 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
 def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButton | None) -> Iterator[None]:
     """Check the stop inputs with each force reading during a run.
 
-    Raises
-    ------
-    RunAborted
-        If the participant pressed the button on the controller: the stage was stopped at once.
-    TripError
-        If the hardware trip stopped the stage.
+    Raises RunAborted if the participant pressed the button on the controller (the stage was stopped at once), and
+    TripError if the hardware trip stopped the stage.
     """
     stop = settings.stop
     if stop.kind == "off" and not stop.inputs:

@@ -24,18 +24,9 @@ class LostRun:
 
     @classmethod
     def of(cls, folder: RunFolder, copies: Mapping[str, bytes], journal: Journal, byte_log: ByteLog) -> Self | None:
-        """Return None if journal and byte log are in place.
+        """Return None if journal and byte log are in place; only the latter must be open.
 
-        Parameters
-        ----------
-        folder : RunFolder
-            Folder of the run.
-        copies : mapping of str to bytes
-            Inputs of the run, by file name.
-        journal : Journal
-            May be closed.
-        byte_log : ByteLog
-            Must be open.
+        `copies` are inputs of the run by file name.
         """
         byte_log.check()
         files = {folder.events.name: journal.file, folder.bytes_log.name: byte_log.file}
@@ -51,10 +42,7 @@ class LostRun:
     def rescued(self, folder: RunFolder, at: FinalPosition) -> Run:
         """Write the files into a new folder beside the old one, or into the user's state folder.
 
-        Raises
-        ------
-        LostRecordError
-            If nothing can be written, or the rest is not a whole journal.
+        Raises LostRecordError if nothing can be written, or the rest is not a whole journal.
         """
         where = Path()
         try:

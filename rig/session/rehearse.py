@@ -121,26 +121,9 @@ class Rehearsed:
 
 
 def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before: Run | None = None) -> Rehearsed:
-    """Rehearse a script on springs.
+    """Rehearse a script, or what remains of a stopped run, on springs; `plan` lends its predictions.
 
-    Parameters
-    ----------
-    script : Script
-    config : Config
-    finger : Finger
-    plan : Plan
-        Plan of the script, whose predictions are reused.
-    before : Run, optional
-        A stopped run, of which only the remaining steps are rehearsed.
-
-    Returns
-    -------
-    Rehearsed
-
-    Raises
-    ------
-    EngineError
-        If the script would not reach its end.
+    Raises EngineError if the script would not reach its end.
     """
     settings = with_stand_ins(config.model_copy(update={"virtual": VirtualSettings()}))
     clock = VirtualClock()

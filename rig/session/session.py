@@ -478,8 +478,7 @@ def record_before(
 
     clock: clock of the byte log, if a port was open; the run begins where it began to count.
 
-    The record is in a folder of its own, or the next part of the run to be resumed. Raises OSError,
-    FolderBusyError.
+    The record is in a folder of its own, or the next part of the run to be resumed. Raises OSError, FolderBusyError.
     """
     if isinstance(into, NewRun):
         now = datetime.now(UTC)

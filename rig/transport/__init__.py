@@ -12,6 +12,7 @@ from rig.transport.wire import (
     TimeLimitedTransport,
     Transport,
     TransportError,
+    in_turn,
 )
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "TransportError",
     "UdpTransport",
     "first_owner",
+    "in_turn",
     "open_port",
     "port_owner",
     "refuse_missing",

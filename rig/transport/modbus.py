@@ -5,8 +5,7 @@ Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (si
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,7 +22,7 @@ from rig.clock import Clock
 from rig.errors import RigError
 from rig.settings import Framing
 from rig.transport.ownership import SCHEME
-from rig.transport.wire import Transport, arrived
+from rig.transport.wire import Transport, arrived, in_turn
 
 REPLY_S = 0.2
 READ_TRIES = 3
@@ -143,7 +142,7 @@ class ModbusMaster:
             except (ModbusTimeout, ModbusGarbled):
                 if not left:
                     raise
-                with self._turn():
+                with in_turn(self._one, 2 * self._reply_s):
                     self._drain()
         raise ValueError(f"read_tries must be positive, got {self._read_tries}")
 
@@ -160,8 +159,7 @@ class ModbusMaster:
     def send_now(self, device_ids: Sequence[int], address: int, value: int) -> None:
         """Write one register of several devices in one write, without waiting for replies.
 
-        On a serial bus frames need silence between them, so several devices get one broadcast. Raises
-        TransportError.
+        On a serial bus frames need silence between them, so several devices get one broadcast. Raises TransportError.
         """
         if self._rtu and len(device_ids) > 1:
             device_ids = [BROADCAST]
@@ -173,18 +171,8 @@ class ModbusMaster:
         self._transport.close()
 
     def _exchange(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
-        with self._turn():
+        with in_turn(self._one, 2 * self._reply_s):
             return self._exchanged(request, fits)
-
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        """Wait for an exchange in another thread, but not for one that hangs."""
-        mine = self._one.acquire(timeout=2 * self._reply_s)
-        try:
-            yield
-        finally:
-            if mine:
-                self._one.release()
 
     def _exchanged(self, request: ModbusPDU, fits: Callable[[ModbusPDU], bool]) -> ModbusPDU:
         self._clock.wait_s(self._free_s - self._clock.monotonic_s())

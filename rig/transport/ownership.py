@@ -30,22 +30,9 @@ _OVER_TCP = ("socket://", "rfc2217://")  # URL schemes of pyserial for a TCP por
 
 
 def tcp_addresses(port: str) -> tuple[Address, ...]:
-    """Resolve a TCP port, once for its lock and its connection.
+    """Resolve ``tcp://HOST:PORT``, once for its lock and its connection, in the system's order.
 
-    Parameters
-    ----------
-    port : str
-        ``tcp://HOST:PORT``.
-
-    Returns
-    -------
-    tuple of (int, tuple)
-        Family and socket address of each address of the host, in the system's order.
-
-    Raises
-    ------
-    TransportError
-        If the port has another form, or its host has no address.
+    Raises TransportError if the port has another form, or its host has no address.
     """
     host, colon, number = port.removeprefix(SCHEME).rpartition(":")
     if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
@@ -60,46 +47,15 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
 
 
 def udp_addresses(port: str) -> tuple[Address, ...]:
-    """Resolve a UDP port.
-
-    Parameters
-    ----------
-    port : str
-        ``udp://HOST:PORT``.
-
-    Returns
-    -------
-    tuple of (int, tuple)
-        As `tcp_addresses`.
-
-    Raises
-    ------
-    TransportError
-        If the port has another form, or its host has no address.
-    """
+    """Resolve ``udp://HOST:PORT``, as `tcp_addresses` does."""
     return tcp_addresses(SCHEME + port.removeprefix(DATAGRAMS))
 
 
 def identities(port: str) -> tuple[str, ...]:
-    """Return the identities of a port.
+    """Return the identities of a port, sorted, so that every process locks them in the same order.
 
     Two names with a common identity may reach the same device. All addresses of this machine count as one, since a
-    listener may be bound to all of them.
-
-    Parameters
-    ----------
-    port : str
-        ``tcp://HOST:PORT``, ``udp://HOST:PORT``, a serial device or a pyserial URL.
-
-    Returns
-    -------
-    tuple of str
-        Sorted, so that every process locks them in the same order.
-
-    Raises
-    ------
-    TransportError
-        If the host of a TCP port has no address.
+    listener may be bound to all of them. Raises TransportError if the host of a TCP port has no address.
     """
     if port.startswith(_OVER_TCP):
         url = urlsplit(port)
@@ -381,12 +337,8 @@ class NotOwnedError(TransportError):
 class PortOwnership:
     """Ownership of a port by this process, under all of its names and for every account.
 
-    Raises
-    ------
-    NotOwnedError
-        If another process owns it, or it cannot be locked.
-    TransportError
-        If the host of a TCP port has no address.
+    Raises NotOwnedError if another process owns it or it cannot be locked, and TransportError if its host has no
+    address.
     """
 
     def __init__(self, port: str) -> None:

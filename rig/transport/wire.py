@@ -1,8 +1,10 @@
 """Transports of bytes for drivers: line reader, byte log, and loopback to virtual devices."""
 
 import json
+import threading
 from collections import deque
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Protocol
 
 from rig.clock import Clock
@@ -13,6 +15,17 @@ class TransportError(RigError):
     """Error of a transport: port missing, busy, unplugged or closed."""
 
     default_code = "wire_failed"
+
+
+@contextmanager
+def in_turn(lock: threading.Lock, most_s: float) -> Iterator[None]:
+    """Wait for an exchange in another thread, but not for one that hangs."""
+    mine = lock.acquire(timeout=most_s)
+    try:
+        yield
+    finally:
+        if mine:
+            lock.release()
 
 
 class Transport(Protocol):

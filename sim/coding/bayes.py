@@ -289,10 +289,8 @@ def decode_profile(
     """Return pressures and their uncertainty. Raises DecodingError for invalid readings.
 
     With the prior `contacts` the result is the mean over all possible contacts, with `smooth` the most probable
-    pressures;
-    by default contacts, unless there are few pressures. Without the table, which is made once per operator, the
-    search
-    alone decides.
+    pressures; by default contacts, unless there are few pressures. Without the table, which is made once per
+    operator, the search alone decides.
     """
     if (prior or ("contacts" if operator.parts.shape[2] >= FEWEST_FOR_CONTACTS else "smooth")) == "contacts":
         checked_readings(operator, readings.sed, FEWEST_READINGS)

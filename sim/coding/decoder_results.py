@@ -16,8 +16,7 @@ class CodingError(SimError, ValueError):
     """Error of input that cannot be encoded or decoded.
 
     An argument that the sentence names is a field whose value is its own name, so that a program with other names for
-    its
-    arguments can replace it.
+    its arguments can replace it.
     """
 
     default_code = "not_coded"

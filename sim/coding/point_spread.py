@@ -172,7 +172,6 @@ def mean_over(laws: Sequence[PowerLaw] | Sequence[PublishedPowerLaw]) -> Mean:
 # outward and along it, at each receptor.
 
 _PAIRS = np.array([[0, 0], [1, 1], [2, 2], [0, 1], [1, 2], [0, 2]])  # e11 e22 e33 e12 e23 e13
-_IN_PLANE_MM = 1e-6
 _ENGINEERING = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 
 
@@ -214,11 +213,7 @@ class MovedResponse:
         force = np.array([force_gwt * GWT_N / self.finger.config.tissue.e_epidermis_mpa])
         strain = self.convolved(spread.load_mm[None], force, spread.sheet.skin_mm)
         sed = energy_density(strain, spread.young_ratio, self.finger.config.tissue.poisson)
-        return _relative_l2(sed, spread.sed)
-
-
-def _relative_l2(found: Array, true: Array) -> float:
-    return float(np.linalg.norm(found - true) / np.linalg.norm(true))
+        return float(np.linalg.norm(sed - spread.sed) / np.linalg.norm(spread.sed))
 
 
 def _offsets(finger: LoadedFinger, from_mm: Array, to_mm: Array) -> Array:

@@ -36,22 +36,9 @@ Placed = Callable[[int, tuple[float, ...]], tuple[float, ...]]
 class FileReadings:
     """Readings of m receptors, ordered by location.
 
-    Attributes
-    ----------
-    kind : {"sed", "sed_pa", "rate"}
-        Column that the readings come from.
-    place_mm : (m,) array
-        Locations on the skin above the receptors, along the skin from x = 0; for a sheet, x of the receptors (mm).
-    depth_mm : (m,) array
-        Depths of the receptors, perpendicular below the skin (mm).
-    reading : (m,) array
-        Rates, or SED in pseudo-units, whichever unit the file has.
-    sd : (m,) array, optional
-        Standard deviations of the noise, in the unit of `reading`.
-    at_rest : (m,) array, optional
-        Readings of the unloaded receptors, in the unit of `reading`.
-    z_mm : (m,) array, optional
-        For a sheet: positions of the receptors along the finger (mm).
+    Arrays are (m,). `place_mm` is along the skin from x = 0, or for a sheet x of the receptors, with `z_mm` along the
+    finger; `depth_mm` is perpendicular below the skin. Rates, or SED in pseudo-units, whichever unit the file has;
+    `sd` and `at_rest`, of the unloaded receptors, are in the same unit.
     """
 
     kind: str
@@ -260,26 +247,10 @@ _PLACED = 0.02  # largest error of a place, of the spacing
 
 
 def read_pressures(path: Path, spacing_mm: float = SPACING_MM) -> Array:
-    """Read the column `pressure` of a CSV file, one sample of skin a row.
+    """Read the column `pressure` (pseudo-units) of a CSV file, one sample of skin a row.
 
-    Parameters
-    ----------
-    path : Path
-        Table with the column `pressure`, and perhaps `x_mm` or `place_mm`, the places along the skin.
-    spacing_mm : float, optional
-        Spacing of the samples, which lie about the middle of the pad (mm).
-
-    Returns
-    -------
-    (n,) array
-        Pressures in pseudo-units, one a sample of skin.
-
-    Raises
-    ------
-    TableError
-        For a file without such a column or with an unknown one, an empty row, or other places.
-    CodingError
-        As `checked_pressures`.
+    The samples are `spacing_mm` apart about the middle of the pad; columns `x_mm` or `place_mm` must agree. Raises
+    TableError for another column, an empty row or other places, and CodingError as `checked_pressures`.
     """
     line, names = header_of(path)
     where = f"{path}, line {line}"

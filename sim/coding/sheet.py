@@ -1,8 +1,7 @@
 """SED at any receptors of the whole finger under pressures over x and z of its skin, normal to the deformed skin.
 
 As in the section (`pressure`), each force without friction is normal to the deformed skin. Here it may lean both
-across
-the finger and along it.
+across the finger and along it.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
-from sim.coding.bayes import ModelError, Profile, decode_profile
+from sim.coding.bayes import ModelError, Profile
 from sim.coding.decoder_results import checked_readings
 from sim.coding.operators import ForwardOperator
 from sim.coding.pressure import Frictionless, SectionSkin
@@ -304,28 +303,6 @@ class ReceptorRow:
         weights = np.zeros((len(self.skin.nodes_mm), len(ends_mm)))
         weights[row[order]] = np.stack([np.interp(ends_mm, location[order], one) for one in np.eye(across)])
         return weights
-
-
-class DecodedRow(NamedTuple):
-    """Pressures with their axial shape."""
-
-    shape: AxialShape
-    operator: Frictionless
-    profile: Profile
-
-
-def decode_row(
-    row: ReceptorRow, shapes: Sequence[AxialShape], ends_mm: Array, readings: Readings, error: ModelError = ROW_ERROR
-) -> DecodedRow:
-    """Decode with the shape that explains the readings best; SED `finite`. Raises DecodingError."""
-    candidates = list(zip(shapes, row.under_each(shapes, ends_mm, "finite"), strict=True))
-    shape, operator = min(candidates, key=lambda candidate: quick_misfit(candidate[1], readings, error))
-    return DecodedRow(shape, operator, decode_profile(operator, readings, error))
-
-
-def quick_misfit(operator: ForwardOperator, readings: Readings, error: ModelError) -> float:
-    """Return the misfit by the search alone, since a table takes longer than all the rest."""
-    return decode_profile(operator, readings, error, table=False).misfit
 
 
 def receptor_row(config: FingertipConfig, place_mm: Array, depth_mm: float | Array) -> ReceptorRow:

@@ -113,21 +113,12 @@ class EncodeTask:
 
 @dataclass(frozen=True)
 class SkinLoad:
-    """Pressures on the skin, and the operator that encodes them.
+    """Pressures on the skin (n,) in pseudo-units, and the operator that encodes them.
 
-    Attributes
-    ----------
-    operator : ForwardOperator
-        For n pressures and m receptors.
-    pressure : (n,) array
-        Pseudo-units. Under `influence` the normal pressures are followed by the lateral ones.
-    true : tuple of two (k,) arrays, optional
-        For a press: locations of receptors (mm) and their SED by finite elements (pseudo-units).
-    missed : dict, optional
-        For a press: errors of the operator against `true`, `relative_l2` and `peak`, and `lateral_share`, the lateral
-        part of the force.
-    small_strain : SmallStrain, optional
-        For a press: deviation of small strain from finite strain at its depth.
+    Under `influence` the normal pressures are followed by the lateral ones. For a press, `true` has locations of
+    receptors (mm) and their SED by finite elements (pseudo-units), `missed` the operator's `relative_l2` and `peak`
+    errors against it and `lateral_share` of the force, and `small_strain` the deviation from finite strain at its
+    depth.
     """
 
     operator: ForwardOperator
@@ -219,20 +210,11 @@ _SOUGHT = 0.8  # of the receptors' half-length: beyond it too few receptors resp
 
 
 class SearchOptions(NamedTuple):
-    """Search settings of the decoders.
+    """Search settings of the decoders, in pseudo-units.
 
-    Attributes
-    ----------
-    start : tuple of float, optional
-        Starting pressures of `univariate` and `grid` (pseudo-units): one for all, or (n,). Default: the even pressure
-        that explains the readings best.
-    bounds : tuple of two floats, optional
-        Lowest and highest pressure, for decoders except `bayes`. Default: from 0 to twice what the highest reading
-        needs from the one pressure with the largest effect on it.
-    grid_step : float, optional
-        Spacing of the values of `grid`. Default: a 30th of the bounds.
-    seed : int
-        Seed of the random generator.
+    `start`, for `univariate` and `grid`: one for all, or (n,); default: the even pressure that explains the readings
+    best. `bounds`, except for `bayes`; default: from 0 to twice what the highest reading needs from the one pressure
+    with the largest effect on it. `grid_step`; default: a 30th of the bounds.
     """
 
     start: tuple[float, ...] | None = None
@@ -288,17 +270,7 @@ class DecodeTask:
 
 @dataclass(frozen=True)
 class ReadingNoise:
-    """Noise of m readings.
-
-    Attributes
-    ----------
-    sd : (m,) array
-        Standard deviations, in the readings' unit.
-    known : str
-        Their source: given, measured at rest, or assumed.
-    at : {"receptor", "output"}
-        Where the noise enters.
-    """
+    """Noise of m readings: standard deviations (m,) in their unit, their source, and where the noise enters."""
 
     sd: Array
     known: str
@@ -309,20 +281,9 @@ class ReadingNoise:
 class Observation:
     """Readings of m receptors, and the operator of n pressures that explains them.
 
-    Attributes
-    ----------
-    operator : ForwardOperator
-    reading : (m,) array
-        Rates where there is a receptor, else SED (pseudo-units).
-    receptor : FittedReceptor, optional
-    noise : ReadingNoise, optional
-        None if unknown.
-    true : (n,) array, optional
-        The pressures that were encoded.
-    error : ModelError, optional
-        Error of the operator. Default: the difference between meshes.
-    axial : str, optional
-        Name of the shape along the finger under which a row is decoded.
+    Readings are rates where there is a receptor, else SED (pseudo-units); `true` has the (n,) encoded pressures. The
+    default `error` of the operator is the difference between meshes; `axial` names the shape along the finger under
+    which a row is decoded.
     """
 
     operator: ForwardOperator
@@ -362,25 +323,11 @@ class Observation:
 
 @dataclass(frozen=True)
 class DecodeResult:
-    """Decoded pressures, how they were found, and problems.
+    """Decoded pressures (n,) in pseudo-units, how they were found, and problems.
 
-    Attributes
-    ----------
-    observation : Observation
-        The readings; `observation.operator.place_mm` has the (n,) locations of the pressures, (n, 2) for a sheet.
-    pressure : (n,) array
-        Pseudo-units.
-    converged : bool
-        False if the search reached its limit.
-    ms : float
-        Time of the decoder alone (ms).
-    profile : Profile, optional
-        For `bayes`: standard deviations and bands.
-    path : (moves + 1, n) array
-        Trajectory of `univariate` and `grid`; empty for other decoders.
-    bounds : PressureRange, optional
-        Range of the search; None for `bayes`.
-    problems : tuple of str
+    `observation.operator.place_mm` has their (n,) locations, (n, 2) for a sheet. `profile`, for `bayes`, has standard
+    deviations and bands; `path` (moves + 1, n) is the trajectory of `univariate` and `grid`. `ms` is the time of the
+    decoder alone; a search that reached its limit has not converged.
     """
 
     observation: Observation

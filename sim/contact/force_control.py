@@ -34,14 +34,8 @@ def solve_for_force(
     """Return the DOI in mm and the state at which a force is reached, by a bracketed secant on F^(2/3).
 
     The force at a depth is `factor` times the state's. Where it jumps across the target, the remaining difference
-    counts as residual.
-
-    Raises
-    ------
-    ForceNotReachedError
-        If the deepest indentation does not reach the force.
-    TooDeepError
-        If the solver fails before the force is reached.
+    counts as residual. Raises ForceNotReachedError if the deepest indentation does not reach the force, and
+    TooDeepError if the solver fails before.
     """
     goal = force ** (1 / _EXPONENT)
     low, f_low = 0.0, 0.0

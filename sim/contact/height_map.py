@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim.contact.indentor import BOTH, Indentor, Surface, turn_suffix
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import ArgumentError, SimError
+from sim.tables import numbers_of
 
 Array = NDArray[np.float64]
 
@@ -119,7 +120,8 @@ class HeightMap(Indentor):
             If `raised` is missing, there are too few or too many points, the spacing is uneven, a height is not a
             number, or the surface has a wall.
         """
-        x, z, height = (np.array(values, dtype=np.float64) for values in (x_mm, z_mm, height_mm))
+        named = {"x_mm": x_mm, "z_mm": z_mm, "height_mm": height_mm}
+        x, z, height = (np.array(numbers_of(name, values)) for name, values in named.items())
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
             raise HeightMapError(
                 "{name}: heights of shape {shape} over {n_x} x and {n_z} z: must have the shape {expected}",

@@ -38,17 +38,7 @@ class ShapeWarning(SimError, UserWarning):  # noqa: N818
 
 
 class Surface(NamedTuple):
-    """Height, slope and curvature of an indentor along its axes.
-
-    Attributes
-    ----------
-    height_mm : ndarray of shape (k,)
-        Heights (mm).
-    slope : ndarray of shape (m, k)
-        Slopes along the m axes.
-    curvature : ndarray of shape (m, m, k)
-        Second derivatives (1/mm).
-    """
+    """Height (k,) in mm, slope (m, k) and second derivatives (m, m, k) in 1/mm of an indentor along its m axes."""
 
     height_mm: Array
     slope: Array

@@ -224,6 +224,13 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
     return _centered(np.array(height, dtype=np.float64), spacing_mm)
 
 
+_SEPARATE = "; separate the numbers by commas, and write decimal points"
+
+
+def _is_separated_otherwise(line: str) -> bool:
+    return ";" in line or "\t" in line
+
+
 _SHOWN = 60  # characters of a wrong header
 
 
@@ -239,7 +246,8 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in settings:
         raise HeightMapError(
-            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…; read {read}",
+            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…; read {read}"
+            + (_SEPARATE if lines and _is_separated_otherwise(lines[0]) else ""),
             code="no_columns",
             name=where,
             columns=COLUMNS,
@@ -281,7 +289,8 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
             values.append(float(cell))
         except ValueError:
             raise HeightMapError(
-                "{name}, line {line}: {cell!r} must be a number",
+                "{name}, line {line}: {cell!r} must be a number"
+                + (_SEPARATE if _is_separated_otherwise(text) else ""),
                 code="no_number",
                 name=where,
                 line=line,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
 from sim.errors import SimError
-from sim.tables import is_number
+from sim.tables import is_number, numbers_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import PPoly  # slow to import, and few shapes are measured
@@ -93,7 +93,7 @@ class MeasuredProfile:
         ProfileError
             If the arrays differ in length, hold fewer than two points or no numbers, or x does not rise.
         """
-        x, height = np.asarray(x_mm, dtype=float), np.asarray(height_mm, dtype=float)
+        x, height = numbers_of("x_mm", x_mm), numbers_of("height_mm", height_mm)
         if x.ndim != 1 or x.shape != height.shape:
             raise ProfileError(
                 "profile {name}: {heights} heights for {x} values of x_mm; the numbers must be equal",

@@ -3,7 +3,10 @@
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
+
+import numpy as np
 
 from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
@@ -106,7 +109,9 @@ def shape_size(text: str) -> str:
     """
     file = _FILE.fullmatch(text)
     if file is not None:
-        return raised_in_words(file[2], file[3]) if file[1] == "heightmap" else "the lowest touches first"
+        if file[1] == "profile":
+            return "the lowest touches first"
+        return raised_in_words(file[2], file[3]) + _shallow(text)
     match parse_shape(text):
         case Prismatic(profile=Cylinder(diameter_mm=wide)) | Revolved(profile=Cylinder(diameter_mm=wide)):
             return f"radius {wide / 2:g} mm, {wide:g} mm wide"
@@ -115,6 +120,22 @@ def shape_size(text: str) -> str:
         case Prismatic(name=name, profile=Bar(width_mm=wide)) if name != "line":
             return f"{wide:g} mm wide"
     return ""
+
+
+@lru_cache(maxsize=32)
+def _shallow(text: str) -> str:
+    """Return the relief of a picture that is much shallower than stated, as its grays are far from black or white."""
+    stated_mm = re.search(r",height_mm=([^,]+)", text)
+    try:
+        relief_mm = float(np.ptp(parse_shape(text).height_mm)) if stated_mm else 0.0  # type: ignore[attr-defined]
+    except SimError:
+        return ""
+    if not stated_mm or relief_mm >= _SHALLOW * float(stated_mm[1]):
+        return ""
+    return f", but its relief is {relief_mm:.2g} mm, not {stated_mm[1]} mm: stretch its grays from black to white"
+
+
+_SHALLOW = 0.5
 
 
 def with_size(text: str) -> str:

@@ -99,6 +99,44 @@ class DriveAxis:
         self._track.replace_from(now_s, path.pieces, (path.position, 0.0, 0.0))
 
 
+class DrivenMotor:
+    """Virtual motor on an axis, with its truth: positions in counts from home, past, present or planned."""
+
+    _axis: DriveAxis
+    _scheduler: Scheduler
+
+    def carriage_at(self, t_s: float) -> int:
+        """Return the motor's true position."""
+        return self._axis.position_at(t_s)
+
+    def nut_at(self, t_s: float) -> int:
+        """Return the nut's position: behind by the play where the motor went up last."""
+        return self._axis.nut_at(t_s)
+
+    def _brake(self, deceleration: float) -> None:
+        if self._axis.velocity_at(self._now_s):
+            self._axis.brake(deceleration, self._now_s)
+
+    @property
+    def _now_s(self) -> float:
+        return self._scheduler.monotonic_s()
+
+
+class MotorPair:
+    """Two motors as a stage: x lateral, z vertical, y set by hand."""
+
+    x: DrivenMotor
+    z: DrivenMotor
+
+    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the motors' true position in counts from home (x, y, z)."""
+        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
+
+    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
+        """Return the nuts' true position in counts from home (x, y, z)."""
+        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
+
+
 class _Path:
     """Consecutive pieces from a position at a time."""
 
@@ -164,12 +202,11 @@ class DriveParameters:
     inputs_register: int = 0x0179
 
 
-class VirtualDrive:
+class VirtualDrive(DrivenMotor):
     """Registers of one drive; its carriage is `carriage_at(t)` pulses from the home switch, + towards it.
 
     start: position of the carriage at power-on. play: the screw's lost motion, pulses. The drive knows neither.
-    stored:
-    EEPROM contents that differ from the maker's, by register, such as user paths.
+    stored: EEPROM contents that differ from the maker's, by register, such as user paths.
     """
 
     functions = frozenset({0x03, 0x06, 0x10})
@@ -199,14 +236,6 @@ class VirtualDrive:
         self._stopped_s = -1.0  # end of the last quick stop, so that a running one is not restarted
         self.eeprom_saves = 0
         self.power_cycle()
-
-    def carriage_at(self, t_s: float) -> int:
-        """Return the motor's true position: past, present or planned."""
-        return self._axis.position_at(t_s)
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's position: behind by the play where the motor went up last."""
-        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, its position becomes zero, unsaved registers are lost."""
@@ -369,8 +398,11 @@ class VirtualDrive:
         return low, high
 
 
-class DrivePair:
+class DrivePair(MotorPair):
     """Two drives as a stage: x lateral, z vertical, y set by hand."""
+
+    x: VirtualDrive
+    z: VirtualDrive
 
     def __init__(self, x: VirtualDrive, z: VirtualDrive) -> None:
         self.x, self.z = x, z
@@ -382,14 +414,6 @@ class DrivePair:
     def release(self, name: str) -> None:
         """Release an input of the vertical drive."""
         self.z.release(int(name.removeprefix("di")))
-
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the motors' true position in pulses from the home switches (x, y, z)."""
-        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the nuts' position in pulses from the home switches (x, y, z)."""
-        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
 
 
 def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -> DrivePair:

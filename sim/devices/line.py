@@ -208,8 +208,7 @@ class VirtualStageSpec:
 
     steps_per_mm: as configured, negative where the motor runs against the axis. play_steps: lost motion of the true
     screws. own: the configuration table of its kind; sync: that of the amplifier's pulse. inputs_register: of a
-    drive's
-    digital inputs. acceleration_mm_s2: as configured.
+    drive's digital inputs. acceleration_mm_s2: as configured.
     """
 
     travel_mm: PerAxis

@@ -10,7 +10,7 @@ import struct
 from math import inf, trunc
 
 from sim.devices.clock import Scheduler
-from sim.devices.leadshine import DriveAxis
+from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
 from sim.devices.line import SerialLine, VirtualStageSpec
 
 SETTINGS = {
@@ -58,7 +58,7 @@ def frame(letters: str, payload: bytes = b"") -> bytes:
     return letters.encode("ascii") + payload + (crc(payload) if payload else b"")
 
 
-class VirtualStandaController:
+class VirtualStandaController(DrivenMotor):
     """Controller of one axis on its line.
 
     counts_per_mm: microsteps. homes_right: the upper switch is the right one. The carriage's height is in
@@ -106,14 +106,6 @@ class VirtualStandaController:
         line.connect(self._hear, self._forget)
 
     # --- truth, and what an operator or an accident does ---
-
-    def carriage_at(self, t_s: float) -> int:
-        """Return the motor's true height, past, present or planned."""
-        return self._axis.position_at(t_s)
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's height: behind by the play where the motor went up last."""
-        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, and the home position is lost."""
@@ -316,27 +308,17 @@ class VirtualStandaController:
 
     def _brake(self, deceleration: float) -> None:
         self._homing = False
-        if self._axis.velocity_at(self._now_s):
-            self._axis.brake(deceleration, self._now_s)
-
-    @property
-    def _now_s(self) -> float:
-        return self._scheduler.monotonic_s()
+        super()._brake(deceleration)
 
 
-class StandaPair:
+class StandaPair(MotorPair):
     """Two controllers as a stage: x lateral, z vertical, y set by hand."""
+
+    x: VirtualStandaController
+    z: VirtualStandaController
 
     def __init__(self, x: VirtualStandaController, z: VirtualStandaController) -> None:
         self.x, self.z = x, z
-
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the motors' true position in microsteps, + up, from home (x, y, z)."""
-        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
-        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch both off and on."""

@@ -14,7 +14,7 @@ from math import ceil, inf
 from typing import Any
 
 from sim.devices.clock import Scheduler
-from sim.devices.leadshine import DriveAxis
+from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 
 LENGTH = 9
@@ -48,7 +48,7 @@ class TmclUnits:
     acceleration: float = 1.0
 
 
-class VirtualTmclAxis:
+class VirtualTmclAxis(DrivenMotor):
     """One motor with its axis parameters; `carriage_at(t)` is its true height in microsteps, 0 at home.
 
     start: height at power-on. play: the screw's lost motion. left_home: the home switch is the left one, and the
@@ -87,14 +87,6 @@ class VirtualTmclAxis:
         self.power_cycle()
 
     # --- truth, and what an operator or an accident does ---
-
-    def carriage_at(self, t_s: float) -> int:
-        """Return the motor's true height, past, present or planned."""
-        return self._axis.position_at(t_s)
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's height: behind by the play where the motor went up last."""
-        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, position and parameters are those of the start."""
@@ -239,10 +231,6 @@ class VirtualTmclAxis:
         self._positions = self._searching = False
         self._brake(inf)
 
-    def _brake(self, deceleration: float) -> None:
-        if self._axis.velocity_at(self._now_s):
-            self._axis.brake(deceleration, self._now_s)
-
     def _settle(self) -> None:
         """Update the state after a reference search."""
         if self._searching and not self.busy:
@@ -258,16 +246,15 @@ class VirtualTmclAxis:
     def _acceleration(self) -> float:
         return max(self.parameters[ACCELERATION], 1) / self._units.acceleration
 
-    @property
-    def _now_s(self) -> float:
-        return self._scheduler.monotonic_s()
 
-
-class TmclModules:
+class TmclModules(MotorPair):
     """Modules on one line: each reads nine bytes and replies to those with its address.
 
     frame_pause_s: pause after which an incomplete frame is dropped; infinite for a module that waits for ever.
     """
+
+    x: VirtualTmclAxis
+    z: VirtualTmclAxis
 
     def __init__(
         self,
@@ -285,14 +272,6 @@ class TmclModules:
         self._globals: dict[tuple[int, int, int], int] = {}
         self._heard, self._heard_s = b"", -inf
         line.connect(self._hear, self._forget)
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the nuts' true position in microsteps, + up, from home (x, y, z)."""
-        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the motors' true position in microsteps, + up, from home (x, y, z)."""
-        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch the modules off and on."""

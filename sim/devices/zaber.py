@@ -12,7 +12,7 @@ from math import ceil, inf
 from typing import Any
 
 from sim.devices.clock import Handle, Scheduler
-from sim.devices.leadshine import DriveAxis
+from sim.devices.leadshine import DriveAxis, DrivenMotor, MotorPair
 from sim.devices.line import SerialLine, TwinError, VirtualStageSpec
 
 PRIORITY = (
@@ -42,7 +42,7 @@ class ZaberUnits:
     acceleration: float = 1.6384e-4
 
 
-class VirtualZaberAxis:
+class VirtualZaberAxis(DrivenMotor):
     """One axis: counts grow from 0 at home downwards; `carriage_at(t)` is its true height in counts, 0 at home.
 
     start: height at power-on. play: the screw's lost motion. encoder_slip: counts by which the encoder differs from
@@ -79,14 +79,6 @@ class VirtualZaberAxis:
         self.on_idle: Callable[[], None] = lambda: None
 
     # --- truth, and what an operator or an accident does ---
-
-    def carriage_at(self, t_s: float) -> int:
-        """Return the motor's true height, past, present or planned."""
-        return self._axis.position_at(t_s)
-
-    def nut_at(self, t_s: float) -> int:
-        """Return the nut's height: behind by the play where the motor went up last."""
-        return self._axis.nut_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch off and on: the carriage stops at once, the home position and the warnings are lost."""
@@ -249,10 +241,6 @@ class VirtualZaberAxis:
         self._axis.go(targets, acceleration, acceleration, self._now_s)
         self._schedule_end()
 
-    def _brake(self, deceleration: float) -> None:
-        if self._axis.velocity_at(self._now_s):
-            self._axis.brake(deceleration, self._now_s)
-
     def _schedule_end(self) -> None:
         if self._ending is not None:
             self._ending.cancel()
@@ -262,10 +250,6 @@ class VirtualZaberAxis:
         """Return counts/s²; 0 is as fast as the motor can."""
         accel = self.settings["accel"] if native is None else native
         return accel / self._units.acceleration if accel else 1e4 * self._counts_per_mm
-
-    @property
-    def _now_s(self) -> float:
-        return self._scheduler.monotonic_s()
 
 
 def _whole(text: str) -> int:
@@ -332,8 +316,11 @@ class VirtualZaberDevice:
         return " ".join(found) if list(words[:1]) == ["get"] else found[0]
 
 
-class ZaberChain:
+class ZaberChain(MotorPair):
     """Devices on one line: it reads commands, and each addressed device replies in turn."""
+
+    x: VirtualZaberAxis
+    z: VirtualZaberAxis
 
     def __init__(
         self,
@@ -349,14 +336,6 @@ class ZaberChain:
         for device in devices:
             for number, axis in device.axes.items():
                 axis.on_idle = lambda device=device, number=number: self._alert(device, number)  # type: ignore[misc]
-
-    def nut_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the nuts' true position in counts, + up, from home (x, y, z)."""
-        return self.x.nut_at(t_s), 0, self.z.nut_at(t_s)
-
-    def carriage_steps_at(self, t_s: float) -> tuple[int, int, int]:
-        """Return the motors' true position in counts, + up, from home (x, y, z)."""
-        return self.x.carriage_at(t_s), 0, self.z.carriage_at(t_s)
 
     def power_cycle(self) -> None:
         """Switch the chain off and on."""

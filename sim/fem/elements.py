@@ -197,8 +197,7 @@ def strain_matrix(corners: Array, local: Array) -> Array:
     """Return (n, 6, 3k) engineering strains e11 e22 e33 e12 e23 e13 of (n, k, 3) elements at (n, 3) local points.
 
     The dilatation is the mean with eight nodes, and projected as in the stiffness with 27. The bubbles of
-    "incompatible"
-    elements are left out; at the center of a brick they contribute no strain.
+    "incompatible" elements are left out; at the center of a brick they contribute no strain.
     """
     n, k, _ = corners.shape
     points, weights = gauss_points(2 if k == len(HEX8) else 3)

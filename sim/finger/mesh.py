@@ -368,8 +368,7 @@ def section_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMe
     """Build a slab of three equal slices, 1 mm thick in all, around the receptor plane of a prismatic skin.
 
     Only nail and bone are fixed; the patch is one row of nodes. Three slices allow strain recovery in the middle one
-    as
-    in the finger.
+    as in the finger.
     """
     plane = config.receptor_plane_mm
     phi, fine = angles_around(config, surface)

@@ -5,6 +5,7 @@ enters by the factor of `sim/models/stiffening`, whose parts have polynomials of
 the factor, as in the model.
 """
 
+import gzip
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +49,8 @@ class ChebyshevAxis:
     @cached_property
     def nodes(self) -> Array:
         """(n,) Chebyshev nodes of the first kind."""
-        return self._scaled(np.cos(np.pi * (np.arange(self.n) + 0.5) / self.n))
+        t = np.cos(np.pi * (np.arange(self.n) + 0.5) / self.n)
+        return np.asarray(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * t)
 
     def basis(self, value: Array) -> Array:
         """Return the (…, n) weights of the nodes; values outside the range are clipped."""
@@ -62,9 +64,6 @@ class ChebyshevAxis:
 
     def _polynomials(self, t: Array) -> Array:
         return np.asarray(np.polynomial.chebyshev.chebvander(t, self.n - 1))
-
-    def _scaled(self, t: Array) -> Array:
-        return np.asarray(0.5 * (self.low + self.high) + 0.5 * (self.high - self.low) * t)
 
 
 @dataclass(frozen=True)
@@ -248,7 +247,7 @@ def _own_error(table: ShapeTable, made: Made) -> float:
 # `python -m studies.identification.shipped` makes them; `tests/rig/test_identification_shipped.py` compares them with
 # direct presses.
 
-FILE = "meeting_tables.json"
+FILE = "meeting_tables.json.gz"
 _DIGITS = 5  # digits of ln force, and of a height in mm
 
 
@@ -280,5 +279,5 @@ def _alike(kept: list[list[Any]], about: list[list[Any]]) -> bool:
 
 @cache
 def _content() -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((files("sim") / "data" / FILE).read_text(encoding="utf-8"))
+    content: dict[str, Any] = json.loads(gzip.decompress((files("sim") / "data" / FILE).read_bytes()))
     return content

@@ -14,6 +14,7 @@ from sim.errors import SimError
 from sim.fem.elements import local_coordinates, shape_functions, strain_matrix
 from sim.finger.mesh import FingerMesh, axial_places
 from sim.finger.surface import FingertipSurface
+from sim.tables import broadcast, numbers_of
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -283,7 +284,8 @@ class ReceptorPlaces(NamedTuple):
         cls, x_mm: Sequence[float], depth_mm: float | Sequence[float], z_mm: float | Sequence[float] | None
     ) -> "ReceptorPlaces":
         """Accept numbers and sequences."""
-        return cls(_several(x_mm), _several(depth_mm), None if z_mm is None else _several(z_mm))
+        named = {"receptor_x_mm": x_mm, "receptor_depth_mm": depth_mm, "receptor_z_mm": z_mm}
+        return cls(*(None if some is None else _several(name, some) for name, some in named.items()))  # type: ignore[arg-type]
 
     def as_options(self) -> dict[str, Any]:
         """Return the keyword arguments for loading a finger with these receptors."""
@@ -294,8 +296,8 @@ NOWHERE = ReceptorPlaces((), (), ())
 """No receptors, for fingers that compute forces only."""
 
 
-def _several(values: float | Sequence[float]) -> tuple[float, ...]:
-    return tuple(np.atleast_1d(values).astype(float).tolist())
+def _several(name: str, values: float | Sequence[float]) -> tuple[float, ...]:
+    return tuple(np.atleast_1d(numbers_of(name, values)).tolist())
 
 
 def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: ReceptorPlaces) -> ReceptorSet:
@@ -323,7 +325,8 @@ def points_below(
 
     Raises ReceptorError, with the allowed range, for the first above the skin, in the bone or at the finger's ends.
     """
-    x, depth, z = np.broadcast_arrays(*(np.asarray(values, dtype=float) for values in (x_mm, depth_mm, z_mm)))
+    named = {"x_mm": x_mm, "depth_mm": depth_mm, "z_mm": z_mm}
+    x, depth, z = broadcast(**{name: numbers_of(name, values) for name, values in named.items()})
     _refuse_ends(config, z.ravel())
     points = []
     for location in zip(x.ravel().tolist(), depth.ravel().tolist(), z.ravel().tolist(), strict=True):

@@ -20,7 +20,14 @@ from sim.contact.profiles import IndentorProfile
 from sim.contact.shapes import parse_shape
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.contact.warmup import make_ready
-from sim.errors import ArgumentError, ModelRangeError, positive, refuse_unless_one, z_outside
+from sim.errors import (
+    ArgumentError,
+    ModelRangeError,
+    positive,
+    refuse_unless_numbers,
+    refuse_unless_one,
+    z_outside,
+)
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces, receptors_at
 from sim.models.cache import keep_tops
@@ -244,6 +251,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             If the position has no meaning for this shape.
         """
         shape = _indentor(indentor)
+        refuse_unless_numbers(x_mm=x_mm, **({} if z_mm is None else {"z_mm": z_mm}))
         at_mm = self._place(shape, x_mm, z_mm)
         return self.apex_height_mm if reference == "apex" else self._first_touch(shape, at_mm).height_mm
 
@@ -328,6 +336,8 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         """
         shape = _indentor(indentor)
         refuse_unless_one(doi_mm, force_gwt)
+        how = {"target": target, "friction": friction, "increment_mm": increment_mm}
+        refuse_unless_numbers(**{name: value for name, value in how.items() if value is not None})
         refuse_beside_the_finger(self.config, x_mm, z_mm)
         at_mm = self._place(shape, x_mm, z_mm)
         touch = self._first_touch(shape, at_mm)
@@ -481,6 +491,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         """
         refuse_stiffening(self.config.tissue, "a point load")
         z = self.config.receptor_plane_mm if z_mm is None else z_mm
+        refuse_unless_numbers(x_mm=x_mm, z_mm=z, force_gwt=force_gwt)
         length_mm = self.config.geometry.length_mm
         if not 0 < z < length_mm:
             raise z_outside(z, length_mm)
@@ -546,6 +557,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         return Pressing(placed, between_nodes, target, states, under, self._held_mm)
 
     def _refuse_doi(self, doi_mm: float) -> None:
+        refuse_unless_numbers(doi_mm=doi_mm)
         if not 0 < doi_mm <= self.deepest_doi_mm:
             raise ModelRangeError(
                 "DOI {doi_mm:g} mm: must be more than 0 and at most {deepest_mm:g} mm",

@@ -21,7 +21,7 @@ from sim.contact.patch import Patch, X, Y, Z
 from sim.contact.planes import Gathered, forces_along
 from sim.contact.points import ContactPose
 from sim.contact.solver import TARGET_RESIDUAL, ContactState
-from sim.errors import ArgumentError, ForceOutOfReachError
+from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_numbers
 from sim.models.condensed import CondensedModel, meshed_for
 from sim.models.pressing import PlacedIndentor, RimError
 from sim.models.result import IndentationResult
@@ -45,6 +45,7 @@ _MOST_SECANTS = 40
 
 def checked_friction(friction: float) -> float:
     """Return a friction coefficient; raise ArgumentError unless it is 0 to 10."""
+    refuse_unless_numbers(friction=friction)
     if not 0 <= friction <= MOST_FRICTION:
         raise ArgumentError(
             "friction {friction:g}: must be a number from 0 to {most:g}",
@@ -88,15 +89,7 @@ def _over_both(indentor: Indentor) -> Indentor:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FrictionResult(IndentationResult):
-    """One simulated indentation with friction; forces on the skin are normal and tangential.
-
-    Attributes
-    ----------
-    state : FrictionState
-        Forces and displacements of the skin, and errors of contact and friction.
-    increments : int
-        Number of increments of the path.
-    """
+    """One simulated indentation with friction; forces on the skin are normal and tangential."""
 
     increments: int = 0
 
@@ -228,16 +221,7 @@ def _part(start: ContactPose, end: ContactPose, share: float) -> ContactPose:
 class Rubbed:
     """A shape over a finger with friction, at any position; models grow as contact leaves their patch.
 
-    Parameters
-    ----------
-    finger : Fingertip
-        Finger whose model has all axes.
-    indentor : Indentor
-        The shape.
-    how : PathOptions
-        Friction, and how its path is followed.
-    plane_strain : bool
-        Whether nothing moves along the finger.
+    The finger's model has all axes; in `plane_strain` nothing moves along the finger.
     """
 
     finger: "Fingertip"

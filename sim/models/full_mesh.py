@@ -227,8 +227,7 @@ def strain_maps(config: FingertipConfig, results: Sequence[IndentationResult]) -
     """Return one map for each indentation, by one factorization (seconds) per mesh and one solve each.
 
     The strain is taken where each cell's is most accurate, averaged over the cells on both sides of the plane, and
-    not
-    smoothed.
+    not smoothed.
     """
     found: dict[int, StrainMap] = {}
     kinds = [(r.model.patch.axes, r.model.widened_mm, r.indentor.axes) for r in results]

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike
 
 from sim.contact.indentor import Indentor
 from sim.contact.profiles import IndentorProfile
-from sim.errors import ArgumentError, SimError
+from sim.errors import ArgumentError, SimError, refuse_unless_numbers
 from sim.models.fingertip import Fingertip, Reference
 from sim.models.pictures import ModelOutline
 from sim.models.result import IndentationOutcome, IndentationRequest, IndentationResult, Indentations
+from sim.tables import broadcast, numbers_of
 from sim.workers import here_and_in_processes, keep_freed_memory
 
 Shape = Indentor | IndentorProfile | str
@@ -94,9 +95,7 @@ def indent_many(
     Raises
     ------
     ArgumentError
-        If there is neither a depth nor a force, or `cores` is less than 1.
-    ValueError
-        If the arguments do not broadcast.
+        If there is neither a depth nor a force, `cores` is less than 1, or the arguments do not broadcast.
     WorkerLostError
         If a process was killed.
 
@@ -111,7 +110,9 @@ def indent_many(
         raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", code="no_target")
     if cores is not None and cores < 1:
         raise ArgumentError("cores = {cores}: must be 1 or more, or None for all", code="no_cores", cores=cores)
-    requests = _rows(shapes, x_mm, z_mm, doi_mm, force_gwt)
+    if cores is not None:
+        refuse_unless_numbers(cores=cores)
+    requests = _rows(shapes, x_mm=x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt)
     if friction is not None:
         finger = finger.with_friction(friction)
     answers: dict[int, IndentationOutcome] = {}
@@ -124,10 +125,10 @@ def indent_many(
     return Indentations(tuple(requests), tuple(answers[row] for row in range(len(requests))))
 
 
-def _rows(shapes: Shape | Sequence[Shape], x_mm: ArrayLike, *targets: ArrayLike | None) -> list[IndentationRequest]:
+def _rows(shapes: Shape | Sequence[Shape], **places: ArrayLike | None) -> list[IndentationRequest]:
     """Return one request for each element of the broadcast arguments."""
-    numbers = [np.asarray(np.nan if values is None else values, dtype=float) for values in (x_mm, *targets)]
-    every = [array.ravel().tolist() for array in np.broadcast_arrays(np.array(shapes, dtype=object), *numbers)]
+    named = {name: numbers_of(name, np.nan if values is None else values) for name, values in places.items()}
+    every = [array.ravel().tolist() for array in broadcast(shapes=np.array(shapes, dtype=object), **named)]
     return [IndentationRequest(shape, x, *map(_none_if_nan, rest)) for shape, x, *rest in zip(*every, strict=True)]
 
 

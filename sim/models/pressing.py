@@ -213,8 +213,7 @@ class Pressing:
         """Solve at a depth: at once from a start or for a smooth shape, else in steps from first touch.
 
         Finer steps follow if the target is missed. Contact at an edge finer than the points' spacing counts as
-        snapped: it
-        may lie on either side.
+        snapped: it may lie on either side.
         """
         lying = self.lying(doi_mm)
         state = lying._solved(doi_mm, start)

@@ -19,6 +19,7 @@ from sim.models.factored_interior import Interior
 from sim.models.result import IndentationResult
 from sim.models.sources import HalfWidths, MeshKey, ModelSource
 from sim.models.stiffening import refuse_stiffening
+from sim.tables import numbers_of
 from sim.units import PSEUDO_E_EPIDERMIS
 
 # --- fields ---
@@ -156,20 +157,7 @@ class StrainAtAnyPoint:
     _anywhere: Anywhere
 
     def model_for(self, slopes: tuple[int, ...], patch: HalfWidths | None = None) -> CondensedModel:
-        """Return the model that gave a result.
-
-        Parameters
-        ----------
-        slopes : tuple of int
-            Axes along which the indentor slopes.
-        patch : tuple of float, optional
-            Half-widths of the skin that an indentor may touch (mm).
-
-        Returns
-        -------
-        CondensedModel
-            The model.
-        """
+        """Return the model that gave a result, for axes of its slopes and half-widths (mm) of the touched skin."""
         raise NotImplementedError
 
     def points_below(self, x_mm: ArrayLike, depth_mm: ArrayLike, z_mm: ArrayLike | None = None) -> Array:
@@ -248,7 +236,7 @@ class StrainAtAnyPoint:
             If a point lies outside the tissue.
         """
         refuse_stiffening(self.config.tissue, "fields inside a finger")
-        points = np.asarray(points_mm, dtype=float)
+        points = numbers_of("points_mm", points_mm)
         if not (points.ndim and points.shape[-1] == 3 and points.size and np.isfinite(points).all()):
             raise ModelRangeError(
                 "points_mm: must be (…, 3) finite numbers, x, y and z of each point in mm", code="bad_points"

@@ -40,66 +40,27 @@ class FilterMemory:
 
 
 def fading(signal: Array, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
-    """Return ∫ exp(−(t − u)/τ) dm(u) of a signal that is 0 before its first sample.
+    """Return ∫ exp(−(t − u)/τ) dm(u) of a signal m (…, n_samples) that is 0 before its first sample.
 
-    Parameters
-    ----------
-    signal : ndarray of shape (…, n_samples)
-        The signal m.
-    tau_s : float
-        Time constant τ (s); infinite returns the signal.
-    step_s : float
-        Time between samples (s).
-    memory : FilterMemory, optional
-        State after the earlier blocks of the signal, which the samples follow.
-
-    Returns
-    -------
-    ndarray of shape (…, n_samples)
-        FilterMemory of the signal's changes, which fades.
+    An infinite τ returns the signal. The samples follow those that `memory` has filtered.
     """
     return signal if np.isinf(tau_s) else np.asarray(_fading(signal, 1 / tau_s, step_s, memory))
 
 
 def adapted(drive: Array, share: float, tau_s: float, step_s: float, memory: FilterMemory | None = None) -> Array:
-    """Return the excess of a drive over a slow threshold, which approaches a share of it: τ dθ/dt = share·I − θ.
+    """Return the excess max(0, I − θ) of a drive over a slow threshold: τ dθ/dt = share·I − θ.
 
-    Parameters
-    ----------
-    drive : ndarray of shape (…, n_samples)
-        The drive I, at least 0; it is 0 before the first sample.
-    share : float
-        The threshold after a long time, relative to the drive, 0 to 1.
-    tau_s : float
-        Time constant τ (s).
-    step_s : float
-        Time between samples (s).
-    memory : FilterMemory, optional
-        State after the earlier blocks of the signal, which the samples follow.
-
-    Returns
-    -------
-    ndarray of shape (…, n_samples)
-        max(0, I − θ).
+    The drive I (…, n_samples) is at least 0, and 0 before the first sample. The samples follow those of `memory`.
     """
     return np.maximum(0.0, drive - share * (drive - fading(drive, tau_s, step_s, memory)))
 
 
 def strongest(drive: Array) -> Array:
-    """Return the drive of each afferent, that of its end organ with the largest at every instant.
+    """Return the drive of each afferent (n_afferents, n_samples): the largest of its end organs at every instant.
 
     The branch that fires first resets the others, so that one end organ paces the axon (Horch, Whitehorn and Burgess
-    1974, J Neurophysiol; Lesniak et al. 2014, eLife).
-
-    Parameters
-    ----------
-    drive : ndarray of shape (n_afferents, n_organs, n_samples) or (n_afferents, n_samples)
-        Drive at each end organ, or at the only one.
-
-    Returns
-    -------
-    ndarray of shape (n_afferents, n_samples)
-        The largest.
+    1974, J Neurophysiol; Lesniak et al. 2014, eLife). `drive` is (n_afferents, n_organs, n_samples), or without
+    organs.
     """
     return drive if drive.ndim == 2 else np.asarray(drive.max(axis=1))
 
@@ -107,28 +68,11 @@ def strongest(drive: Array) -> Array:
 def derivative_low_pass(
     signal: Array, frequency_hz: float, step_s: float, derivative: Literal[1, 2], memory: FilterMemory | None = None
 ) -> Array:
-    """Return dm/dt or d²m/dt² through a Butterworth low-pass of third order: a sum over poles of memories that fade.
+    """Return dm/dt or d²m/dt² (1/s, 1/s²) through a Butterworth low-pass of third order, 0.707 at `frequency_hz`.
 
-    At a pole −λ with residue r the low-pass of dm/dt is r times the memory, that of d²m/dt² is −λ r times it. The
-    rest adds up to 0, since the residues do.
-
-    Parameters
-    ----------
-    signal : ndarray of shape (…, n_samples)
-        The signal m; it is 0 before the first sample.
-    frequency_hz : float
-        Corner frequency, at which the filter passes 0.707 (Hz).
-    step_s : float
-        Time between samples (s).
-    derivative : {1, 2}
-        Which derivative.
-    memory : FilterMemory, optional
-        State after the earlier blocks of the signal, which the samples follow.
-
-    Returns
-    -------
-    ndarray of shape (…, n_samples)
-        The filtered derivative (1/s or 1/s²).
+    It is a sum over poles of memories that fade. At a pole −λ with residue r the low-pass of dm/dt is r times the
+    memory, that of d²m/dt² is −λ r times it. The rest adds up to 0, since the residues do. The signal m (…,
+    n_samples) is 0 before its first sample, which follows those of `memory`.
     """
     corner = 2 * np.pi * frequency_hz
     total = np.zeros(signal.shape)

@@ -17,24 +17,9 @@ _AFTER_S = 0.3
 def firing_speed_mm_s(
     model: AfferentModel, sensitivity: float, skin: SkinUnderIndentor, deepest_mm: float
 ) -> float | None:
-    """Return the slowest press at which an afferent fires.
+    """Return the slowest press that fires an afferent, at least `LEAST_MM_S`; None if it is silent at `MOST_MM_S`.
 
-    Parameters
-    ----------
-    model : AfferentModel
-        The class of the afferent.
-    sensitivity : float
-        Its sensitivity.
-    skin : SkinUnderIndentor
-        The measure at its end organs against depth.
-    deepest_mm : float
-        Depth of the press (mm).
-
-    Returns
-    -------
-    float or None
-        Speed (mm/s) of a press at constant speed and a rest of 0.3 s, at least `LEAST_MM_S`. None if the afferent
-        stays silent at `MOST_MM_S`.
+    The press has a constant speed and a rest of 0.3 s; `skin` has the measure at the afferent's end organs.
     """
     if not _fires(model, sensitivity, skin, deepest_mm, MOST_MM_S):
         return None

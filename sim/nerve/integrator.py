@@ -36,20 +36,11 @@ def after_current(since_s: Array) -> Array:
 
 @dataclass(frozen=True)
 class Membrane:
-    """Leaky integrator of one class.
+    """Leaky integrator of one class, with its time constant τ; within `refractory_s` nothing is integrated.
 
-    Attributes
-    ----------
-    tau_s : float
-        Time constant τ (s).
-    refractory_s : float
-        Time after a spike in which nothing is integrated (s).
-    noise : float
-        Standard deviation of V without a threshold, in units of the threshold, from a current of 1 on.
-    reset : float
-        V after a spike; below 0 it makes the class refractory for some time constants. Default: 0.
-    after : float, optional
-        Peak of the outward current after a spike (`after_current`), in units of the rheobase. Default: 0.
+    `noise` is the standard deviation of V without a threshold, in units of the threshold, from a current of 1 on. V
+    after a spike is `reset`; below 0 it makes the class refractory for some time constants. `after` is the peak of
+    the outward current then (`after_current`), in units of the rheobase.
     """
 
     tau_s: float
@@ -65,25 +56,9 @@ def parts_of(step_s: float) -> int:
 
 
 def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, generator: np.random.Generator) -> Array:
-    """Return the spike times of one afferent.
+    """Return the ascending spike times (s) of one afferent from its current (n_samples,), in units of the rheobase.
 
-    Parameters
-    ----------
-    current : ndarray of shape (n_samples,)
-        Current, in units of the rheobase.
-    step_s : float
-        Time between samples (s).
-    membrane : Membrane
-        Time constant, refractory time and noise.
-    sites : int
-        Number of spike sites, each with its own noise. The first at its threshold makes the spike and resets all.
-    generator : numpy.random.Generator
-        The afferent's own.
-
-    Returns
-    -------
-    ndarray of shape (n_spikes,)
-        Times from the first sample (s), ascending.
+    Each of the sites has its own noise. The first at its threshold makes the spike and resets all.
     """
     steps = parts_of(step_s) * max(0, len(current) - 1)
     membranes = Membranes(membrane, 1, sites, step_s)
@@ -92,19 +67,7 @@ def spikes(current: Array, step_s: float, membrane: Membrane, sites: int, genera
 
 
 class Membranes:
-    """Membranes of afferents of one class, advanced from one block of their currents to the next.
-
-    Parameters
-    ----------
-    membrane : Membrane
-        Time constant, refractory time and noise.
-    afferents : int
-        Number of afferents.
-    sites : int
-        Number of spike sites of each.
-    step_s : float
-        Time between samples of the currents (s).
-    """
+    """Membranes of afferents of one class, advanced from one block of their currents to the next."""
 
     def __init__(self, membrane: Membrane, afferents: int, sites: int, step_s: float) -> None:
         self.parts = parts_of(step_s)
@@ -119,21 +82,11 @@ class Membranes:
         """Number of steps so far."""
 
     def advance(self, current: Array, noise: NDArray[np.float32]) -> tuple[NDArray[np.intp], Array]:
-        """Return the spikes of the next block.
+        """Return the spikes of the next block: afferents, ascending, and times (s), both (n_spikes,).
 
-        Parameters
-        ----------
-        current : ndarray of shape (n_afferents, n_samples)
-            Current, in units of the rheobase, from the last sample of the block before.
-        noise : ndarray of shape (n_afferents, n_kept, n_sites)
-            Standard normal numbers. Those of a step lie at its number modulo n_kept.
-
-        Returns
-        -------
-        afferents : ndarray of shape (n_spikes,)
-            Numbers of the afferents, ascending.
-        times_s : ndarray of shape (n_spikes,)
-            Times from the first sample of the first block (s), ascending for each afferent.
+        Times are from the first sample of the first block. The current (n_afferents, n_samples), in units of the
+        rheobase, begins at the last sample of the block before. Standard normal `noise` (n_afferents, n_kept,
+        n_sites) of a step lies at its number modulo n_kept.
         """
         steps = self.parts * max(0, current.shape[1] - 1)
         who, found = np.empty(steps * len(current), dtype=np.intp), np.empty(steps * len(current))

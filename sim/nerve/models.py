@@ -28,20 +28,7 @@ _MOST_STEP_S = 2.5e-4
 class AfferentModel(Protocol):
     """A class of afferents: from the measures at a receptor to the current at its spike sites.
 
-    Attributes
-    ----------
-    name : str
-        Name in tables and options.
-    depth_mm : float
-        Depth of the receptor below the skin (mm).
-    membrane : Membrane
-        Time constant, refractory time and noise of a spike site.
-    sites : int
-        Number of spike sites.
-    organs : int
-        Number of end organs of an afferent.
-    field_mm : float
-        Diameter of the disc in which they lie (mm).
+    End organs lie in a disc of diameter `field_mm`, `depth_mm` below the skin.
     """
 
     @property
@@ -82,28 +69,10 @@ BUILT_IN: dict[str, AfferentModel] = {model.name: model for model in (SA1(), RA(
 def spikes_of(
     model: AfferentModel, signal: Signal, sensitivity: ArrayLike, seeds: Sequence[int | Sequence[int]]
 ) -> list[Array]:
-    """Return the spike times of afferents of one class.
+    """Return the ascending spike times (s, from the signal's first sample) of afferents of one class.
 
-    Parameters
-    ----------
-    model : AfferentModel
-        The class.
-    signal : Signal
-        The measure at the end organs of each afferent, or one row for all.
-    sensitivity : array_like of shape (n_afferents,)
-        Sensitivity of each afferent, more than 0.
-    seeds : sequence of int or of sequences of int
-        Seed of each afferent's own random numbers. The same seed gives the same spikes.
-
-    Returns
-    -------
-    list of ndarray
-        Spike times of each afferent, from the signal's first sample (s), ascending.
-
-    Raises
-    ------
-    ArgumentError
-        If the numbers of afferents differ, a sensitivity is not positive, or the signal is not finite or too long.
+    The signal has a row for each afferent, or one for all. The same seed gives the same spikes. Raises ArgumentError
+    if the numbers of afferents differ, a sensitivity is not positive, or the signal is not finite or too long.
     """
     gains = np.atleast_1d(np.asarray(sensitivity, dtype=float))
     rows, samples = signal.value.shape[0], signal.value.shape[-1]

@@ -82,26 +82,10 @@ MOST_AFFERENTS = 2000
 
 @dataclass(frozen=True)
 class SimulatedAfferent:
-    """One afferent with its end organs under the pad.
+    """One afferent with its end organs under the pad; numbers within its class are from 1.
 
-    Attributes
-    ----------
-    model : str
-        Its class: SA1, RA, PC, or the name of your own.
-    number : int
-        Number within its class, from 1.
-    x_mm, along_mm : float
-        Center of its field across the finger, and along it from the receptor plane (mm).
-    sensitivity : float
-        Factor of the receptor's signal.
-    velocity_m_s : float
-        Conduction velocity (m/s).
-    receptor_delay_s : float
-        Delay at the receptor (s).
-    seed : int
-        Seed of its noise.
-    organs_mm : tuple of tuple of float
-        Place of each end organ from the center, across the finger and along it (mm). Default: one at the center.
+    The center of its field is across the finger and along it from the receptor plane (mm), `organs_mm` from there.
+    `sensitivity` is the factor of the receptor's signal; the delay is at the receptor.
     """
 
     model: str
@@ -130,17 +114,7 @@ Afferent = SimulatedAfferent
 
 @dataclass(frozen=True)
 class PopulationResponse:
-    """Spikes of a population at the electrode.
-
-    Attributes
-    ----------
-    afferents : AfferentPopulation
-        The afferents.
-    spikes : tuple of ndarray
-        Spike times of each (s), ascending.
-    begins_s, ends_s : float
-        Time that the response covers (s).
-    """
+    """Spikes of a population at the electrode: ascending times (s) of each afferent within the covered time."""
 
     afferents: "AfferentPopulation"
     spikes: tuple[Array, ...]
@@ -291,41 +265,13 @@ class AfferentPopulation(Sequence[Afferent]):
         x_mm: float = 0.0,
         z_mm: float | None = None,
     ) -> SkinUnderIndentor:
-        """Return the signals at all end organs while an indentor moves over one place.
-
-        Parameters
-        ----------
-        finger : Fingertip
-            The finger.
-        indentor : str
-            The shape, for example ``"bar:3.0"``.
-        deepest_mm : float
-            Largest depth (mm).
-        x_mm, z_mm : float, optional
-            Place of the indentor (mm).
-
-        Returns
-        -------
-        SkinUnderIndentor
-            Signals at end organs against depth, in the order of the afferents.
-        """
+        """Return the signals at all end organs, in order of the afferents, while an indentor moves over one place."""
         points = self.points_mm(finger)
         presses = table_of_presses(finger, indentor, deepest_mm, x_mm, z_mm)
         return SkinUnderIndentor(finger, "", points, self.measure, deepest_mm, presses=presses)
 
     def spikes(self, signal: Signal) -> list[Array]:
-        """Return the spikes of each afferent at its receptor.
-
-        Parameters
-        ----------
-        signal : Signal
-            Signals at end organs, in the order of `points_mm`.
-
-        Returns
-        -------
-        list of ndarray
-            Spike times from the first sample (s).
-        """
+        """Return each afferent's spike times at its receptor (s); signals are in the order of `points_mm`."""
         found: list[Array] = [np.empty(0)] * len(self)
         for name, mine in self.groups.items():
             part = Signal(signal.step_s, signal.value[self.organs_of(mine)])
@@ -389,13 +335,7 @@ class AfferentPopulation(Sequence[Afferent]):
 
 @dataclass(frozen=True)
 class Pad:
-    """Part of the skin with end organs: an ellipse about the middle of the receptor plane.
-
-    Attributes
-    ----------
-    half_x_mm, half_along_mm : float
-        Half-axes (mm).
-    """
+    """Part of the skin with end organs: an ellipse about the middle of the receptor plane."""
 
     half_x_mm: float
     half_along_mm: float
@@ -432,25 +372,10 @@ _ITEM = re.compile(r"(?:(\d+)x)?([^@\s]+?)(?:@([^:]+)(?::(.+))?)?", re.ASCII)
 
 
 def parse_afferents(text: str, models: Models = BUILT_IN) -> tuple[AfferentRequest, ...]:
-    """Parse a request for afferents.
+    """Parse a request for afferents, items separated by commas.
 
-    Parameters
-    ----------
-    text : str
-        Items separated by commas: ``3xSA1`` draws three places, ``SA1@0.5:1`` is one at x = 0.5 mm, 1 mm along the
-        finger from the receptor plane.
-    models : mapping of str to AfferentModel, optional
-        Classes by name.
-
-    Returns
-    -------
-    tuple of AfferentRequest
-        One for each item.
-
-    Raises
-    ------
-    ModelRangeError
-        If an item cannot be read, its class is unknown, or there are too many.
+    ``3xSA1`` draws three places, ``SA1@0.5:1`` is one at x = 0.5 mm, 1 mm along the finger from the receptor plane.
+    Raises ModelRangeError if an item cannot be read, its class is unknown, or there are too many.
     """
     found = []
     for item in text.split(","):
@@ -641,22 +566,9 @@ def draw_organs(
     generator: np.random.Generator,
     has_tissue: Callable[[Array, Array], NDArray[np.bool_]] | None = None,
 ) -> tuple[tuple[float, float], ...]:
-    """Return the places of the end organs of one afferent.
+    """Return the places (mm) of an afferent's end organs from its center, across the finger and along it.
 
-    Parameters
-    ----------
-    model : AfferentModel
-        Its class.
-    generator : numpy.random.Generator
-        The afferent's own.
-    has_tissue : callable, optional
-        Whether there is tissue at each of some places from the center of the field (mm); others are drawn again.
-        Default: there is.
-
-    Returns
-    -------
-    tuple of tuple of float
-        Places from the center across the finger and along it (mm), even in a disc; a single one is at the center.
+    They are even in a disc, a single one at the center; where `has_tissue` is false they are drawn again.
     """
     if model.organs == 1:
         return ((0.0, 0.0),)

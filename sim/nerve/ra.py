@@ -32,30 +32,9 @@ MEMBRANE = Membrane(tau_s=0.0046, refractory_s=0.0034, noise=0.15, reset=-7.3, a
 class RA:
     """Parameters of the class; every afferent has its own sensitivity s.
 
-    Attributes
-    ----------
-    reference_sed : float
-        SED₀, in pseudo-units: √SED that rises by √SED₀ in a second makes a current of 1 at s = 1.
-    corner_hz : float
-        Corner of the low-pass (Hz).
-    falling : float
-        a₋, with a₊ = 1.
-    most : float
-        c, the current that is never exceeded, in units of the rheobase.
-    slow_share, slow_tau_s : float
-        Slow threshold after a long time, relative to the current, and its time constant (s).
-    sites : int
-        Number of spike sites.
-    membrane : Membrane
-        Time constant, refractory time, noise, V after a spike and outward current then.
-    name : str
-        Name in tables and options.
-    depth_mm : float
-        Depth of Meissner corpuscles below the skin (mm).
-    organs : int
-        Number of end organs of an afferent.
-    field_mm : float
-        Diameter of the disc in which they lie (mm).
+    `reference_sed` is SED₀, in pseudo-units: √SED that rises by √SED₀ in a second makes a current of 1 at s = 1.
+    `corner_hz` is the corner of the low-pass; `falling` is a₋, with a₊ = 1; `most` is c, the current that is never
+    exceeded, in units of the rheobase; the slow threshold is after a long time `slow_share` of the current.
     """
 
     reference_sed: float = 10600.0

@@ -31,30 +31,10 @@ MEMBRANE = Membrane(tau_s=0.058, refractory_s=0.001, noise=0.5)
 class SA1:
     """Parameters of the class; every afferent has its own sensitivity s.
 
-    Attributes
-    ----------
-    weights : tuple of float
-        k of the rapid, slow, ultra-slow and lasting memory.
-    tau_s : tuple of float
-        Their time constants τ (s).
-    reference_sed : float
-        SED₀, the strain energy density that makes a lasting current of 1 at s = 1, in pseudo-units.
-    threshold : float
-        θ, in units of the rheobase.
-    slow_share, slow_tau_s : float
-        Slow threshold after a long time, relative to the current, and its time constant (s).
-    sites : int
-        Number of spike sites.
-    membrane : Membrane
-        Time constant, refractory time and noise of a site.
-    name : str
-        Name in tables and options.
-    depth_mm : float
-        Depth of Merkel cells below the skin (mm), at the tips of the intermediate ridges.
-    organs : int
-        Number of end organs of an afferent.
-    field_mm : float
-        Diameter of the disc in which they lie (mm).
+    `weights` k and `tau_s` τ are of the rapid, slow, ultra-slow and lasting memory. `reference_sed` is SED₀, which
+    makes a lasting current of 1 at s = 1, in pseudo-units; `threshold` is θ, in units of the rheobase; the slow
+    threshold is after a long time `slow_share` of the current. Merkel cells lie at the tips of the intermediate
+    ridges.
     """
 
     weights: tuple[float, ...] = (3.2, 2.2, 0.25, 1.0)

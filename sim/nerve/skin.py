@@ -22,43 +22,19 @@ SAMPLES_PER_CYCLE = 10
 
 @dataclass(frozen=True)
 class Signal:
-    """Measure at receptors on an even time grid.
-
-    Attributes
-    ----------
-    step_s : float
-        Time between samples (s).
-    value : ndarray of shape (n_receptors, n_samples) or (n_afferents, n_organs, n_samples)
-        The measure.
-    """
+    """Measure at receptors on an even time grid: (n_receptors, n_samples) or (n_afferents, n_organs, n_samples)."""
 
     step_s: float
     value: Array
 
 
 class SkinUnderIndentor:
-    """A measure at receptors against the depth of an indentor over one place.
+    """A measure at receptors (n_receptors, 3) against the depth of an indentor over one place.
 
     The finger is quasi-static and elastic, so that the measure depends on the depth alone. It is interpolated between
     the presses of a table, monotonically and with a continuous slope: a vibration of some micrometers follows the
-    slope at its preload, at any frequency and far below a contact solver's tolerance.
-
-    Parameters
-    ----------
-    finger : Fingertip
-        The finger.
-    indentor : str
-        Its shape, for example ``"bar:3.0"``.
-    points_mm : array_like of shape (n_receptors, 3)
-        Receptors in the undeformed finger (mm).
-    measure : callable
-        Maps the 18 measures at the receptors to the signal of shape (n_receptors,).
-    deepest_mm : float
-        Largest depth (mm).
-    x_mm, z_mm : float, optional
-        Place of the indentor (mm).
-    presses : sequence of IndentationResult, optional
-        The table, of `table_of_presses`. Default: the presses are computed.
+    slope at its preload, at any frequency and far below a contact solver's tolerance. `measure` maps the 18 measures
+    to (n_receptors,); `presses` are those of `table_of_presses`, computed by default.
     """
 
     def __init__(
@@ -79,20 +55,7 @@ class SkinUnderIndentor:
 
     @classmethod
     def of_values(cls, depths_mm: ArrayLike, values: ArrayLike) -> "SkinUnderIndentor":
-        """Return a skin with a given table.
-
-        Parameters
-        ----------
-        depths_mm : array_like of shape (n_depths,)
-            Depths, more than 0 and ascending (mm).
-        values : array_like of shape (n_depths, n_receptors)
-            The measure at each depth; it is 0 at first touch.
-
-        Returns
-        -------
-        SkinUnderIndentor
-            The skin.
-        """
+        """Return a skin with a table: ascending depths above 0 (n_depths,), and values (n_depths, n_receptors)."""
         skin = cls.__new__(cls)
         skin._read(np.asarray(depths_mm, dtype=float), np.asarray(values, dtype=float))
         return skin
@@ -104,26 +67,9 @@ class SkinUnderIndentor:
         )
 
     def signal(self, stimulus: Stimulus, step_s: float, lasts_s: float | None = None) -> Signal:
-        """Return the signal of a stimulus from 0 s on.
+        """Return the signal of a stimulus at all receptors from 0 s on, by default for its duration.
 
-        Parameters
-        ----------
-        stimulus : Stimulus
-            Depth against time.
-        step_s : float
-            Time between samples (s).
-        lasts_s : float, optional
-            Duration (s). Default: that of the stimulus.
-
-        Returns
-        -------
-        Signal
-            The signal at all receptors.
-
-        Raises
-        ------
-        ModelRangeError
-            If the stimulus is deeper than the table, or the step is too long for a vibration.
+        Raises ModelRangeError if the stimulus is deeper than the table, or the step is too long for a vibration.
         """
         if stimulus.deepest_mm > self.depths_mm[-1] * (1 + 1e-9):
             raise ModelRangeError(
@@ -156,26 +102,7 @@ def table_of_presses(
     z_mm: float | None = None,
     levels: int = LEVELS,
 ) -> list[IndentationResult]:
-    """Return presses at even depths over one place.
-
-    Parameters
-    ----------
-    finger : Fingertip
-        The finger.
-    indentor : str
-        Its shape.
-    deepest_mm : float
-        Largest depth (mm).
-    x_mm, z_mm : float, optional
-        Place of the indentor (mm).
-    levels : int, optional
-        Number of presses. Default: `LEVELS`.
-
-    Returns
-    -------
-    list of IndentationResult
-        The presses, the deepest last.
-    """
+    """Return presses at even depths over one place, the deepest last."""
     finger = finger.keeping_ways()
     depths_mm = deepest_mm * np.linspace(0.0, 1.0, levels + 1)[1:]
     return [finger.indent(indentor, x_mm, z_mm=z_mm, doi_mm=float(depth)) for depth in depths_mm]

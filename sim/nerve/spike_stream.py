@@ -19,18 +19,7 @@ class SpikeStream:
     """Spikes of afferents of one class, from one block of their signal to the next.
 
     Filters and membranes keep their states, and each afferent draws its noise in the order of time, so that spikes do
-    not depend on how the signal is divided.
-
-    Parameters
-    ----------
-    model : AfferentModel
-        The class.
-    step_s : float
-        Time between samples (s), short enough for the class.
-    sensitivity : array_like of shape (n_afferents,)
-        Sensitivity of each afferent.
-    seeds : sequence of int or of sequences of int
-        Seed of each afferent's own random numbers.
+    not depend on how the signal is divided. `step_s` must be short enough for the class.
     """
 
     def __init__(
@@ -49,19 +38,9 @@ class SpikeStream:
             self._draw(row, _DRAWN + row * _DRAWN // count)
 
     def advance(self, value: Array) -> tuple[NDArray[np.intp], Array]:
-        """Return the spikes up to the last sample of a block.
+        """Return a block's spikes: afferents, and times (s) from the very first sample, both (n_spikes,).
 
-        Parameters
-        ----------
-        value : ndarray of shape (n_afferents, n_samples) or (n_afferents, n_organs, n_samples)
-            The next samples of the measure at each receptor.
-
-        Returns
-        -------
-        afferents : ndarray of shape (n_spikes,)
-            Numbers of the afferents.
-        times_s : ndarray of shape (n_spikes,)
-            Times from the very first sample (s), ascending for each afferent.
+        The block is (n_afferents, n_samples) or (n_afferents, n_organs, n_samples); times ascend for each afferent.
         """
         self._memory.begin_block()
         current = self._model.current(Signal(self._step_s, value), self._sensitivity, self._memory)

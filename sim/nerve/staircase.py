@@ -15,21 +15,9 @@ class Staircase(Stimulus):
     """Depth against time through known positions, as a rig's journal has them.
 
     Each move begins when the position before it is known, at constant acceleration, speed and deceleration; then the
-    indentor rests. A move that would not end before the next position is known is as much faster.
-
-    Parameters
-    ----------
-    times_s, depths_mm : sequence of float
-        Known depths past first touch, and when they were known; 0 or less is out of contact.
-    speeds_mm_s : sequence of float
-        Speed of the move to each position (mm/s); the first is not used.
-    acceleration_mm_s2 : float
-        Acceleration of the stage (mm/s²).
-
-    Raises
-    ------
-    ArgumentError
-        If the times do not ascend, or a number is not finite.
+    indentor rests. A move that would not end before the next position is known is as much faster. Depths of 0 or less
+    are out of contact; the first speed is not used. Raises ArgumentError if the times do not ascend, or a number is
+    not finite.
     """
 
     def __init__(

@@ -16,17 +16,7 @@ CORNER_S = 0.01
 
 @dataclass(frozen=True)
 class Vibration:
-    """Sine added to the depth.
-
-    Attributes
-    ----------
-    frequency_hz : float
-        Frequency (Hz).
-    amplitude_um : float
-        Amplitude, zero to peak (µm).
-    begins_s, lasts_s : float
-        Time of its first cycle, and duration (s).
-    """
+    """Sine added to the depth; its amplitude is zero to peak."""
 
     frequency_hz: float
     amplitude_um: float

@@ -1,21 +1,18 @@
 """How often an answer holds the truth, and how often it is fooled: synthetic afferents with a known answer.
 
-    .venv/bin/python -m studies.answers.answer_coverage [DRAWS] [--kept FILE]    # default 400 a row
+    .venv/bin/python -m studies.answers.answer_coverage [DRAWS]    # default 400 a row
 
-Prints the tables of docs/validation/comparison.md, each line as it is done; FILE gets every draw as a line of JSON,
-after one with the commit, the version of numpy and the seeds. Afferents are made on the finger that is fitted, on
-eight drawn within the ranges of examples/plausible_fingers/fingers.toml, and on four more, drawn by another seed,
-on another mesh; every recording is answered twice, given the default finger and with the ranges stated.
+Prints the tables of docs/validation/comparison.md, each line as it is done. Afferents are made on the finger that is
+fitted, on eight drawn within the ranges of examples/plausible_fingers/fingers.toml, and on four more, drawn by
+another seed, on another mesh; every recording is answered twice, given the default finger and with the ranges stated.
 """
 
 import argparse
 import itertools
-import json
-import subprocess
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, TextIO
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -267,21 +264,11 @@ def fooled(of: CoverageStudy, control: int, x_mm: float, stimuli: Sequence[Stimu
     return f"| {' | '.join(cells)} |"
 
 
-def provenance(number: int) -> dict[str, Any]:
-    """What the table was made by."""
-    commit = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, check=False).stdout.strip()
-    seeds = {"draws": DRAWS_SEED, "fresh fingers": FRESH_SEED}
-    return {"commit": commit, "numpy": np.__version__, "seeds": seeds, "draws": number, "mesh_mm": FRESH_MESH_MM}
-
-
-def print_rows(of: CoverageStudy, number: int, kept: TextIO | None) -> None:
-    """The table of coverage."""
+def print_rows(of: CoverageStudy, number: int) -> None:
+    """Print the table of coverage."""
     print(f"| {' | '.join(HEADER)} |\n|{'---|' * len(HEADER)}", flush=True)
     for made in ROWS:
         found = list(draws(of, made, number))
-        if kept is not None:
-            for name, given, all_fingers in found:
-                kept.write(json.dumps({"row": made.title, "truth": name, "given": given, "all": all_fingers}) + "\n")
         for line in lines(made, [name for name, *_ in found], np.array([told for _, *told in found])):
             print(line, flush=True)
 
@@ -299,18 +286,10 @@ def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser()
     parser.add_argument("draws", type=int, nargs="?", default=400)
-    parser.add_argument("--kept", type=Path)
-    given = parser.parse_args()
+    number = parser.parse_args().draws
     of = study()
-    made = provenance(given.draws)
-    print(json.dumps(made) + "\n", flush=True)
-    if given.kept is None:
-        print_rows(of, given.draws, None)
-    else:
-        with given.kept.open("w", encoding="utf-8") as kept:
-            kept.write(json.dumps(made) + "\n")
-            print_rows(of, given.draws, kept)
-    print_power(of, max(given.draws // 4, 1))
+    print_rows(of, number)
+    print_power(of, max(number // 4, 1))
 
 
 if __name__ == "__main__":

@@ -1,13 +1,15 @@
-"""How long a stop takes from its request to its byte, whatever a run is at, and whether the run is told as stopped.
+"""Measure the time from the request of a stop to its byte, and whether the run is recorded as stopped.
 
     .venv/bin/python -m studies.faults.stops --stops 50
-    .venv/bin/python -m studies.faults.stops --stops 20 --channels unix tcp
+    .venv/bin/python -m studies.faults.stops --stops 50 --click    # of STOP in the panel's page
 
 `rig run`, behind `rig serve` in processes of their own, is stopped over its control socket, in turn in each of five
 phases: while it is planned, in an approach, while the model solves for a script that decides as it goes, in a hold,
 and while the report is made. The request is timed here by the wall clock. The byte log times the byte by the time of
-the run, whose beginning the journal records by the same wall clock. With `--channels unix tcp`, every second run has
-no Unix socket but a TCP port, as on Windows (tests/portable/sitecustomize.py).
+the run, whose beginning the journal records by the same wall clock.
+
+With `--click`, STOP is clicked, touched or pressed as a key in Chromium (`make panel-test` installs what that needs),
+whose page then does nothing for a second and a half. The browser times the click.
 """
 
 import argparse
@@ -19,8 +21,9 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager, nullcontext, suppress
+from dataclasses import dataclass
+from itertools import cycle
 from pathlib import Path
 from statistics import median
 from types import MappingProxyType
@@ -30,6 +33,8 @@ from rig.control.client import Announced, ControlError, announced
 from rig.devices import leadshine_drive as reg
 from rig.plan.config import Config
 from rig.transport import open_port
+from studies.pictures.chromium import MISSING, chromium
+from studies.pictures.panel_page import browser, panel
 
 PHASES = ("plan", "approach", "solve", "hold", "report")
 NEAR: dict[str, Any] = {
@@ -49,11 +54,21 @@ def run(rig):
         rig.move_to(x_mm=0.02 * n + 1e-4 * force_gwt)
         rig.indent(force_gwt=1.0 + 1e-4 * force_gwt, hold_s=0.1)
 """
-WITHOUT_UNIX_SOCKETS = Path(__file__).parents[2] / "tests" / "portable"
 STOP = {"grbl": "2118", "leadshine": f"06{reg.TRIGGER:04x}{reg.QUICK_STOP:04x}"}
 _STATES = {"plan": "planning", "report": "reporting"}
 _STOPPED = 130
-_LOOK_S, _DEADLINE_S = 0.002, 240.0
+_LOOK_S, _DEADLINE_S, _WORST_S = 0.002, 240.0, 0.1
+
+HANGS_MS = 1500
+HANG = f"""() => {{
+  const hang = (event) => {{
+    window.pressed_ms = performance.timeOrigin + event.timeStamp;
+    while (performance.timeOrigin + performance.now() < window.pressed_ms + {HANGS_MS});
+  }};
+  const once = {{ once: true }};
+  window.pressed_ms = null;
+  window.addEventListener(window.by === "key" ? "keydown" : "pointerdown", hang, once);
+}}"""
 
 
 @dataclass(frozen=True)
@@ -64,7 +79,6 @@ class Stop:
     latency_s: float
     recorded: str  # the journal's status, and the state in which it was stopped after its end
     code: int
-    channel: str = "unix"
 
 
 def decides(hold_s: float = 0.1, times: int = 1) -> str:
@@ -78,6 +92,24 @@ def by_socket(owner: Announced) -> float:
     with suppress(ControlError):
         owner.ask("stop", within_s=10.0)
     return asked_s
+
+
+def clicker(page: Any) -> Callable[[Announced], float]:
+    """Asks for a stop by the mouse, a finger and the key in turn, while the page hangs; says when."""
+    ways = cycle(("mouse", "touch", "key"))
+
+    def click(_: Announced) -> float:
+        by = next(ways)
+        page.evaluate("(by) => { window.by = by; }", by)
+        page.evaluate(HANG)
+        if by == "key":
+            page.keyboard.press("Escape")
+        else:
+            stop = page.locator("#stop")
+            stop.click(no_wait_after=True) if by == "mouse" else stop.tap(no_wait_after=True)
+        return float(page.evaluate("window.pressed_ms") / 1000)
+
+    return click
 
 
 class Benches:
@@ -116,19 +148,22 @@ class Benches:
             finally:
                 serve.terminate()
 
-    def stopped(self, number: int, phase: str, channel: str = "unix") -> Stop:
-        """One run, stopped in a phase over a kind of socket."""
-        return replace(self._stopped(number, phase, channel), channel=channel)
-
-    def _stopped(self, number: int, phase: str, channel: str) -> Stop:
+    def stopped(self, number: int, phase: str) -> Stop:
+        """One run, stopped in a phase."""
         out, said = self._folder / f"{number:03}", self._folder / f"{number:03}.log"
         script = self._folder / "decides.py"
         script.write_text(decides(0.1 if phase == "report" else 2.0, times=4), encoding="utf-8")
         words = [sys.executable, "-m", "rig", "run", str(script), "--yes", "--config", str(self.config)]
-        with said.open("w") as errors, subprocess.Popen(
-            [*words, "--out", str(out)], stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors, text=True,
-            env={**os.environ, **({"PYTHONPATH": str(WITHOUT_UNIX_SOCKETS)} if channel == "tcp" else {})},
-        ) as run:  # fmt: skip
+        with (
+            said.open("w") as errors,
+            subprocess.Popen(
+                [*words, "--out", str(out)],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.DEVNULL,
+                stderr=errors,
+                text=True,
+            ) as run,
+        ):
             try:
                 assert run.stdin is not None
                 run.stdin.write("\n" * 9)
@@ -195,45 +230,48 @@ def _until(look: Callable[[], Any]) -> Any:
     return found
 
 
-def table(stops: Sequence[Stop]) -> str:
-    """For each phase, and each kind of socket if there are two: request to byte, and what the journals say."""
-    several = len({stop.channel for stop in stops}) > 1
-    head, rule = ("| over | stopped in", "|---|---") if several else ("| stopped in", "|---")
-    lines = [f"{head} | stops | request to byte, ms: median, worst | recorded |", f"{rule}|---|---|---|"]
-    for channel in dict.fromkeys(stop.channel for stop in stops):
-        for phase in PHASES:
-            those = [stop for stop in stops if (stop.phase, stop.channel) == (phase, channel)]
-            if those:
-                ms = [1e3 * stop.latency_s for stop in those]
-                said = ", ".join(sorted({stop.recorded for stop in those}))
-                over = f"| {channel} " if several else ""
-                lines.append(f"{over}| {phase} | {len(those)} | {median(ms):.1f}, {max(ms):.1f} | {said} |")
+def table(stops: Sequence[Stop], request: str) -> str:
+    """Return the time from request to byte in each phase, and what the journals say."""
+    lines = [f"| stopped in | stops | {request} to byte, ms: median, worst | recorded |", "|---|---|---|---|"]
+    for phase in PHASES:
+        those = [stop for stop in stops if stop.phase == phase]
+        if those:
+            ms = [1e3 * stop.latency_s for stop in those]
+            said = ", ".join(sorted({stop.recorded for stop in those}))
+            lines.append(f"| {phase} | {len(those)} | {median(ms):.1f}, {max(ms):.1f} | {said} |")
     return "\n".join(lines)
 
 
+@contextmanager
+def clicked(folder: Path) -> Iterator[Callable[[Announced], float]]:
+    """Open the panel in Chromium; yield what clicks STOP there."""
+    with browser() as found, panel(folder) as (_, url):
+        page = found.new_page(has_touch=True)
+        page.goto(url)
+        page.locator("#stop:enabled").wait_for()
+        yield clicker(page)
+
+
 def main() -> None:
-    """Stop, count, tell."""
+    """Stop runs and print the table; exit with 1 if a stop took too long."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--stops", type=int, default=50)
     parser.add_argument("--stage", choices=sorted(STOP), default="grbl")
-    parser.add_argument("--channels", choices=["unix", "tcp"], nargs="+", default=["unix"])
-    parser.add_argument("--json", action="store_true")
+    parser.add_argument("--click", action="store_true", help="click STOP in the panel's page")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        os.environ["RIG_RUNTIME_DIR"] = str(Path(folder) / "runtime")
-        benches = Benches(Path(folder), options.stage)
-        with benches.served():
-            stops = []
-            for number in range(options.stops):
-                phase, channel = (
-                    PHASES[number // len(options.channels) % len(PHASES)],
-                    options.channels[number % len(options.channels)],
-                )
-                stops.append(benches.stopped(number, phase, channel))
-                print(stops[-1], file=sys.stderr, flush=True)
-    print(json.dumps([vars(stop) for stop in stops]) if options.json else table(stops))
-    bad = [stop for stop in stops if not stop.latency_s < 0.1 or stop.code != _STOPPED]
-    sys.exit(1 if bad else 0)
+    if options.click and chromium() is None:
+        sys.exit(MISSING)
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.environ["RIG_RUNTIME_DIR"] = str(folder / "runtime")
+        with clicked(folder) if options.click else nullcontext(by_socket) as ask:
+            benches, stops = Benches(folder, options.stage, ask), list[Stop]()
+            with benches.served():
+                for number in range(options.stops):
+                    stops.append(benches.stopped(number, PHASES[number % len(PHASES)]))
+                    print(stops[-1], file=sys.stderr, flush=True)
+    print(table(stops, "click" if options.click else "request"))
+    sys.exit(any(not stop.latency_s < _WORST_S or stop.code != _STOPPED for stop in stops))
 
 
 if __name__ == "__main__":

@@ -24,12 +24,12 @@ from sim.models.stiffening import LINEAR_TISSUE, Stiffened, Under
 Array = NDArray[np.float64]
 
 _PLACES_KEPT = 64
-KEPT = Path(__file__).parent / "kept" / "ogden.jsonl"
+REFERENCES = Path(__file__).with_suffix(".jsonl")
 
 
 def references() -> list[dict[str, Any]]:
-    """Return the kept presses at finite strain."""
-    return [json.loads(line) for line in KEPT.read_text("utf-8").splitlines()]
+    """Return the presses at finite strain."""
+    return [json.loads(line) for line in REFERENCES.read_text("utf-8").splitlines()]
 
 
 class OgdenFinger(Fingertip):

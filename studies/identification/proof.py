@@ -1,12 +1,10 @@
-"""Meets fingers whose truth only the bench knows, and tells how well: docs/validation/identification.md.
+"""Identify fingers whose truth only the bench knows, and compare: docs/validation/identification.md.
 
-.venv/bin/python -m studies.identification [ROWS] [--inside N] [--outside N] [--first SEED]    # 200, 40 and 0
+.venv/bin/python -m studies.identification [ROWS] [--inside N] [--outside N]    # 200 and 40 of each set
 
-What ROWS has is not met again.
-
-Each finger is met over the bytes of a virtual bench on a virtual clock. Whoever meets it has the coarse mesh, the
-bench another; the cell has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default:
-study/identification.jsonl).
+Each finger is identified over the bytes of a virtual bench on a virtual clock, with the coarse mesh; the bench has
+another mesh. The force sensor has 0.02 gwt of noise. Each finger that is done is a line of ROWS (default:
+study/identification.jsonl) and is not identified again.
 """
 
 import argparse
@@ -49,6 +47,9 @@ from studies.registry import as_markdown
 
 KNOWN = with_reliable_touch(Config(finger=FingertipConfig(mesh=MeshSpec(level="coarse"))))
 """What whoever meets the finger is told: nothing of it but the mesh to think on."""
+
+SETS = {"first": 0, "second": 3000, "third": 6000}
+"""First seed of each set of fingers."""
 
 GOALS = (
     PressAt("cylinder:9", 0.0, 0.67),
@@ -143,26 +144,25 @@ def one(job: tuple[str, int]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """What is missing of the rows, then the table."""
-    asked = argparse.ArgumentParser(description=__doc__)
-    asked.add_argument("rows", nargs="?", type=Path, default=Path("study/identification.jsonl"))
-    asked.add_argument("--inside", type=int, default=200)
-    asked.add_argument("--outside", type=int, default=40)
-    asked.add_argument("--first", type=int, default=0)
-    given = asked.parse_args()
-    kept = [json.loads(line) for line in given.rows.read_text().splitlines()] if given.rows.exists() else []
-    given.rows.parent.mkdir(parents=True, exist_ok=True)
-    there = {(row["of"], row["seed"]) for row in kept}
-    many = {"inside": given.inside, "outside": given.outside}
-    jobs = [(of, given.first + k) for of, n in many.items() for k in range(n)]
-    missing = [job for job in jobs if job not in there]
+    """Identify the fingers that the rows lack, then print the tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("rows", nargs="?", type=Path, default=Path("study/identification.jsonl"))
+    parser.add_argument("--inside", type=int, default=200)
+    parser.add_argument("--outside", type=int, default=40)
+    options = parser.parse_args()
+    done = [json.loads(line) for line in options.rows.read_text().splitlines()] if options.rows.exists() else []
+    options.rows.parent.mkdir(parents=True, exist_ok=True)
+    counts = {"inside": options.inside, "outside": options.outside}
+    jobs = {name: [(of, first + k) for of, n in counts.items() for k in range(n)] for name, first in SETS.items()}
+    there = {(row["of"], row["seed"]) for row in done}
+    missing = [job for of_set in jobs.values() for job in of_set if job not in there]
     if missing:
         print("tables of the shapes …", file=sys.stderr, flush=True)
         thinking()[0].have([*SHAPES, *(goal.indentor for goal in GOALS)], one_by_one)
     for n, row in enumerate(in_processes(one, missing), 1):
-        kept.append(row)
-        with given.rows.open("a") as file:
+        done.append(row)
+        with options.rows.open("a") as file:
             file.write(json.dumps(row) + "\n")
         print(f"{n} of {len(missing)}: {row['kind']} {row['seed']}", file=sys.stderr, flush=True)
-    sets = {"measured": kept}
+    sets = {name: [row for row in done if (row["of"], row["seed"]) in of_set] for name, of_set in jobs.items()}
     print(as_markdown(demands(sets)), as_markdown(kinds(sets)), sep="\n")

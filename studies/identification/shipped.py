@@ -3,6 +3,7 @@
 .venv/bin/python -m studies.identification.shipped
 """
 
+import gzip
 from functools import partial
 from importlib.resources import files
 from pathlib import Path
@@ -24,7 +25,7 @@ def main() -> None:
         tables.append(ShapeTable.read_or_make(name, scope, partial(finger_of, config), made_of(config)))
         print(f"{name}: off direct presses by {100 * tables[-1].error:.1f} % (rms)", flush=True)
     path = Path(str(files("sim"))) / "data" / FILE
-    path.write_text(as_json(tables), encoding="utf-8")
+    path.write_bytes(gzip.compress(as_json(tables).encode(), mtime=0))
 
 
 if __name__ == "__main__":

@@ -1,35 +1,11 @@
-"""The tables of many identifications.
+"""The tables of many identifications."""
 
-.venv/bin/python -m studies.identification.tables     # of the sets in kept/: studies/results/identification/
-"""
-
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from studies.registry import as_markdown
-
 Row = dict[str, Any]
-
-
-KEPT = Path(__file__).parent / "kept"
-SETS = {"first": "proof.jsonl", "second": "fresh.jsonl", "third": "third.jsonl"}
-
-
-def main() -> None:
-    """Print the tables of the stored sets."""
-    print(as_markdown(demands(stored())), as_markdown(kinds(stored())), sep="\n")
-
-
-def stored() -> dict[str, list[Row]]:
-    """Return the rows of every set."""
-    return {
-        name: [json.loads(line) for line in (KEPT / file).read_text("utf-8").splitlines()]
-        for name, file in SETS.items()
-    }
 
 
 def demands(sets: Mapping[str, Sequence[Row]]) -> list[list[str]]:
@@ -112,7 +88,3 @@ def _kinds(rows: Sequence[Row]) -> list[list[str]]:
 
 def _percent(share: float) -> str:
     return f"{100 * share:.1f} %"
-
-
-if __name__ == "__main__":
-    main()

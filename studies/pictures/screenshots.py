@@ -10,26 +10,35 @@ import sys
 import tempfile
 from pathlib import Path
 
+from PIL import Image
+
 from studies.pictures.chromium import MISSING, chromium
-from studies.pictures.panel_shot import shoot_panel
+from studies.pictures.panel_page import browser, panel
 
 ROOT = Path(__file__).parents[2]
 TUTORIAL = ROOT / "examples" / "tutorial"
 WIDTH, PATIENCE_S = 1060, 120
 HEIGHTS = {"run_report": 1800, "comparison": 1500}
+COLOURS = 64
+PRESS = "document.getElementById('phase_words').textContent === 'hold'"
+LATER = "Number.parseInt(document.getElementById('done_words').textContent) >= 3"
+DRAWN = (
+    "!document.getElementById('place').hidden"
+    " && !document.getElementById('press_words').textContent.includes('no prediction')"
+)
 _QUIET = ("--headless", "--no-sandbox", "--disable-gpu", "--hide-scrollbars", "--disable-background-networking")
 
 
 def main(folder: Path) -> None:
     """Make both pages anew and take their pictures."""
-    browser = chromium()
-    if browser is None:
+    program = chromium()
+    if program is None:
         sys.exit(MISSING)
     with tempfile.TemporaryDirectory() as work:
         os.environ["RIG_RUNTIME_DIR"] = str(Path(work) / "runtime")  # the panel shows no other run of this machine
         for name, page in _pages(Path(work)).items():
-            _shoot(browser, page, folder / f"{name}.png", HEIGHTS[name])
-        shoot_panel(folder / "panel.png", Path(work), (1280, 860))
+            _shoot(program, page, folder / f"{name}.png", HEIGHTS[name])
+        _shoot_panel(folder / "panel.png", Path(work), (1280, 860))
 
 
 def _pages(work: Path) -> dict[str, Path]:
@@ -46,10 +55,34 @@ def _rig(*words: object) -> None:
     subprocess.run([sys.executable, "-m", "rig", *map(str, words)], check=True, stdout=subprocess.DEVNULL)
 
 
-def _shoot(browser: str, page: Path, picture: Path, height: int) -> None:
+def _shoot(program: str, page: Path, picture: Path, height: int) -> None:
     size = f"--window-size={WIDTH},{height}"
-    command = [browser, *_QUIET, size, f"--screenshot={picture}", page.resolve().as_uri()]
+    command = [program, *_QUIET, size, f"--screenshot={picture}", page.resolve().as_uri()]
     subprocess.run(command, check=True, capture_output=True, timeout=PATIENCE_S)
+    _reduce(picture)
+
+
+def _shoot_panel(picture: Path, work: Path, size: tuple[int, int]) -> None:
+    """In the hold of an indentation after the third, with what the model says of it."""
+    words = ("dry-run", "steps", "--speed", "2", "--out", work)
+    with panel(work) as (_, url), browser() as found:
+        page = found.new_page(viewport={"width": size[0], "height": size[1]})
+        page.set_default_timeout(0)
+        page.goto(url)
+        run = subprocess.Popen([sys.executable, "-m", "rig", *map(str, words)], stdout=subprocess.DEVNULL)
+        try:
+            page.wait_for_function(f"() => {LATER} && {PRESS} && {DRAWN} && !document.querySelector('#numbers.old')")
+            page.screenshot(path=picture)
+        finally:
+            run.terminate()
+            run.wait()
+    _reduce(picture)
+
+
+def _reduce(picture: Path) -> None:
+    """Keep few colors: a third of the bytes, and it looks the same."""
+    with Image.open(picture) as shot:
+        shot.convert("P", palette=Image.Palette.ADAPTIVE, colors=COLOURS).save(picture, optimize=True)
     print(picture)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.report.benchmark_page import cost_against_nodes, pareto
+from rig.report.benchmark_page import pareto
 
 FAMILIES = {"smooth": "smooth", "bar": "bars", "step": "step 1"}
 QUANTITIES = {"force": "force", "width": "width", "sed": "SED", "ep1": "ep1"}
@@ -39,12 +39,11 @@ def table(rows: list[dict[str, Any]]) -> None:
 
 
 def main() -> None:
-    """Print the table, write the figures."""
+    """Print the table, write the figure."""
     rows = json.loads(Path(sys.argv[1]).read_text(encoding="utf-8"))["rows"]
     folder = Path(sys.argv[2])
     folder.mkdir(exist_ok=True)
-    (folder / "pareto.svg").write_text(pareto(rows).svg, encoding="utf-8")
-    (folder / "cost.svg").write_text(cost_against_nodes(rows).svg, encoding="utf-8")
+    (folder / "pareto.png").write_bytes(pareto(rows).png)
     table(rows)
 
 

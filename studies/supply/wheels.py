@@ -9,10 +9,8 @@ tests the same.
 import shutil
 import sys
 import tempfile
-import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from packaging.markers import Marker
 from packaging.tags import Tag, compatible_tags, cpython_tags, mac_platforms
@@ -20,13 +18,13 @@ from packaging.utils import parse_wheel_filename
 
 from studies.registry import show
 from studies.release_check import NotFitError
-from studies.supply.lock import scratch
+from studies.supply import lock
 from studies.supply.locked import LOCKS, REQUIREMENTS, Pin, all_locked, read_lock, required
 
 PYTHONS = ("3.11", "3.12", "3.13", "3.14")
 SYSTEMS: Mapping[str, tuple[str, ...]] = {
-    "Linux x86-64": (
-        *(f"manylinux_2_{minor}_x86_64" for minor in range(28, 4, -1)),
+    "Linux x86-64": (  # glibc 2.35 or newer, which zaber-motion requires
+        *(f"manylinux_2_{minor}_x86_64" for minor in range(35, 4, -1)),
         *("manylinux2014_x86_64", "manylinux1_x86_64", "linux_x86_64"),
     ),
     "Windows x86-64": ("win_amd64",),
@@ -79,24 +77,13 @@ def published() -> dict[str, list[str]]:
         Of what pip or uv printed, the last line.
     """
     with tempfile.TemporaryDirectory() as folder:
-        place = Path(folder)
+        for name in LOCKS:
+            shutil.copy(REQUIREMENTS / f"{name}.txt", folder)
         try:
-            tools = scratch(place)
-            for lock in LOCKS:
-                shutil.copy(REQUIREMENTS / f"{lock}.txt", place)
-            tools.run(
-                *("uv", "pip", "compile", "--quiet", "--universal", "--python-version", "3.11.5", "--no-deps"),
-                *("--no-header", "--format", "pylock.toml", "--output-file", "pylock.toml"),
-                *(f"{lock}.txt" for lock in LOCKS),
-            )
+            packages = lock.published(lock.scratch(Path(folder)))
         except NotFitError as error:
             raise NoIndexError(f"the package index does not list the locked versions: {error}") from None
-        packages = tomllib.loads((place / "pylock.toml").read_text(encoding="utf-8"))["packages"]
-    return {one["name"]: [_filename(wheel) for wheel in one.get("wheels", ())] for one in packages}
-
-
-def _filename(wheel: Mapping[str, Any]) -> str:
-    return str(wheel.get("name") or (wheel.get("url") or wheel["path"]).rpartition("/")[2])
+    return {one["name"]: [lock.filename(wheel) for wheel in one.get("wheels", ())] for one in packages}
 
 
 def missing(pins: Iterable[Pin], files: Mapping[str, Iterable[str]]) -> dict[tuple[str, str], list[str]]:

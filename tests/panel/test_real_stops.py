@@ -14,9 +14,8 @@ pytest.importorskip("playwright.sync_api", reason="Playwright is not installed (
 def test_the_byte_leaves_while_the_page_hangs_and_the_run_is_recorded_as_aborted(
     opened: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """One stop in a plan, an approach and a report; `studies.faults.panel_stops` makes fifty, and times them."""
-    from studies.faults.panel_stops import HANGS_MS, clicker
-    from studies.faults.stops import Benches
+    """One stop in a plan, an approach and a report; `studies.faults.stops --click` makes fifty, and times them."""
+    from studies.faults.stops import HANGS_MS, Benches, clicker
 
     with panel(tmp_path) as (_, url):
         page = opened(url, has_touch=True)

@@ -1,6 +1,5 @@
 """A file of whole lines that notices how it was lost; and errors of files and ports survive a pickle."""
 
-import pickle
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +7,6 @@ from pathlib import Path
 import pytest
 
 from rig.data.journal import LineFile, LostFileError
-from rig.errors import RigError
-from rig.transport import NotOwnedError, PortOwner
-from rig.transport.ownership import LockHeldError
 from tests.error_codes import raises
 
 
@@ -45,23 +41,3 @@ def test_a_lost_file_says_how_and_goes_on_saying_so(how: str, tmp_path: Path) ->
         assert (caught.value.filename, caught.value.strerror) == (str(path), str(caught.value))
     assert file.content() == (b"on" if how == "shortened" else b"one\n")
     file.close()
-
-
-HELD = {"code": "in_use", "port": "/dev/a", "owner": "process 3", "pid": 3}
-
-
-@pytest.mark.parametrize(
-    "error",
-    [
-        LostFileError(Path("/runs/a"), "can no longer be found: {problem}", code="not_found", problem="no {x}"),
-        NotOwnedError("{port} is in use by {owner}", PortOwner(3), **HELD),
-        NotOwnedError("plain {text}", None),
-        LockHeldError(PortOwner(3)),
-    ],
-    ids=lambda error: type(error).__name__,
-)
-def test_errors_with_more_than_fields_survive_a_pickle(error: RigError) -> None:
-    again = pickle.loads(pickle.dumps(error))
-    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
-    for name in ("filename", "strerror"):
-        assert getattr(again, name, None) == getattr(error, name, None)

@@ -86,47 +86,6 @@ def test_the_fine_descent_begins_an_increment_above_where_nothing_shows_any_more
     assert bench.readings("touch")[0][0] == pytest.approx(heights_mm[-1] + 0.05 - 0.01)
 
 
-def test_a_force_that_never_goes_is_backed_off_from_to_clearance() -> None:
-    bench = _bench(lambda bench: 0.5 if bench.height_mm < 0.005 else 0.03)
-    Approach(bench.ready(), PressId(0), -0.5, 0.5).touch_off()
-    assert bench.readings("back off")[-1][0] == pytest.approx(2.0)
-    assert bench.readings("touch")[0][0] == pytest.approx(2.04)
-
-
-def test_the_skin_is_approached_at_the_approach_speed() -> None:
-    """Coarse and fine descent and the way between them: 0.05 mm at 0.5 mm/s and a reading, 0.05 s; 0.01 mm less."""
-    bench = _bench()
-    engine = bench.ready()
-    start_s = bench.clock.monotonic_s()
-    Approach(engine, PressId(0), -0.8, 0.2).touch_off()
-    counts = {phase: len(bench.readings(phase)) for phase in ("approach", "back off", "touch")}
-    increments = counts["approach"] + counts["back off"] + 1
-    took_s = 0.1 * increments + 0.02 * counts["touch"] + 0.05 * (increments - 1 + counts["touch"])
-    assert bench.clock.monotonic_s() - start_s == pytest.approx(took_s, abs=1e-6)
-
-
-def test_a_touch_is_journalled_as_it_was_fitted_to_a_millionth() -> None:
-    """By increments of 1/299 mm, on a rig that gives 0.3 mm/N."""
-    gives = {"value": 0.3, "sd": 0.01, "date": "2026-01-01", "expires": "2027-01-01"}
-    habits = {"touch_increment_mm": 1 / 299, "increment_mm": 1 / 30}
-    bench = _bench(
-        lambda bench: round(bench.hertz(6.0, 0.1), 2),
-        {"habits": habits, "calibration": {"compliance_mm_per_n": gives}},
-    )
-    touch = Approach(bench.ready(), PressId(3), -0.5, 0.5).touch_off()
-    (told,) = bench.of("touch")
-    assert touch.contact_height_mm == pytest.approx(0.1, abs=0.01)
-    assert told == {
-        "index": 3,
-        "threshold_gwt": 0.05,
-        "height_at_threshold_mm": round(bench.height_mm, 6),
-        "contact_height_mm": round(touch.contact_height_mm, 6),
-        "fit_points": touch.fit_points,
-        "doi_bias_mm": round(touch.contact_height_mm - bench.height_mm, 6),
-        "doi_mm": round(touch.contact_height_mm - bench.height_mm - 0.3 * touch.force_gwt * 9.80665e-3, 6),
-    }
-
-
 def _dies(bench: PlainBench) -> float:
     """A finger that is felt once, by a sensor that shows nothing from then on."""
     return 0.0 if any(gwt >= 0.05 for _, gwt in bench.readings("approach")) else _finger(bench)

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from rig.cli import main
-from rig.cli.installation import _ABOUT
-from sim.models.cache import KINDS, CacheError, entries, most_bytes
+from sim.models.cache import CacheError, entries, most_bytes
 
 Said = Callable[..., tuple[int, str, str]]
 
@@ -50,18 +49,6 @@ def as_json(said: tuple[int, str, str]) -> dict[str, Any]:
     return dict(json.loads(said[1]))
 
 
-def test_what_is_kept_is_said_kind_by_kind(rig: Said, folder: Path) -> None:
-    code, told, err = rig()
-    assert (code, err) == (0, "")
-    where, model, answers, together = told.splitlines()
-    assert where == f"folder      {folder} (RIG_CACHE_DIR)"
-    assert model.startswith("model       2 files, 2.5 MB: ")
-    assert answers.startswith("answers     1 file, 1.0 MB: ")
-    assert [line.count("1970-01-01") for line in (model, answers)] == [2, 2]
-    assert together.startswith("total       3.5 MB; above 5 GB (RIG_CACHE_GB) ")
-    assert len(list(folder.iterdir())) == 7
-
-
 def test_as_json_every_file_is_there_what_was_read_last_first(rig: Said, folder: Path) -> None:
     said = as_json(rig("--json"))
     assert said.pop("entries") == [
@@ -90,15 +77,6 @@ def test_pruning_leaves_what_was_read_last(rig: Said, folder: Path, words: tuple
     assert {path.name for path in folder.iterdir()} == left | locks | {"mine.txt"}
 
 
-def test_what_was_removed_is_said(rig: Said, folder: Path) -> None:
-    assert rig("--prune")[1].endswith("removed     3 files, 3.5 MB\n")
-
-
-def test_a_folder_that_is_not_there_holds_nothing(rig: Said, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("RIG_CACHE_DIR", str(folder / "none"))
-    assert as_json(rig("--prune", "--json"))["entries"] == []
-
-
 @pytest.mark.parametrize("given", ["much", "-1", "nan", "inf", ""])
 def test_a_limit_that_is_none_is_refused(rig: Said, monkeypatch: pytest.MonkeyPatch, given: str) -> None:
     monkeypatch.setenv("RIG_CACHE_GB", given)
@@ -107,17 +85,7 @@ def test_a_limit_that_is_none_is_refused(rig: Said, monkeypatch: pytest.MonkeyPa
     assert rig()[0] == 2
 
 
-@pytest.mark.parametrize(("given", "expected"), [("0", 0.0), ("0.5", 5e8), ("20", 2e10)])
-def test_the_limit_is_in_gigabytes(monkeypatch: pytest.MonkeyPatch, given: str, expected: float) -> None:
-    monkeypatch.setenv("RIG_CACHE_GB", given)
-    assert most_bytes() == expected
-
-
 def test_what_is_kept_goes_with_pruning_only(rig: Said, folder: Path) -> None:
     code, told, _ = rig("--keep-gb", "1", "--json")
     assert (code, json.loads(told)["code"]) == (2, "needs_option")
     assert len(entries()) == 3
-
-
-def test_every_kind_is_explained() -> None:
-    assert set(_ABOUT) == set(KINDS)

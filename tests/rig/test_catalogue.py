@@ -2,17 +2,14 @@
 
 import io
 import json
-import os
 import re
-import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import pytest
 import tomlkit
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from rig.bench.served import ServedBench
 from rig.bench.virtual import (
@@ -24,19 +21,15 @@ from rig.bench.virtual import (
     with_kinds,
     with_stand_ins,
 )
-from rig.cli import main
-from rig.cli.device_catalogue import NOT_MEASURED, as_json, as_markdown, as_text
 from rig.control.stop import NoStageError, stage_alone
 from rig.data import RunFolder
 from rig.devices import registry
 from rig.devices.make_drivers import force_driver, stage_driver
-from rig.devices.measured import COLUMNS, measured
 from rig.devices.registry import (
     DeviceKind,
     ForceKind,
     KindError,
     KnownBench,
-    Room,
     StageKind,
     as_kind,
     checked,
@@ -49,17 +42,15 @@ from rig.devices.registry import (
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config
 from rig.session.rehearse import SpringPlant
-from rig.settings import BenchSettings, DrivesSettings, ForceSettings, Settings, StageSettings
+from rig.settings import BenchSettings, DrivesSettings, ForceSettings, StageSettings
 from rig.transport import LoopbackTransport
 from sim.devices.clock import VirtualClock
-from sim.devices.line import Load, SerialLine, VirtualForceSpec, VirtualStageSpec
-from studies.registry import read_table
+from sim.devices.line import Load, SerialLine
 from tests.device_packages import EXAMPLE, forget, offer
 from tests.error_codes import has_code, raises
 
 ROOT = Path(__file__).parents[2]
 WORDS = {"register_address": 0x157, "on_word": 0x80, "off_word": 0}
-ONE_LINE_FOR_ALL = {"bits"}  # tables whose keys the page does not list one by one
 BUILT_IN: list[tuple[type[DeviceKind], str]] = [
     (of, name) for of in registry.KINDS for name in registry.BUILT_IN[of.room]
 ]
@@ -108,13 +99,6 @@ def _project(name: str) -> tuple[Path, Path]:
 # --- every entry ---
 
 
-def test_the_names_that_there_are() -> None:
-    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
-    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft"]
-    assert StageSettings().kind == names("stage")[0]
-    assert ForceSettings().kind == names("force")[0]
-
-
 @every_kind
 def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> None:
     entry = find(of, name)
@@ -128,110 +112,6 @@ def test_an_entry_is_whole(of: type[DeviceKind], name: str, example: None) -> No
     assert f"`{name}`" in page.read_text(encoding="utf-8") or f'"{name}"' in page.read_text(encoding="utf-8")
     assert not [twin for twin in [entry.twin] if twin.startswith("rig.")]
     assert not entry.table or entry.settings
-
-
-def test_the_page_tells_of_each_kind_what_its_entry_says() -> None:
-    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-    for of, name in BUILT_IN:
-        entry = find(of, name)
-        table = f"`[{of.room}.{entry.place}]`" if entry.settings else "–"
-        row = [entry.device, table]
-        if isinstance(entry, StageKind):
-            row += [", ".join(entry.axes), ", ".join(f"`{one}`" for one in entry.outputs)]
-        row += [f"`{entry.twin}`", ", ".join(f"`{path}`" for path in entry.tests)]
-        assert f"| `{name}` | {' | '.join(row)} |\n" in page, name
-
-
-def test_the_page_has_the_catalogue_that_the_command_prints() -> None:
-    """`rig config --devices --markdown`, without other packages."""
-    page = (ROOT / "docs" / "devices.md").read_text(encoding="utf-8")
-    found = as_markdown()
-    marked = f"<!-- rig config --devices --markdown -->\n{found}\n"
-    if os.environ.get("GOLDEN") == "write":
-        page = re.sub(r"<!-- rig config --devices --markdown -->\n(\|.*\n)*\n", lambda _: marked, page)
-        (ROOT / "docs" / "devices.md").write_text(page, encoding="utf-8")
-    assert marked in page
-
-
-@every_kind
-def test_the_command_tells_what_an_entry_says_and_claims_no_more(
-    of: type[DeviceKind], name: str, example: None
-) -> None:
-    (told,) = (one for one in as_json() if (one["role"], one["kind"]) == (of.room, name))
-    entry = find(of, name)
-    assert told["device_text"] == entry.device
-    assert told["measured"] == [asdict(one) for one in measured(of.room, name)]
-    for what, text in asdict(entry.evidence).items():
-        assert told[f"{what}_text"] == (text or None)
-        if (of, name) in BUILT_IN and what == "hardware":
-            assert not text, "no real device was tried"
-    (row,) = (line for line in as_text().splitlines() if line.startswith(f"{of.room}.{name} "))
-    assert row.count("yes") == sum(map(bool, asdict(entry.evidence).values()))
-    assert (NOT_MEASURED in row) == (not told["measured"])
-    assert max(map(len, as_text().splitlines())) <= 100
-
-
-STAGES_CAN = {
-    "grbl": ("xyz", ["ramps"], ["manual", "firmware"]),
-    "leadshine": ("xz", ["ramps"], ["manual", "client"]),
-    "zaber": ("xz", ["ramps"], ["manual", "client"]),
-    "standa": ("xz", ["ramps"], ["manual", "client"]),
-    "tmcl": ("xz", ["ramps"], ["manual", "client"]),
-}
-"""Driven axes, motions, and what the tests of the driver compare with."""
-
-
-def test_what_each_stage_can_and_what_it_was_tried_with() -> None:
-    found = {name: find(StageKind, name) for name in registry.BUILT_IN["stage"]}
-    assert {
-        name: (
-            one.axes,
-            [can for can in ("ramps",) if getattr(one, can)],
-            [what for what, text in asdict(one.evidence).items() if text],
-        )
-        for name, one in found.items()
-    } == STAGES_CAN
-
-
-def test_every_measured_kind_is_one_of_ours_and_has_both_wires_in_ms() -> None:
-    head, *rows = read_table("devices/measured")
-    assert tuple(head) == COLUMNS
-    assert {row[0] for row in rows} <= {f"{of.room}.{name}" for of, name in BUILT_IN}
-    for row in rows:
-        room, _, name = row[0].partition(".")
-        (found,) = (one for one in measured(room, name) if one.wire == row[1])
-        assert 1e3 * found.age.worst_s == pytest.approx(float(row[6]))
-        assert found.age.median_s <= found.age.p99_s <= found.age.worst_s
-        assert (found.to_rest is None) == (room == "force") == (found.stops == 0)
-
-
-def test_a_package_that_cannot_be_used_is_in_the_catalogue(offered: Offer) -> None:
-    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there="1 / 0")
-    told = as_json()[-1]
-    assert (told["kind"], told["package"], told["manual_text"], told["measured"]) == ("odd", "odd 1.0", None, [])
-    assert "ZeroDivisionError" in told["device_text"]
-
-
-def _keys(table: type[BaseModel]) -> Iterator[str]:
-    for name, field in table.model_fields.items():
-        yield name
-        inner = field.annotation
-        if isinstance(inner, type) and issubclass(inner, Settings) and name not in ONE_LINE_FOR_ALL:
-            yield from _keys(inner)
-
-
-@every_kind
-def test_its_own_table_is_checked_and_told_of(of: type[DeviceKind], name: str, example: None) -> None:
-    entry = find(of, name)
-    if entry.settings is None:
-        return
-    device = getattr(_config(of, name), of.room)
-    assert device.own(entry.settings) == entry.settings()
-    page = _project(name)[1].read_text(encoding="utf-8")
-    for key in _keys(entry.settings):
-        assert re.search(rf"[`.]{key}[\]`]|^{key} = ", page, re.MULTILINE), key
-    with pytest.raises(ValueError, match=f"{of.room}.{entry.place}.no_such_key\n"):
-        Config.model_validate({of.room: {"kind": name, entry.place: {"no_such_key": 1}}})
 
 
 @every_kind
@@ -267,19 +147,6 @@ def test_a_stage_has_the_ports_axes_and_outputs_that_it_says(name: str) -> None:
 # --- a package's own kind ---
 
 
-def test_a_list_of_names_imports_nothing(offered: Offer) -> None:
-    offered("odd", {"force.odd": "odd_there:DEVICE", "stage.odd": "odd_elsewhere:DEVICE"}, odd_there="1 / 0")
-    assert names("force") == ["mtsics", "laumas", "text_cell", "net_ft", "odd"]
-    assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl", "odd"]
-    assert not [name for name in sys.modules if name.startswith("odd_")]
-
-
-def test_packages_are_looked_for_only_where_this_program_has_no_such_kind(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(registry, "_offered", lambda: pytest.fail("looked"))
-    for of, name in BUILT_IN:
-        assert kind_of(getattr(_config(of, name), of.room)).name == name
-
-
 def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path) -> None:
     toml = tmp_path / "rig.toml"
     toml.write_text('[force]\nkind = "line_scale"\nbaud = 4800\n[force.line_scale]\naddress = 7\n', encoding="utf-8")
@@ -293,56 +160,6 @@ def test_its_table_is_a_part_of_the_configuration(example: None, tmp_path: Path)
     assert as_kind(ForceSettings, other, "line_scale").model_dump()["line_scale"] == {"address": 1}
     with pytest.raises(TypeError, match="line_scale has no BenchSettings"):
         config.force.own(BenchSettings)  # type: ignore[type-var]
-
-
-@pytest.mark.parametrize(
-    ("text", "complaint"),
-    [
-        (
-            'kind = "line_scal"\n',
-            "force.kind = 'line_scal': must be 'mtsics', 'laumas', 'text_cell', 'net_ft' or 'line_scale'",
-        ),
-        (
-            'kind = "line_scale"\nline_scale.adress = 7\n',
-            "force.line_scale.adress: there is no such key, did you mean",
-        ),
-        (
-            'kind = "line_scale"\nline_scal.address = 7\n',
-            "force.line_scal: there is no such key, did you mean",
-        ),
-        (
-            'kind = "line_scale"\nline_scale.address = 100\n',
-            "force.line_scale.address = 100: must be",
-        ),
-        ('kind = "line_scale"\nlaumas.count_g = 0\n', "force.laumas.count_g = 0: must be greater than 0"),
-        ("line_scale.address = 7\n", "force: line_scale: allowed only with kind = 'line_scale'"),
-    ],
-)
-def test_a_mistake_in_it_is_told_like_any_other(text: str, complaint: str, example: None, tmp_path: Path) -> None:
-    toml = tmp_path / "rig.toml"
-    toml.write_text(f"[force]\n{text}", encoding="utf-8")
-    with pytest.raises(BadInputError) as caught:
-        load_config(toml)
-    assert complaint in str(caught.value)
-    for typed, meant in {"adress": "address", "line_scal.address": "line_scale"}.items():
-        assert (typed in text) == str(caught.value).endswith(f", did you mean {meant}?")
-
-
-@pytest.mark.parametrize("room", ["stage", "force"])
-def test_a_number_where_a_device_belongs(room: Room, tmp_path: Path) -> None:
-    (tmp_path / "rig.toml").write_text(f"{room} = 3\n", encoding="utf-8")
-    with pytest.raises(BadInputError, match=f"{room} = 3: must be"):
-        load_config(tmp_path / "rig.toml")
-
-
-def test_a_table_that_must_be_given_is_asked_for(offered: Offer) -> None:
-    text = ENTRY.replace("class Table(Settings):\n    ", "class Table(Settings):\n    must: int\n    ")
-    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=text)
-    with pytest.raises(ValueError, match=r"force\.odd\n +Field required"):
-        _config(ForceKind, "odd")
-    assert Config.model_validate({"force": {"kind": "odd", "odd": {"must": 3}}}).model_dump()["force"]["odd"] == {
-        "must": 3, "may": 1,
-    }  # fmt: skip
 
 
 # --- every way to a configuration ---
@@ -421,14 +238,6 @@ def test_a_device_named_on_the_command_line_and_the_stage_of_a_stop_are_checked_
         stage_alone(_filed({"stage": {"kind": "odd"}}, tmp_path / "rig.toml"))
 
 
-def test_no_table_is_made_of_what_somebody_wrote_but_by_these() -> None:
-    """The tables alone know no kinds: `checked`, `KnownBench` and `Config` do."""
-    alone = re.compile(r"(?<!class )\b(Stage|Force|Bench|Rig)Settings(\.model_validate\w*)?\((?!\))")
-    for place in ("rig", "sim", "studies", "examples"):
-        for path in (ROOT / place).rglob("*.py"):
-            assert not alone.search(path.read_text(encoding="utf-8")), path
-
-
 # --- what cannot be used ---
 
 ENTRY = """
@@ -469,14 +278,6 @@ def test_a_broken_package_is_named_and_harms_nobody_else(
         assert getattr(_config(of, name), of.room).kind == name
 
 
-def test_a_sensor_is_no_stage(offered: Offer) -> None:
-    offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
-    with raises(KindError, "wrong_type", package="odd 1.0", entry="odd_there:DEVICE", expected="StageKind"):
-        find(StageKind, "odd")
-    with raises(KindError, "unknown_kind", kind="odd", kinds=["mtsics", "laumas", "text_cell", "net_ft"]):
-        find(ForceKind, "odd")
-
-
 def test_a_name_that_is_taken(offered: Offer) -> None:
     """This program's own kind is used; of two packages none is."""
     offered("odd-one", {"stage.grbl": "odd_there:DEVICE", "force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
@@ -491,26 +292,6 @@ def test_a_name_that_is_taken(offered: Offer) -> None:
     has_code(twice, "offered_twice", room="force", kind="odd", packages="odd-one 1.0 and odd-two 1.0")
     has_code(taken, "name_taken", package="odd-one 1.0", room="stage", kind="grbl")
     assert names("stage") == ["grbl", "leadshine", "zaber", "standa", "tmcl"]
-
-
-def test_doctor_tells_of_packages(
-    offered: Offer, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there="1 / 0")
-    monkeypatch.setattr(sys, "argv", ["rig", "doctor", "--json"])
-    with pytest.raises(SystemExit):
-        main()
-    told = json.loads(capsys.readouterr().out)
-    assert [(one["role"], one["kind"], one["package"]) for one in told["devices"]] == [
-        ("stage", "grbl", None), ("stage", "leadshine", None), ("stage", "zaber", None),
-        ("stage", "standa", None), ("stage", "tmcl", None),
-        ("force", "mtsics", None), ("force", "laumas", None), ("force", "text_cell", None),
-        ("force", "net_ft", None),
-        ("force", "odd", "odd 1.0"),
-    ]  # fmt: skip
-    assert told["problems_text"] == [
-        "force.kind = 'odd': odd 1.0 cannot be used: ZeroDivisionError: division by zero"
-    ]
 
 
 # --- twins ---
@@ -547,47 +328,6 @@ def test_a_device_that_is_not_served_needs_no_twin(offered: Offer) -> None:
         ServedBench(Config(), stage=None, force="even")
 
 
-ECHO = """
-from rig.devices.registry import ForceKind, StageKind
-from sim.devices.line import TwinError
-
-def make(*told):
-    return told
-
-def refuse(*told):
-    raise TwinError("port: too far")
-
-STAGE = StageKind(name="odd", device="odd", driver=None, tests=(), twin="odd_there:make")
-FORCE = ForceKind(name="odd", device="odd", driver=None, tests=(), twin="odd_there:make")
-BAD = StageKind(name="bad", device="bad", driver=None, tests=(), twin="odd_there:refuse")
-"""
-
-
-def test_a_twin_is_told_what_the_configuration_says(offered: Offer) -> None:
-    """True screws lose motion in x and z; y is set by hand or believed."""
-    offered("odd", {"stage.odd": "odd_there:STAGE", "force.odd": "odd_there:FORCE"}, odd_there=ECHO)
-    day = {"date": "2026-01-01", "expires": "2027-01-01"}
-    config = Config.model_validate({
-        "stage": {"kind": "odd", "travel_mm": [1, 2, 3], "framing": "tcp"},
-        "force": {"kind": "odd", "sample_period_s": 0.1, "framing": "tcp"},
-        "calibration": {"y_steps_per_mm": {"value": -80, **day}},
-        "virtual": {"z_screw_steps_per_mm": 200, "x_screw_backlash_mm": 0.5, "z_screw_backlash_mm": 0.1,
-                    "cell_resolution_gwt": 0.02},
-    })  # fmt: skip
-    told: Any = virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), config)
-    sync = config.sync.model_dump()
-    assert told[2] == VirtualStageSpec((1, 2, 3), (400, -80, 400), (200, 0, 20), "tcp", {}, sync)
-    load = Load(lambda t_s: 0.0)
-    felt: Any = virtual_force(VirtualClock(), SerialLine(VirtualClock(), 9600), config, load)
-    assert felt[2:] == (VirtualForceSpec(0.1, 0.02, "tcp", {}), load)
-
-
-def test_a_twin_that_cannot_be_so_says_which_key(offered: Offer) -> None:
-    offered("odd", {"stage.bad": "odd_there:BAD"}, odd_there=ECHO)
-    with pytest.raises(BadInputError, match=r"^stage\.port: too far$"):
-        virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), _config(StageKind, "bad"))
-
-
 def test_a_rehearsal_has_the_usual_device_in_its_place(offered: Offer) -> None:
     offered("odd", {"force.odd": "odd_there:DEVICE"}, odd_there=ENTRY)
     config = Config.model_validate({
@@ -597,34 +337,3 @@ def test_a_rehearsal_has_the_usual_device_in_its_place(offered: Offer) -> None:
     assert (stood_in.stage, stood_in.sync) == (config.stage, config.sync)
     assert (stood_in.force.kind, stood_in.force.baud) == ("mtsics", 4800)
     assert with_stand_ins(Config()) == Config()
-
-
-def test_a_stage_without_a_twin_switches_no_output_in_a_rehearsal(offered: Offer) -> None:
-    text = ENTRY.replace("ForceKind", "StageKind").replace('twin=""', 'twin="", outputs=("off", "drive")')
-    offered("odd", {"stage.odd": "odd_there:DEVICE"}, odd_there=text)
-    config = _config(StageKind, "odd", sync={"output": "drive", **WORDS})
-    assert with_stand_ins(config).stage.kind == "grbl"
-    assert with_stand_ins(config).sync.output == "off"
-
-
-@pytest.mark.parametrize("room", ["stage", "force"])
-def test_no_other_module_asks_for_a_kind_by_its_name(room: Room) -> None:
-    """A branch on the kind of a device belongs into its entry."""
-    kinds = {f"{name}.py" for name in registry.BUILT_IN[room]}
-    for path in (ROOT / "rig").rglob("*.py"):
-        if path.parent.name == "devices" and path.name in {*kinds, "registry.py"}:
-            continue
-        text = path.read_text(encoding="utf-8")
-        if path.name == "settings.py":
-            text = text.replace(f'kind: str = Field("{registry.DEFAULTS[room]}"', "", 1)
-        assert not re.search(rf"{room}\.kind (==|!=|in|not in) |\[[\w.]*{room}\.kind\]", text), path
-        for name in registry.BUILT_IN[room]:
-            assert f'"{name}"' not in text, path
-
-
-def test_virtual_drives_share_one_port_whatever_the_real_ones_have() -> None:
-    drives = {"x": {"device_id": 3}, "z": {"device_id": 3, "port": "/dev/other"}}
-    config = Config.model_validate({"stage": {"kind": "leadshine", "drives": drives}})
-    with raises(BadInputError, "same_device_id", device_id=3) as caught:
-        virtual_stage(VirtualClock(), SerialLine(VirtualClock(), 9600), config)
-    assert str(caught.value).startswith("stage.drives: ")

@@ -2,7 +2,6 @@
 
 import json
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -21,13 +20,6 @@ from tests.waiting import DEADLINE_S, journal_says, until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
-INDENT_KEYS = {
-    "force_n", "force_gwt", "doi_mm", "peak_pressure_kpa", "contact_regions_mm", "pressure", "receptors", "solver",
-}  # fmt: skip
-MEASURES = {
-    "e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3",
-    "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third",
-}  # fmt: skip
 DRY_RUN_KEYS = {"run", "complete", "indentations", "duration_s", "wall_s", "report"}
 
 SCRIPT = """\
@@ -73,23 +65,13 @@ def test_indent_json(rig: Rig, finger: Fingertip) -> None:
     ended = rig("indent", "--shape", "step:1", "--x-mm", "-0.5", "--force-gwt", "2.33", "--json")
     assert (ended.code, ended.err) == (0, "")
     answer = ended.json
-    assert set(answer) >= INDENT_KEYS
     assert answer["force_gwt"] == pytest.approx(2.33, rel=1e-3)
     assert answer["force_n"] == pytest.approx(answer["force_gwt"] * 9.80665e-3, rel=1e-9)
     expected = finger.indent("step:1", -0.5, force_gwt=2.33)
     assert answer["doi_mm"] == pytest.approx(expected.doi_mm, rel=1e-9)
-    n = len(answer["receptors"]["x_mm"])
-    assert set(answer["receptors"]) >= {"x_mm", *MEASURES}
-    assert {len(values) for name, values in answer["receptors"].items() if name != "unit"} == {n}
     assert answer["receptors"]["ep3"] == pytest.approx(expected.receptor_measures["ep3"].tolist())
     x = answer["pressure"]["x_mm"]
     assert x == sorted(x)
-    assert len(x) == len(answer["pressure"]["kpa"])
-    assert max(answer["pressure"]["kpa"]) <= answer["peak_pressure_kpa"]
-    assert all(a < b for a, b in answer["contact_regions_mm"])
-    assert set(answer["solver"]) >= {
-        "model", "nodes", "iterations", "kkt_residual", "converged", "build_s", "contact_s",
-    }  # fmt: skip
     assert (answer["solver"]["model"], answer["solver"]["converged"]) == ("finger", True)
 
 
@@ -112,36 +94,8 @@ def test_auto_says_what_it_chose_and_why(rig: Rig, tolerance: str, model: str) -
     answer = json.loads(ended.out)
     assert answer["solver"]["model"] == model
     assert 0 < answer["choice"]["promised_error"] <= (0.6 if model == "halfspace" else 0.05)
-    level = answer["choice"]["level"]
-    assert answer["choice"]["why_text"].startswith(
-        f"{model}, level {level}: the largest measured error of force under sharp"
-    )
-    assert answer["choice"]["outputs"] == ["force", "contact"]
     assert answer["receptors"]["sed"] == []
     assert 0 < answer["choice"]["expected_cost"]["press_s"] < answer["choice"]["expected_cost"]["from_nothing_s"]
-
-
-def test_auto_says_what_it_will_do_before_it_does_it(rig: Rig) -> None:
-    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%",
-                "--quantity", "force,sed", "--receptor-x-mm", "0,0.5")  # fmt: skip
-    first, *rest = ended.out.splitlines()
-    assert re.fullmatch(
-        r"auto chose halfspace, level default: .*\breceptors\b.* ± \d\.\d\d × ± \d\.\d\d mm\b"
-        r".* [\d.]+ s\b.* 0\.\d+ GB\b.* [\d.e+]+ ms\b.*", first,
-    )  # fmt: skip
-    assert rest[0] == "bar:3 (3 mm wide) at x = 0 mm"
-    assert rest[1].startswith("  model          halfspace, level default: the largest measured error of force, sed")
-    assert "SED (pseudo)" in ended.out
-    alone = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.3", "--model", "auto", "--tol", "90%")
-    assert "no receptors" in alone.out.splitlines()[0]
-    assert "SED" not in alone.out
-
-
-def test_indent_to_a_depth_for_people(rig: Rig) -> None:
-    ended = rig("indent", "--shape", "bar:3.0", "--x-mm", "0", "--doi-mm", "0.5")
-    assert ended.code == 0
-    assert "DOI            0.5000 mm" in ended.out
-    assert re.search(r"force +0\.\d{5} N = \d+\.\d{4} gwt", ended.out)
 
 
 def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
@@ -154,16 +108,6 @@ def test_a_refusal_is_json_too_where_json_was_asked_for(rig: Rig) -> None:
         assert ended.code == 2
         assert ended.json == {"error_text": ended.complaint, "code": code, "exit_code": 2}
         assert rig(*arguments) == Ended(2, "", ended.err)
-
-
-# --- help ---
-
-
-def test_help_is_help(rig: Rig) -> None:
-    ended = rig("--help")
-    assert ended.code == 0
-    assert "dry-run" in ended.out
-    assert rig("dry-run", "--help").code == 0
 
 
 # --- dry-run ---
@@ -183,13 +127,6 @@ def test_dry_run_json(rig: Rig, script: Path) -> None:
     assert answer["wall_s"] > 0
     sums = (run / "SHA256SUMS").read_text(encoding="utf-8")
     assert "  report.html\n" in sums
-
-
-def test_dry_run_for_people_and_the_default_folder(rig: Rig, script: Path) -> None:
-    ended = rig("dry-run", script)
-    assert ended.code == 0
-    assert "1 indentation, " in ended.out
-    assert len(list(Path("runs").iterdir())) == 1
 
 
 def test_settings_in_either_form(rig: Rig, script: Path) -> None:

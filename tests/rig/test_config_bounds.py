@@ -127,7 +127,7 @@ def test_a_calibration_is_told_whole(name: str) -> None:
 
 def test_the_limits_in_the_docs_are_those_of_the_table() -> None:
     """docs/safety_promises.md: | `key`, `key` | default, default | what it does |"""
-    rows = re.search(r"keys of `\[limits\]`:\n\n.*\n.*\n((\|.*\n)+)", SAFETY.read_text(encoding="utf-8"))
+    rows = re.search(r"keys\s+of\s+`\[limits\]`:\n\n.*\n.*\n((\|.*\n)+)", SAFETY.read_text(encoding="utf-8"))
     assert rows
     told: dict[str, Any] = {}
     for row in rows[1].splitlines():

@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 
 from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
-from rig.devices.base import StageError
-from rig.engine import Engine, RecordError, RunAborted, TripError, indent, verbs
+from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, KnownContact, judged
 from rig.engine.dead_man import Direction
@@ -24,30 +23,17 @@ from rig.manual.status import ManualStatus
 from rig.plan.config import Config
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.resume import careful_of, left_on_record
-from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench
 from tests.error_codes import raises
 from tests.rig.test_last_ending import run
 
-TOUCH_GWT = 0.05
 FORCES: dict[ContactKind, float | None] = {
     "lifted": 0.02, "raised": None, "disagreement": 3.6, "touching": 5.0, "unknown": 0.01
 }  # fmt: skip
 
 
 # --- the predicates ---
-
-
-@pytest.mark.parametrize(("clear", "force_gwt", "kind"), [
-    (True, 0.0, "lifted"), (True, 0.0499, "lifted"), (True, -0.0499, "lifted"),
-    (True, None, "raised"),
-    (True, 0.05, "disagreement"), (True, -0.05, "disagreement"), (True, 3.6, "disagreement"),
-    (False, 0.05, "touching"), (False, 3.6, "touching"), (False, -3.6, "touching"),
-    (False, 0.0, "unknown"), (False, None, "unknown"),
-])  # fmt: skip
-def test_what_position_and_force_say_together(clear: bool, force_gwt: float | None, kind: str) -> None:
-    assert judged(clear=clear, force_gwt=force_gwt, touch_gwt=TOUCH_GWT) == kind
 
 
 @given(st.booleans(), st.none() | st.floats(-500, 500), st.floats(0.01, 1.0))
@@ -166,20 +152,6 @@ def test_every_place_says_what_is_known_and_no_more(
         assert "unknown since because a finger moves" in said
 
 
-def test_before_a_resumed_run_its_ending_and_the_record_are_told(settings: Config) -> None:
-    """The record alone where no run ended early; nothing where it says that the finger is clear."""
-    at = FinalPosition.of(_engine_that(_known("touching")))
-    ending = Ending.of(RunAborted("the cable was cut"), at, Path("runs") / "7")
-    _on_record(settings, _known("disagreement"))
-    known = BenchMemory(settings).read().aged_contact(None)
-    assert known is not None
-    both = str(careful_of(ending, settings))
-    assert all(words in both for words in (ending.reason, ending.at.words, ending.next, known.words))
-    assert careful_of(None, settings) == f"{known.words}; {known.to_do}"
-    _on_record(settings, _known("lifted"))
-    assert careful_of(ending, settings) is None
-
-
 # --- the record ---
 
 
@@ -229,14 +201,6 @@ def bench(tmp_path: Path, settings: Config) -> FaultyBench:
     verbs.zero(found.engine)
     verbs.move_to(found.engine, 0.0)
     return found
-
-
-def test_a_press_writes_twice_before_it_goes_down_and_when_it_is_lifted(bench: FaultyBench) -> None:
-    kept: list[tuple[str, float]] = []
-    bench.engine.keep_contact = lambda known: kept.append((known.kind, round(bench.height_mm, 2)))
-    indent(bench.engine, TARGET, hold_s=0.5, expected_contact_mm=PREDICTED.contact_mm)
-    assert kept == [("unknown", 2.0), ("lifted", 2.0)]
-    bench.journal.close()
 
 
 def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that_is_confirmed(
@@ -309,34 +273,6 @@ def test_a_jog_down_is_on_record_before_it_moves_and_one_up_that_is_confirmed_cl
 # --- what the engine does of it ---
 
 
-def test_a_late_cell_and_a_slow_one_are_waited_for(bench: FaultyBench) -> None:
-    bench.felt_n = lambda t_s: bench.true_n(max(t_s - 0.5, 0.0))
-    bench.engine._below_clearance()
-    z_mm = bench.config.frame.apex_z_mm - 0.8
-    bench.stage.move_to(z_mm=z_mm, speed_mm_s=1.0)
-    bench.engine.motion.set_position(bench.stage.status())
-    bench.engine.sensing.moved = True
-    bench.clock.wait_s(1.0)
-    verbs.retract(bench.engine)
-    assert bench.engine.known_contact.kind == "lifted"
-    bench.journal.close()
-
-
-@pytest.mark.parametrize("drift_gwt", [0.04, 0.06, -0.06])
-def test_a_zero_that_drifted_is_reported_as_what_it_is(bench: FaultyBench, drift_gwt: float) -> None:
-    """Below the touch threshold it is lifted; above it position and force disagree, and both are told."""
-    bench.engine._below_clearance()
-    bench.extra_n = lambda t_s: drift_gwt * GWT_N
-    if abs(drift_gwt) < TOUCH_GWT:
-        verbs.retract(bench.engine)
-    else:
-        known = {"contact": "disagreement", "force_gwt": pytest.approx(drift_gwt, abs=0.005)}
-        with raises(TripError, "not_lifted", **known):
-            verbs.retract(bench.engine)
-    assert bench.engine.known_contact.kind == ("lifted" if drift_gwt == 0.04 else "disagreement")
-    bench.journal.close()
-
-
 def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """From homing on; at each place; at most DOI and an increment below what was touched. Only when it changes."""
     told, at_rest = list[float](), list[bool]()
@@ -358,17 +294,4 @@ def test_the_stage_is_told_how_deep_it_may_go(bench: FaultyBench, monkeypatch: p
     for touched_mm in (told[2], told[4]):
         assert touched_mm == pytest.approx(PREDICTED.contact_mm - limits.max_doi_mm - 0.05, abs=0.02)
     assert (len(told), all(at_rest)) == (5, True)
-    bench.journal.close()
-
-
-def test_a_limit_that_the_stage_does_not_confirm_stops_like_any_failure(
-    bench: FaultyBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fails(lowest_z_mm: float) -> None:
-        raise StageError("not confirmed", code="not_confirmed")
-
-    monkeypatch.setattr(bench.stage, "limit_depth", fails)
-    with raises(StageError, "not_confirmed"):
-        indent(bench.engine, TARGET, hold_s=0.2, expected_contact_mm=PREDICTED.contact_mm)
-    assert bench.engine.state is verbs.State.UNHOMED
     bench.journal.close()

@@ -31,6 +31,14 @@ def run(rig):
         rig.indent(force_gwt=1.0, hold_s=0.1)
 """
 Lines = list[bytes]
+
+
+@pytest.fixture(autouse=True)
+def no_strain_figures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Strain under the deepest press takes longer than all else; damage is named before it."""
+    monkeypatch.setattr("rig.report.strain_figure.strain_figures", lambda *_: ())
+
+
 Spoil = Callable[[Lines, int], object]
 
 
@@ -85,8 +93,10 @@ PLACES = ("indentation_start", "sample", "touch", "hold_end", "indentation_end")
 """Events of the second press; its neighbors are sound."""
 
 
-@pytest.mark.parametrize("place", PLACES)
-@pytest.mark.parametrize("what", SPOILS)
+@pytest.mark.parametrize(
+    ("what", "place"),
+    [*((what, "touch") for what in SPOILS), *(("one digit changed", place) for place in PLACES if place != "touch")],
+)
 def test_a_damaged_press_is_left_out_and_the_others_stay(folder: Path, what: str, place: str) -> None:
     lines = _lines(folder)
     SPOILS[what](lines, n := _number(lines, place, 1))
@@ -188,7 +198,7 @@ def test_a_journal_goes_on_with_the_next_number(folder: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="has no /dev/zero")
-@pytest.mark.parametrize("command", [("resume",), ("show",), ("export", "--csv"), ("watch",)])
+@pytest.mark.parametrize("command", [("resume",), ("export", "--csv")])
 def test_a_journal_that_is_a_link_to_an_endless_device_is_refused(
     program: Program, folder: Path, command: tuple[str, ...]
 ) -> None:
@@ -200,11 +210,11 @@ def test_a_journal_that_is_a_link_to_an_endless_device_is_refused(
     assert "a device instead of a regular file" in ended.err
 
 
-KEYS = ("index", "stream", "t_s", "hold", "units", "data", "indentor", "x_mm", "force_gwt", "unix_s", "doc")
+KEYS = ("index", "t_s", "data", "indentor", "doc")
 
 
 @pytest.mark.parametrize("key", KEYS)
-@pytest.mark.parametrize("command", [("export", "--csv"), ("export", "--report"), ("show",), ("resume",)])
+@pytest.mark.parametrize("command", [("export", "--report"), ("resume",)])
 def test_one_changed_key_of_an_unchecked_journal_is_one_line(
     program: Program, folder: Path, key: str, command: tuple[str, ...]
 ) -> None:
@@ -245,8 +255,7 @@ AFTER_THE_LAST_MOTION = {
 
 
 @pytest.mark.parametrize("what", AFTER_THE_LAST_MOTION)
-@pytest.mark.parametrize("failure", [RuntimeError("no usable backend"), ValueError("usetex"), MemoryError()])
-@pytest.mark.parametrize("trips", [False, True])
+@pytest.mark.parametrize(("failure", "trips"), [(RuntimeError("no usable backend"), True), (MemoryError(), False)])
 def test_what_fails_after_the_last_motion_never_replaces_the_ending(
     program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str, failure: Exception, trips: bool
 ) -> None:

@@ -9,16 +9,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from rig.cli import decode
-from rig.cli.decode import axial_of
-from rig.errors import BadInputError
 from sim.coding.operators import centred
 from sim.coding.readings_file import read_readings
 from sim.coding.section import SkinLine
-from sim.coding.sheet import HALF_LENGTHS_MM, ROW_ERROR
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
 from sim.models.catalogue import load
-from tests.error_codes import raises
 from tests.program import Program, program_of
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
@@ -88,57 +84,6 @@ def test_a_row_is_decoded_under_the_shape_that_is_named_or_that_explains_it_best
     assert np.linalg.norm(alone["pressure_pseudo"] - pressure) > 0.1 * np.linalg.norm(pressure)
 
 
-def _with_z(text: str) -> str:
-    return "\n".join(line + (",z_mm" if not k else f",{6.9}") for k, line in enumerate(text.split("\n")[:-1]))
-
-
-def _short(text: str) -> str:
-    return "\n".join(text.split("\n")[:7])
-
-
-@pytest.mark.parametrize(
-    ("change", "options", "code"),
-    [
-        (str, ("--axial", "sphere"), "bad_value"),
-        (str, ("--axial", "ellipse:"), "bad_value"),
-        (str, ("--axial", "ellipse:0.2"), "bad_value"),
-        (str, ("--axial", "ellipse:nan"), "bad_value"),
-        (str, ("--axial", "ellipse:x"), "bad_value"),
-        (str, ("--axial", "ellipse", "--decoder", "table"), "not_this_decoder"),
-        (str, ("--axial", "ellipse", "--threshold", "1"), "receptor_mismatch"),
-        (_short, ("--axial", "ellipse"), "too_short"),
-    ],
-)
-def test_what_cannot_be_meant_is_one_line(
-    rig: Program, change: Callable[[str], str], options: tuple[str, ...], code: str
-) -> None:
-    FILE.write_text(change(FILE.read_text(encoding="utf-8")), encoding="utf-8")
-    ended = rig("decode", "--readings", "r.csv", "--config", "row.toml", *options, "--json")
-    assert (ended.code, ended.json["code"]) == (2, code)
-    assert len(ended.err.splitlines()) == 1
-
-
-def test_a_sheet_and_what_is_not_read_from_a_file_have_no_axial_shape(rig: Program) -> None:
-    text = FILE.read_text(encoding="utf-8").replace("place_mm", "x_mm")
-    FILE.write_text(_with_z(text), encoding="utf-8")
-    ended = rig("decode", "--readings", "r.csv", "--config", "row.toml", "--axial", "ellipse", "--json")
-    assert ended.json["code"] == "axial_of_sheet"
-    with raises(BadInputError, "needs_option", option="--axial", needs="--readings"):
-        axial_of("ellipse", "bayes", None)
-
-
-def test_names_of_axial_shapes() -> None:
-    assert axial_of(None, "table", FILE) == ()
-    assert axial_of("ellipse", "bayes", FILE) == HALF_LENGTHS_MM == (1.0, 1.2, 1.4, 1.6, 1.8, 2.0, 2.3)
-    assert axial_of("ellipse:1.4", "bayes", FILE) == (1.4,)
-    assert axial_of("ellipse:0.3", "bayes", FILE) == (0.3,)
-    assert axial_of("ellipse:10", "bayes", FILE) == (10.0,)
-
-
-def test_a_row_is_wrong_by_more_than_a_section() -> None:
-    assert (ROW_ERROR.share, ROW_ERROR.length_mm) == (0.06, 1.0)
-
-
 # --- a sheet ---
 
 
@@ -199,21 +144,13 @@ def test_a_sheet_gives_pressures_over_x_and_z_and_what_touches(rig: Program, sph
     assert ((low <= found["pressure_pseudo"]) & (high >= found["pressure_pseudo"])).all()
 
 
-def test_a_row_has_no_felt_solid(rig: Program) -> None:
-    assert rig("decode", "--pressure", "20,14", "--json").json["felt"] is None
-
-
 @pytest.mark.parametrize(
     ("change", "code"),
     [
         (lambda c: {"place_mm": c["x_mm"], **{k: v for k, v in c.items() if k != "x_mm"}}, "sheet_without_x"),
-        (lambda c: {k: v[:8] for k, v in c.items()}, "wrong_count"),
         (lambda c: c | {"z_mm": np.full(49, 40.0)}, "z_outside"),
-        (lambda c: c | {"x_mm": np.full(49, 9.0)}, "x_outside"),
-        (lambda c: c | {"depth_mm": np.full(49, 3.1)}, "outside_range"),
         (lambda c: c | {"x_mm": np.ones(49), "z_mm": np.full(49, 7.0)}, "same_place"),
         (lambda c: c | {"x_mm": c["x_mm"] / 10}, "too_short"),
-        (lambda c: c | {"z_mm": 7 + c["z_mm"] / 40}, "too_short"),
     ],
 )  # fmt: skip
 def test_what_is_no_sheet_is_one_line(
@@ -222,12 +159,6 @@ def test_what_is_no_sheet_is_one_line(
     ended = rig("decode", "--readings", written(change(sphere)), "--config", "sheet.toml", "--json")
     assert (ended.code, ended.json["code"]) == (2, code)
     assert ended.json["error_text"].startswith("--readings")
-
-
-def test_of_sheets_there_is_one_decoder(rig: Program, sphere: Cells) -> None:
-    ended = rig("decode", "--readings", written(sphere), "--decoder", "univariate", "--json")
-    assert ended.code == 2
-    assert ended.json["error_text"] == "--readings with a column z_mm requires --decoder bayes"
 
 
 def test_the_same_x_at_another_z_is_another_receptor(rig: Program, sphere: Cells) -> None:

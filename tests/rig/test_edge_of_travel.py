@@ -4,6 +4,7 @@ Each script is planned on a configuration just within and just beyond an end of 
 carried out on a finger of springs, over the wire, by the virtual board or drives that alarm beyond their travel.
 """
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -21,7 +22,6 @@ from rig.records import Prediction
 from rig.session.rehearse import rehearsed
 from rig.settings import ZERO_LIFT_MM
 from sim.models.fingertip import Fingertip
-from tests.error_codes import raises
 
 READY = "rig.mount('cylinder:9'); rig.home(); rig.zero(); "
 PRESS = "rig.indent(doi_mm=0.2, hold_s=0); "
@@ -61,19 +61,14 @@ def _configurations() -> Iterator[tuple[str, dict[str, Any]]]:
         yield f"front {way}", {"frame": {"pad_y_mm": -Y_TRAVEL_MM + by, **HIGH}}
         yield f"back {way}", {"frame": {"pad_y_mm": -by, **HIGH}}
         yield f"top {way}", {"frame": {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}}
-        for what, below_mm in (("search", SEARCH_MM), ("0.8 mm", 0.8), ("1 mm", 1.0)):
+        for what, below_mm in (("search", SEARCH_MM), ("1 mm", 1.0)):
             yield f"bottom {way}, {what}", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + below_mm + by}}
         low = {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}
         given = {"compliance_mm_per_n": {"value": 0.5, **MEASURED}}
         yield f"bottom {way}, the rig gives", {"frame": low, "calibration": given}
         slack = {"z_backlash_mm": {"value": 0.1, **MEASURED}, "x_backlash_mm": {"value": 0.1, **MEASURED}}
-        top = {"apex_z_mm": -CLEARANCE_MM - ZERO_LIFT_MM - by}
-        yield f"top {way}, with backlash", {"frame": top, "calibration": slack}
         yield f"bottom {way}, with backlash", {"frame": {"apex_z_mm": -Z_TRAVEL_MM + 1.0 + by}, "calibration": slack}
         yield f"right {way}, with backlash", {"frame": {"pad_centre_x_mm": -1.0 - by, **HIGH}, "calibration": slack}
-    yield "clearance above travel", {"frame": {"apex_z_mm": -0.1}}
-    yield "the apex above travel", {"frame": {"apex_z_mm": 0.5}}
-    yield "all below travel", {"frame": {"apex_z_mm": -Z_TRAVEL_MM - 1.0}}
 
 
 @pytest.fixture(scope="module")
@@ -108,7 +103,7 @@ CONFIGURATIONS += [("leadshine", name, tables) for name, tables in _configuratio
 
 
 @pytest.mark.quick(
-    rows=lambda stage, what, tables: stage == "grbl" or what in ("left at", "right at", "top at", "bottom at, 1 mm")
+    rows=lambda stage, what, tables: " at" in what and (stage == "grbl" or what in ("left at", "bottom at, 1 mm"))
 )
 @pytest.mark.parametrize(
     ("stage", "what", "tables"), CONFIGURATIONS, ids=[f"{stage}, {what}" for stage, what, _ in CONFIGURATIONS]
@@ -141,46 +136,18 @@ def _ended(script: Script, config: Config, finger: Fingertip) -> str:
     return "done"
 
 
-READY_TO_PRESS = "rig.mount('cylinder:9'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
-
-
-@pytest.mark.parametrize(
-    "body", ["rig.indent(doi_mm=0.1)", "rig.indent(force_gwt=0.2)", "rig.touch(); rig.indent(doi_mm=0.1)"]
-)
-def test_where_contact_is_searched_for_belongs_to_the_travel(finger: Fingertip, tmp_path: Path, body: str) -> None:
-    """0.4 mm below the apex there is travel: enough for 0.1 mm, and not for a search of 0.5 mm."""
-    path = tmp_path / "mine.py"
-    path.write_text(f"def run(rig):\n    {READY_TO_PRESS}{body}\n", encoding="utf-8")
-    near = {"frame": {"apex_z_mm": -39.6}}
-    beyond = {"axis": "z", "machine_mm": pytest.approx(-40.15, abs=0.05)}
-    with raises(BadInputError, "outside_travel", **beyond):
-        make_plan(load_script(str(path)), Config.model_validate(near), finger)
-    make_plan(load_script(str(path)), Config.model_validate({**near, "limits": {"search_mm": 0.3}}), finger)
-
-
-def test_a_touch_below_the_travel_is_refused(finger: Fingertip) -> None:
-    """What ended in ALARM:2 with a position that nobody could trust."""
-    config = Config.model_validate({"frame": {"apex_z_mm": -39.4}})
-    with raises(BadInputError, "outside_travel", axis="z", machine_mm=pytest.approx(-40.5, abs=0.5)):
-        make_plan(load_script("find_finger"), config, finger)
-
-
-@pytest.mark.parametrize(
-    ("frame", "beyond"),
-    [({"apex_z_mm": -39.6}, "z = -40.1"), ({"apex_z_mm": -1.0}, "z = 1.3"), ({"pad_centre_x_mm": 0.5}, "x = 0.5")],
-)
+@pytest.mark.parametrize("frame", [{"apex_z_mm": -39.6}, {"apex_z_mm": -1.0}, {"pad_centre_x_mm": 0.5}])
 def test_a_block_out_of_reach_is_refused_before_a_port_is_opened(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
     frame: dict[str, float],
-    beyond: str,
 ) -> None:
     """`rig calibrate compliance` searches for a block as far as for a finger."""
     path = tmp_path / "rig.toml"
     path.write_text(Config.model_validate({"frame": frame}).as_toml(), encoding="utf-8")
-    monkeypatch.setattr("sys.argv", ["rig", "calibrate", "compliance", "--config", str(path)])
+    monkeypatch.setattr("sys.argv", ["rig", "calibrate", "compliance", "--config", str(path), "--json"])
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err.startswith(f"rig: machine {beyond}00 mm is outside the stage's travel")
+    assert json.loads(capsys.readouterr().out)["code"] == "outside_travel"

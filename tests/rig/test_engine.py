@@ -1,22 +1,530 @@
-"""What the engine lets each verb do, and how it stops."""
+"""The engine: where it is, what it reads and feels on the way, its heartbeat, homing, rests and zeros.
 
-from collections.abc import Callable, Mapping
-from functools import partial
-from pathlib import Path
+Clearance is 2 mm; heights within 0.02 mm of it are clearance. The heartbeat is 3 s, the soft trip 203.94 gwt.
+"""
+
+import itertools
+import math
+from collections.abc import Callable
+from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.data.journal import read_journal
-from rig.devices.base import StageAlarm, StageReset
-from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
+from rig.devices.base import ForceTimeout, StageError
+from rig.engine import LimitError, PressId, Target, TripError, indent, verbs
+from rig.engine.bench_memory import LastKnown
+from rig.engine.contact import KnownContact
 from rig.engine.engine import State
+from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
+from tests.stub_bench import StubBench, raising
 
-STOP = b"!\x18"
+# --- clearance and contact ---
+
+
+@pytest.mark.parametrize(("height_mm", "clear"), [(10.0, True), (1.985, True), (1.97, False), (1.95, False)])
+def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
+    engine = StubBench().ready()
+    engine.go_to_height(height_mm, 0.5)
+    assert (engine.state, engine.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
+
+
+@pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
+def test_a_lift_is_straight_up_at_the_speed_of_travel(to_mm: float | None, lifted_mm: float) -> None:
+    bench = StubBench()
+    bench.in_contact().lift(to_mm)
+    assert bench.height_mm == pytest.approx(lifted_mm)
+    assert bench.stage.told[-1][3] == (0.5 if lifted_mm == 1.95 else 5.0)
+
+
+def test_what_was_lifted_is_clear_and_no_press() -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    engine.trips.press_on(1.0)
+    bench.force.shows_gwt = 1.0
+    engine.read_force_gwt(PressId(0), "press")
+    bench.clock.wait_s(1.0)
+    bench.force.shows_gwt = 0.0
+    verbs.retract(engine)
+    assert (engine.state, engine.may_touch) == (State.READY, False)
+    assert engine.trip_gwt == pytest.approx(203.943, abs=1e-3)
+    touched_s = bench.of("retract")[0]["contact_s"]
+    bench.clock.wait_s(100.0)
+    assert engine.contact.total_s == pytest.approx(touched_s)
+    engine.heartbeat.look()
+    assert not engine.heartbeat.lost
+
+
+# --- what is known of contact without a question to a device ---
+
+
+def _moved(bench: StubBench) -> None:
+    bench.engine.go_to_height(1.9, 0.5)
+
+
+def _read(bench: StubBench) -> None:
+    bench.engine.go_to_height(1.9, 0.5)
+    bench.engine.read_force_gwt(PressId(0), "press")
+
+
+@pytest.mark.parametrize("last", [_moved, _read], ids=["in motion", "at rest"])
+@pytest.mark.parametrize(
+    ("shows_gwt", "zeroed", "kind", "force_gwt"),
+    [
+        (3.0, True, "touching", 3.0),
+        (-0.06, True, "touching", -0.06),
+        (0.04, True, "unknown", 0.04),
+        (3.0, False, "unknown", None),
+    ],
+)
+def test_until_it_is_measured_contact_is_known_by_place_and_last_force_from_a_zero(
+    last: Callable[[StubBench], None], shows_gwt: float, zeroed: bool, kind: str, force_gwt: float | None
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    if not zeroed:
+        engine.sensing.zero = None
+    bench.force.shows_gwt = shows_gwt
+    last(bench)
+    known = engine.known_contact
+    assert (known.kind, known.force_gwt) == (kind, force_gwt if force_gwt is None else pytest.approx(force_gwt))
+    assert (known.x_mm, known.height_mm) == (0.0, pytest.approx(1.9))
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "homed", "shows_gwt", "kind"),
+    [
+        (10.0, True, 0.04, "lifted"),
+        (1.985, True, 0.04, "lifted"),
+        (1.97, True, 0.04, "unknown"),
+        (1.985, True, -0.06, "disagreement"),
+        (1.97, True, -0.06, "touching"),
+        (10.0, False, 0.04, "unknown"),
+        (10.0, False, 0.06, "touching"),
+    ],
+)
+def test_contact_at_rest_is_what_position_and_force_say(
+    height_mm: float, homed: bool, shows_gwt: float, kind: str
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    bench.stage.homed, bench.force.shows_gwt = homed, shows_gwt
+    assert engine.measure_contact().kind == kind
+
+
+def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenever_it_is_measured() -> None:
+    bench, kept = StubBench(), list[KnownContact]()
+    engine = bench.ready()
+    engine.keep_contact = kept.append
+    engine.go_to_height(1.95, 0.5)
+    engine.go_to_height(1.9, 0.5)
+    bench.force.shows_gwt = 3.0
+    begun_s = bench.clock.unix_s()
+    engine.measure_contact()
+    assert [(one.kind, one.force_gwt, one.height_mm) for one in kept] == [
+        ("unknown", pytest.approx(0.0), 2.0),
+        ("touching", 3.0, 1.9),
+    ]
+    assert kept[0].unix_s < begun_s < kept[1].unix_s
+    assert not engine.known_contact.aged
+    bench.clock.wait_s(2.0)
+    assert engine.known_contact.aged
+
+
+def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None:
+    """After it was forgotten, after a stop, and after one that was not confirmed."""
+    bench = StubBench()
+    engine = bench.ready()
+    lowest_mm, told = -bench.settings.stage.travel_mm[2], bench.stage.floors_mm
+    told.clear()
+    for lose in (lambda: None, engine.forget_depth, engine.stop, lambda: None):
+        lose()
+        engine.limit_depth(-1000.0)
+    assert told == [lowest_mm] * 3
+    for fails in (True, False):
+        with raises(StageError, "stage_failed") if fails else nullcontext():
+            bench.stage.limit_depth = raising(StageError("busy")) if fails else told.append  # type: ignore[method-assign]
+            engine.limit_depth(-0.5)
+    assert told[-1] == bench.settings.frame.apex_z_mm - 0.5
+
+
+# --- readings ---
+
+
+@pytest.mark.parametrize(
+    ("height_mm", "force_gwt", "touched"), [(1.95, 0.06, True), (1.95, 0.04, False), (2.0, 0.06, False)]
+)
+def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_clearance(
+    height_mm: float, force_gwt: float, touched: bool
+) -> None:
+    """Contact is 0.05 gwt; what a sensor shows at clearance is no touch."""
+    bench = StubBench()
+    engine = bench.ready()
+    engine.go_to_height(height_mm, 0.5)
+    bench.force.shows_gwt = force_gwt
+    engine.read_force_gwt(PressId(0), "approach")
+    bench.clock.wait_s(2.0)
+    assert engine.contact.total_s == (pytest.approx(2.0) if touched else 0.0)
+
+
+READINGS: dict[str, Callable[[Any], Any]] = {
+    "reading": lambda engine: engine.reading(),
+    "raw_reading": lambda engine: engine.raw_reading(),
+    "read_force_gwt": lambda engine: engine.read_force_gwt(PressId(0), "press"),
+}
+
+
+@pytest.mark.parametrize("read", READINGS)
+def test_every_reading_trips_on_a_sensor_that_fails_and_above_the_hard_trip(read: str) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.trips.soft_gwt = 1e9
+    bench.force.shows_gwt = -511.0
+    with raises(TripError, "hard_trip", force_gwt=pytest.approx(-511.0), limit_gwt=5.0 / GWT_N):
+        READINGS[read](engine)
+    assert bench.of("trip")[0]["force_gwt"] == pytest.approx(-511.0)
+    bench = StubBench()
+    engine = bench.ready()
+    bench.force.at_read = raising(ForceTimeout("no answer"))
+    with raises(TripError, "no_reading", error="no answer"):
+        READINGS[read](engine)
+    assert bench.of("trip")[0]["force_gwt"] is None
+
+
+@pytest.mark.parametrize("pressed_at", ["before", "after"])
+@pytest.mark.parametrize("read", READINGS)
+def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed_at: str) -> None:
+    bench = StubBench()
+    engine, pressed = bench.in_contact(), list[bool]()
+    bench.force.at_read = lambda: pressed.append(True)
+    button = TripError("stop input button", code="stop_input", input="button")
+    engine.stop_problem = lambda *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
+    with raises(TripError, "stop_input", input="button"):
+        READINGS[read](engine)
+
+
+# --- what is felt on the way ---
+
+
+@pytest.mark.parametrize(
+    ("soft_gwt", "force_gwt", "code", "limit_gwt"),
+    [
+        (50.0, 60.123456789, "soft_trip", 50.0),
+        (1e9, 600.123456789, "hard_trip", 5.0 / GWT_N),
+        (50.0, 600.123456789, "hard_trip", 5.0 / GWT_N),
+    ],
+)
+def test_what_is_felt_on_the_way_is_on_record_and_trips(
+    soft_gwt: float, force_gwt: float, code: str, limit_gwt: float
+) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    engine.trips.soft_gwt = soft_gwt
+    bench.stage.at_look = lambda: setattr(bench.force, "shows_gwt", force_gwt)
+    with raises(TripError, code, phase="moving", force_gwt=force_gwt, limit_gwt=limit_gwt):
+        verbs.move_to(engine, 3.0)
+    sample, trip, _ = bench.events[-3:]
+    assert (sample[0], sample[1]["phase"], repr(sample[1]["force_gwt"])) == (
+        "sample",
+        "moving",
+        repr(round(force_gwt, 6)),
+    )
+    assert (sample[1]["index"], sample[1]["stable"], sample[1]["doi_mm"]) == (-1, False, None)
+    assert (trip[0], trip[1]["force_gwt"]) == ("trip", pytest.approx(force_gwt))
+
+
+def test_no_reading_on_the_way_trips_and_leaves_no_sample() -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    samples, moves = len(bench.of("sample")), len(bench.stage.told)
+
+    def silent() -> None:
+        if len(bench.stage.told) > moves:
+            raise ForceTimeout("no answer")
+
+    bench.force.at_read = silent
+    with raises(TripError, "no_reading", error="no answer"):
+        verbs.move_to(engine, 3.0)
+    assert len(bench.of("sample")) == samples
+    assert bench.stage.told[-2] == "halt"  # and then the lift
+
+
+def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    asked = len(bench.force.read_s)
+    heights_mm: list[float] = []
+
+    def silent() -> None:
+        heights_mm.append(bench.height_mm)
+        raise ForceTimeout("no answer")
+
+    bench.force.at_read = silent
+    with raises(TripError, "for_the_test"):
+        engine.trip(TripError("for the test", code="for_the_test"))
+    assert heights_mm == pytest.approx([2.0, 2.0]), "asked at rest: whether a force remains, and at the end"
+    assert len(bench.force.read_s) == asked + 2
+    assert bench.height_mm == pytest.approx(2.0)
+    assert (engine.known_contact.kind, engine.known_contact.may_touch) == ("raised", True)
+
+
+@pytest.mark.parametrize(
+    ("shows_gwt", "touch_ends_it", "goes"),
+    [(3.0, False, True), (3.0, True, False), (-3.0, True, False), (0.04, True, True)],
+)
+def test_a_touch_ends_a_motion_that_looks_for_one_and_no_other(
+    shows_gwt: float, touch_ends_it: bool, goes: bool
+) -> None:
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.force.shows_gwt = shows_gwt
+    engine.go_to_height(1.90, 0.05, touch_ends_it=touch_ends_it)
+    assert (bench.height_mm == pytest.approx(1.90), "halt" in bench.stage.told) == (goes, not goes)
+    assert engine.height_mm == pytest.approx(bench.height_mm)
+
+
+@pytest.mark.parametrize(("more_s", "trips"), [(0.4, False), (0.5, False), (0.6, True)])
+def test_a_computer_was_suspended_in_a_touch_if_it_was_since_the_last_look(more_s: float, trips: bool) -> None:
+    """What it slept before, and in the air, does not count; nor do naps within half a second each."""
+    bench, slept = StubBench(), [3600.0]
+    bench.clock.suspended_s = lambda: slept[0]  # type: ignore[method-assign]
+    engine = bench.ready()
+    slept[0] += 60.0
+    engine.go_to_height(1.95, 0.5)
+    for _ in range(3):
+        slept[0] += more_s
+        with raises(TripError, "suspended", for_s=pytest.approx(more_s)) if trips else nullcontext():
+            engine.reading()
+        if trips:
+            return
+
+
+# --- the heartbeat ---
+
+
+@pytest.mark.parametrize(
+    ("to_mm", "speed_mm_s", "promised_s"),
+    [(1.90, 0.5, 3.2), (1.90, 0.05, 5.0), (2.0, 0.5, 3.2), (1.94, 0.5, 3.04)],
+)
+def test_a_move_below_clearance_may_take_twice_its_time_before_the_heartbeat_is_missed(
+    to_mm: float, speed_mm_s: float, promised_s: float
+) -> None:
+    """From 1.95 mm; at each look it promises 3 s again."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    promised = bench.promises()
+    engine.go_to_height(to_mm, speed_mm_s)
+    assert promised[0] == pytest.approx(promised_s)
+    assert len(promised) > 1
+    assert set(promised[1:]) == {3.0}
+
+
+def test_the_wait_for_a_reading_is_part_of_the_promise() -> None:
+    """Two periods of 0.05 s and 0.1 s late after a move, then one period."""
+    bench = StubBench({"force": {"latency_s": 0.1}, "habits": {"settle_readings": 2}, "limits": {"heartbeat_s": 4.0}})
+    engine = bench.in_contact()
+    promised = bench.promises()
+    for read in READINGS.values():
+        read(engine)
+    assert promised == pytest.approx([4.2, 4.05, 4.05])
+
+
+def test_an_engine_that_comes_back_too_late_finds_its_promise_broken() -> None:
+    """Nobody else looked: it stops the stage itself, stays where it is, and can still be read afterwards."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    bench.clock.wait_s(3.5)
+    with raises(TripError, "heartbeat_lost") as lost:
+        engine.reading()
+    assert bench.of("trip")[0]["reason"] == str(lost.value)
+    assert bench.stage.told[-1] == "stop"
+    assert bench.height_mm == pytest.approx(1.95)
+    bench.force.shows_gwt = 3.0
+    assert engine.reading().force_n == pytest.approx(3.0 * GWT_N)
+    assert len(bench.of("trip")) == 1
+
+
+# --- a stage that leaves its way ---
+
+
+@pytest.mark.parametrize(("from_mm", "to_mm"), [(1.95, None), (1.5, None), (3.0, 10.0), (24.0, 25.0)])
+def test_from_a_way_that_it_left_it_goes_up_by_clearance_at_least(from_mm: float, to_mm: float | None) -> None:
+    """Since its height is not trusted any more. From above clearance to habits.park_height_mm, 10 mm, and never
+    beyond the top of the travel, 25 mm.
+    """
+    bench = StubBench()
+    engine = bench.in_contact()
+    while engine.height_mm > from_mm + 1e-9:
+        engine.go_to_height(max(engine.height_mm - 0.05, from_mm), 0.5)
+    engine.lift(from_mm)
+    at_mm: list[float] = []
+
+    def strays() -> None:
+        bench.stage.at_mm[0] += 1.0
+        at_mm.append(bench.height_mm)
+
+    bench.stage.at_look = strays
+    with raises(TripError, "off_its_way", axis="x"):
+        engine.go_to_height(from_mm - 0.05, 0.5)
+    assert ("stop" in bench.stage.told, "unlock" in bench.stage.told) == (True, True)
+    assert bench.height_mm == pytest.approx(at_mm[-1] + 2.0 if to_mm is None else to_mm, abs=0.01)
+
+
+@pytest.mark.parametrize(("off_mm", "strays"), [(0.0050, False), (0.0054, False), (0.0056, True)])
+def test_a_report_may_be_off_by_a_step_and_what_it_is_rounded_by(off_mm: float, strays: bool) -> None:
+    """A step of 2.5 um at 400 steps/mm; 3 um more are the rounding of reports and the error of a feedback."""
+    bench = StubBench()
+    engine = bench.in_contact()
+
+    def shifts() -> None:
+        bench.stage.at_mm[0] = x_mm + off_mm
+
+    x_mm = bench.stage.at_mm[0]
+    bench.stage.at_look = shifts
+    with raises(TripError, "off_its_way", axis="x") if strays else nullcontext():
+        engine.go_to_height(engine.height_mm + 0.1, 0.5)
+    assert ("stop" in bench.stage.told) is strays
+
+
+# --- homing ---
+
+
+@pytest.mark.parametrize(
+    ("below", "shows_gwt", "code"),
+    [
+        (True, 0.06, "not_lifted"),
+        (True, -0.06, "not_lifted"),
+        (False, 0.06, None),
+        (True, 0.04, None),
+        (False, 250.0, "soft_trip"),
+        (True, 600.0, "hard_trip"),
+    ],
+)
+def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
+    below: bool, shows_gwt: float, code: str | None
+) -> None:
+    """Else the zero has drifted."""
+    bench = StubBench()
+    engine = bench.in_contact() if below else bench.ready()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.home(engine)
+    assert engine.state is (State.TRIPPED if code else State.READY)
+    assert engine.may_touch is (below and code is not None)
+    if code:
+        assert bench.of("trip")[0]["force_gwt"] == pytest.approx(shows_gwt)
+
+
+@pytest.mark.parametrize(("zeroed", "code"), [(True, "not_lifted"), (False, None)])
+def test_a_sensor_that_homing_silences_trips_where_it_was_zeroed(zeroed: bool, code: str | None) -> None:
+    bench = StubBench()
+    engine = bench.ready()
+    if not zeroed:
+        engine.sensing.zero = None
+    bench.stage.at_look = lambda: setattr(bench.force, "at_read", raising(ForceTimeout("no answer")))
+    if not zeroed:
+        bench.stage.at_look = lambda: None
+    with raises(TripError, code, contact="raised") if code else nullcontext():
+        verbs.home(engine)
+    assert engine.known_contact.kind == "raised"
+
+
+ZEROED = ForceZero(1.0 * GWT_N, 0.02)
+LEFT: dict[str, tuple[LastKnown, bool, float, bool, bool, str | None]] = {
+    # what is on record, whether the run is resumed, what the sensor shows; whether it homes, alarms or trips
+    "nothing": (LastKnown(), False, 9.0, False, False, None),
+    "a lift": (LastKnown(contact=KnownContact("lifted")), False, 9.0, False, False, None),
+    "a lift, resumed": (LastKnown(contact=KnownContact("lifted")), True, 9.0, True, False, None),
+    "a lift and a zero": (LastKnown(contact=KnownContact("lifted")), False, 1.1, False, False, None),
+    "a lift, and a push since": (LastKnown(contact=KnownContact("lifted")), False, 1.2, True, True, None),
+    "a lift, and a pull since": (LastKnown(contact=KnownContact("lifted")), False, 0.8, True, True, None),
+    "a touch": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.1, True, True, None),
+    "a touch, resumed": (LastKnown(contact=KnownContact("unknown")), True, 1.1, True, True, None),
+    "a touch that stays": (LastKnown(contact=KnownContact("touching", 3.0)), False, 1.2, True, True, "not_lifted"),
+    "a touch and no zero": (LastKnown(contact=KnownContact("touching", 3.0)), False, 9.0, True, True, None),
+}
+
+
+@pytest.mark.parametrize("name", LEFT)
+def test_what_the_last_command_left_is_left_first(name: str) -> None:
+    """A touch is 0.12 gwt from the zero on record, by its noise; without a touch on record that may be any drift."""
+    before, resumed, shows_gwt, homes, alarms, code = LEFT[name]
+    if shows_gwt < 9.0:
+        before = before.model_copy(update={"zero_offset_n": ZEROED.offset_n, "zero_noise_gwt": ZEROED.noise_gwt})
+    bench = StubBench()
+    bench.force.shows_gwt = shows_gwt
+    with raises(TripError, code) if code else nullcontext():
+        verbs.leave_finger(bench.engine, before, resumed=resumed)
+    assert ("home" in bench.stage.told) is homes
+    assert bool(bench.of("alarm")) is (alarms and code is None)
+    assert bench.engine.sensing.zero is None
+
+
+# --- a rest ---
+
+
+def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_second() -> None:
+    """Not in its last fifth of a second."""
+    bench = StubBench()
+    engine = bench.ready()
+    samples = len(bench.of("sample"))
+    asked_s: list[float] = []
+    engine.stop_problem = lambda *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
+    begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
+    verbs.rest(engine, 3.8)
+    ended_s = bench.clock.monotonic_s()
+    assert ended_s - begun_s == pytest.approx(3.8, abs=0.11)
+    assert bench.of("rest") == [{"rest_s": 3.8}]
+    waits_s = [b - a for a, b in itertools.pairwise([begun_s, *dict.fromkeys(asked_s)])]
+    assert max(waits_s) < 0.2
+    assert len(waits_s) > 20
+    read_s = bench.force.read_s[read:]
+    assert max(b - a for a, b in itertools.pairwise([begun_s, *read_s, ended_s])) < 0.35
+    recorded = bench.of("sample")[samples:]
+    assert [sample["phase"] for sample in recorded] == 3 * ["rest"]
+
+
+def test_a_finger_that_touches_for_too_long_in_a_rest_is_left() -> None:
+    """The indentor goes up to habits.park_height_mm."""
+    bench = StubBench({"limits": {"max_contact_s": 2.0}})
+    engine = bench.ready()
+    bench.clock.call_at(bench.clock.monotonic_s() + 1.0, lambda: setattr(bench.force, "shows_gwt", 1.0))
+    with raises(LimitError, "contact_time", limit_s=2.0):
+        verbs.rest(engine, 60.0)
+    assert bench.height_mm == pytest.approx(10.0)
+
+
+# --- zero ---
+
+
+@pytest.mark.parametrize("fails_at", [3, 15])
+def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
+    """The third reading is one of the drift; the fifteenth is one of the new zero, and the sensor was zeroed."""
+    bench = StubBench()
+    engine = bench.ready()
+    kept, begun = list[ForceZero | None](), len(bench.force.read_s)
+    before = engine.sensing.zero
+    engine.keep_zero = kept.append
+
+    def fail() -> None:
+        if len(bench.force.read_s) - begun >= fails_at:
+            raise ForceTimeout("no answer")
+
+    bench.force.at_read = fail
+    with raises(TripError, "no_reading"):
+        verbs.zero(engine)
+    assert (engine.sensing.zero, kept) == ((before, []) if fails_at == 3 else (None, [None]))
+    assert len(bench.of("zero")) == 1
+
+
+# --- on a board and a balance ---
+
 Make = Callable[..., Any]
+
 FORCE = Target("force_gwt", 2.33)
 
 
@@ -24,66 +532,14 @@ def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
     return indent(engine, target, **{"hold_s": 0.2, **manner})
 
 
-# --- which verb is allowed when ---
-
-
-def test_nothing_moves_unhomed(spring: Make) -> None:
-    bench = spring()
-    engine = bench.engine
-    verbs.mount(engine, "bar:3.0")
-    for verb, act in (
-        ("zero", partial(verbs.zero, engine)),
-        ("move_to", lambda: verbs.move_to(engine, 0.0)),
-        ("indent", lambda: _press(engine)),
-        ("retract", partial(verbs.retract, engine)),
-    ):
-        with raises(NotReadyError, "not_allowed", verb=verb, state="unhomed"):
-            act()
-    assert bench.sent("stage") == []
-    assert [stream for stream, _ in bench.events] == ["mount"]
-
-
-def test_no_indentation_without_zero_or_indentor(spring: Make) -> None:
-    engine = spring().engine
-    verbs.home(engine)
-    verbs.move_to(engine, 0.0)
-    with raises(NotReadyError, "no_indentor"):
-        _press(engine)
-    verbs.mount(engine, "bar:3.0")
-    with raises(NotReadyError, "not_zeroed"):
-        _press(engine)
-    verbs.zero(engine)
-    assert _press(engine).index == 0
-
-
-def test_nothing_but_lifting_and_homing_in_contact(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    engine.go_to_height(1.96, 0.5)
-    assert engine.state is State.IN_CONTACT
-    for verb, act in (
-        ("zero", partial(verbs.zero, engine)),
-        ("move_to", lambda: verbs.move_to(engine, 1.0)),
-        ("indent", lambda: _press(engine)),
-    ):
-        with raises(NotReadyError, "not_allowed", verb=verb, state="in contact"):
-            act()
-    with raises(NotReadyError, "may_touch", state="in contact"):
-        verbs.mount(engine, "step:1")
-    verbs.retract(engine)
-    assert engine.state is State.READY
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    verbs.move_to(engine, 1.0)
-
-
-@pytest.mark.parametrize("x_mm", [-6.01, 6.01, float("nan"), float("inf")])
-def test_lateral_limits(spring: Make, x_mm: float) -> None:
+def test_no_place_outside_the_lateral_limits_is_gone_to(spring: Make) -> None:
+    """limits.x_mm is ± 6, limits.along_mm ± 4."""
     bench = spring()
     engine = bench.ready()
     before = len(bench.moves())
-    with raises(LimitError, "outside_limits", axis="x", low_mm=-6.0, high_mm=6.0) as refused:
-        verbs.move_to(engine, x_mm)
-    assert refused.value.fields["at_mm"] == pytest.approx(x_mm, nan_ok=True)
+    for x_mm, along_mm in ((-6.01, 0.0), (6.01, 0.0), (math.nan, 0.0), (math.inf, 0.0), (0.0, -4.01), (0.0, 4.01)):
+        with raises(LimitError, "outside_limits"):
+            verbs.move_to(engine, x_mm, along_mm)
     assert len(bench.moves()) == before
     assert engine.state is State.READY
 
@@ -98,20 +554,6 @@ def test_a_long_move_down_below_clearance_is_refused_unsent(spring: Make) -> Non
     assert len(bench.moves()) == before
 
 
-def test_each_verb_is_journalled(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready(0.5)
-    verbs.note(engine, "a word")
-    verbs.retract(engine)
-    assert bench.mounted == "bar:3.0"
-    assert [stream for stream, _ in bench.events] == ["mount", "home", "zero", "sample", "move", "note", "retract"]
-    assert bench.of("home")[0]["controller"].startswith("[VER:1.1h")
-    assert bench.of("zero")[0]["sensor"] == "MT-SICS balance 0123456789"
-    assert bench.of("move")[0] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
-    documents = list(read_journal(bench.journal_path))
-    assert [d["stream"] for d in documents if d["doc"] == "event"] == [stream for stream, _ in bench.events]
-
-
 def test_a_reading_is_of_after_the_move(spring: Make) -> None:
     """The balance samples on its own grid: what is read must be a sample taken at rest."""
     bench = spring(contact_mm=1.99)
@@ -121,162 +563,6 @@ def test_a_reading_is_of_after_the_move(spring: Make) -> None:
         read = engine.read_force_gwt(PressId(0), "touch")
         depth = bench.contact_mm - bench.height_mm
         assert read == pytest.approx(6.0 * max(depth, 0.0) ** 1.5, abs=0.005 + 1e-6), n
-
-
-# --- trips ---
-
-
-def test_a_trip_lifts_latches_and_is_journalled(spring: Make) -> None:
-    """A finger much stiffer than predicted."""
-    bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
-    engine = bench.ready()
-    with raises(TripError, "soft_trip", limit_gwt=0.02 / GWT_N) as tripped:
-        _press(engine)
-    assert engine.state is State.TRIPPED
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert bench.force_n(bench.clock.monotonic_s()) == 0.0
-    last_sample, trip, lift = bench.events[-3:]
-    assert (last_sample[0], trip[0], lift[0]) == ("sample", "trip", "retract")
-    assert trip[1]["force_gwt"] == pytest.approx(last_sample[1]["force_gwt"], abs=1e-6)
-    assert trip[1]["reason"] == str(tripped.value)
-    assert trip[1]["force_gwt"] == pytest.approx(tripped.value.fields["force_gwt"], abs=1e-6)
-    for verb, act in (
-        ("zero", partial(verbs.zero, engine)),
-        ("retract", partial(verbs.retract, engine)),
-        ("move_to", lambda: verbs.move_to(engine, 0.0)),
-        ("indent", lambda: _press(engine)),
-    ):
-        with raises(NotReadyError, "not_allowed", verb=verb, state="tripped"):
-            act()
-    with raises(NotReadyError, "tripped"):
-        verbs.home(engine)
-
-
-def test_the_soft_trip_is_the_lower_of_limit_and_prediction(spring: Make) -> None:
-    assert spring(soft_trip_n=0.5).engine.trips.soft_gwt == pytest.approx(50.986, abs=1e-3)
-    assert spring(soft_trip_n=50.0).engine.trips.soft_gwt == pytest.approx(203.943, abs=1e-3)
-    assert spring().engine.trips.soft_gwt == pytest.approx(203.943, abs=1e-3)
-
-
-def test_a_finger_that_stiffens_in_the_hold_trips(spring: Make) -> None:
-    bench = spring(soft_trip_n=0.05)
-    engine = bench.ready()
-
-    def stiffen(stream: str, data: Mapping[str, Any]) -> None:
-        if stream == "sample" and data["phase"] == "hold":
-            bench.k_gwt = 60.0
-
-    bench.on_event = stiffen
-    with raises(TripError, "soft_trip", limit_gwt=0.05 / GWT_N):
-        _press(engine, hold_s=1.0)
-    assert bench.of("sample")[-1]["phase"] == "hold"
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert bench.of("hold_end") == []
-
-
-# --- an operator's stop ---
-
-
-@pytest.mark.parametrize("phase", ["approach", "touch", "press"])
-def test_an_interrupt_lifts_journals_and_ends_the_run(spring: Make, phase: str) -> None:
-    bench = spring()
-    engine = bench.ready()
-    bench.interrupt = lambda: any(e["phase"] == phase for e in bench.of("sample"))
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        _press(engine)
-    assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
-    assert bench.of("sample")[-1]["phase"] == phase
-    assert bench.of("paused") == [{"reason": "operator"}]
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert engine.state is State.READY
-
-
-def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    bench.interrupt = lambda: True
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        verbs.move_to(engine, 1.0)
-    with raises(RunAborted, "stopped_at_a_safe_point"):
-        _press(engine)
-    assert len(bench.moves()) == before
-    assert bench.of("indentation_start") == []
-
-
-# --- devices that fail ---
-
-
-def _at_first(bench: Any, phase: str, act: Callable[[], None]) -> None:
-    """Do something once, when the first sample of a phase is on disk."""
-    left = [act]
-
-    def look(stream: str, data: Mapping[str, Any]) -> None:
-        if left and stream == "sample" and data["phase"] == phase:
-            left.pop()()
-
-    bench.on_event = look
-
-
-@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
-def test_a_silent_balance_stops_the_stage(spring: Make, phase: str) -> None:
-    bench = spring()
-    engine = bench.ready()
-    _at_first(bench, phase, lambda: setattr(bench.balance, "mute", True))
-    with raises(TripError, "no_reading", error_code="no_reply"):
-        _press(engine)
-    asked_s = [t for t, data in bench.sent("force") if data == b"SI\r\n"][-1]
-    lift_s = next(t for t, data in bench.sent("stage") if t > asked_s)
-    assert lift_s == pytest.approx(asked_s + 0.5, abs=1e-6)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert engine.state is State.TRIPPED
-    with raises(NotReadyError, "not_allowed", verb="indent", state="tripped"):
-        _press(engine)
-
-
-def test_an_overloaded_balance_stops_the_stage(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    _at_first(bench, "press", lambda: setattr(bench, "k_gwt", 1e5))
-    with raises(TripError, "no_reading", error_code="overload"):
-        _press(engine)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert engine.state is State.TRIPPED
-
-
-@pytest.mark.parametrize("phase", ["approach", "touch", "press"])
-def test_an_alarm_stops_the_stage(spring: Make, phase: str) -> None:
-    bench = spring()
-    engine = bench.ready()
-    _at_first(bench, phase, lambda: bench.stage_line.device_write(b"ALARM:1\r\n"))
-    with raises(StageAlarm, "alarm", number=1):
-        _press(engine)
-    assert bench.sent("stage")[-1][1] == STOP
-    assert engine.state is State.UNHOMED
-
-
-def test_a_board_that_restarts_in_a_move_stops_the_run_and_homing_mends_it(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    _at_first(bench, "press", lambda: bench.clock.call_at(bench.clock.monotonic_s() + 0.06, bench.board.power_cycle))
-    with pytest.raises(StageReset):
-        _press(engine)
-    assert engine.state is State.UNHOMED
-    bench.clock.wait_s(1.0)
-    verbs.home(engine)
-    verbs.zero(engine)
-    verbs.move_to(engine, 0.0)
-    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
-
-
-def test_stop_goes_out_in_one_write_and_trusts_nothing_after(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    engine.stop()
-    assert bench.sent("stage")[-1][1] == STOP
-    assert engine.state is State.UNHOMED
-    with raises(NotReadyError, "not_allowed", verb="retract", state="unhomed"):
-        verbs.retract(engine)
 
 
 def test_a_frame_of_its_own(spring: Make) -> None:
@@ -290,10 +576,3 @@ def test_a_frame_of_its_own(spring: Make) -> None:
     aside = next(move for move in bench.moves() if "X" in move)
     assert aside == pytest.approx({"X": -19.0, "Y": -10.0, "F": 300.0})
     assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
-
-
-def test_the_journal_of_a_bench_lies_where_it_was_put(spring: Make, tmp_path: Path) -> None:
-    bench = spring()
-    bench.ready()
-    assert bench.journal_path.is_relative_to(tmp_path)
-    assert len(list(read_journal(bench.journal_path))) == 10  # five events, each with its descriptor

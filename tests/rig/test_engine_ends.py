@@ -1,16 +1,17 @@
-"""How an engine ends: trips, stops, failures elsewhere; over a stage and a sensor that do as they are told."""
+"""How an engine ends: trips, stops, devices and records that fail, an operator."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceTimeout, StageError, StageOverridden
-from rig.engine import NotReadyError, PressId, RecordError, TripError, verbs
+from rig.devices.base import ForceTimeout, StageError, StageOverridden, StageReset
+from rig.engine import NotReadyError, PressId, RecordError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.engine import State
 from rig.errors import RigError
 from rig.transport.wire import TransportError
+from rig.units import GWT_N
 from tests.error_codes import raises
 from tests.stub_bench import StubBench, raising
 
@@ -80,17 +81,14 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
 
 
 @pytest.mark.parametrize("error", [StageError("it does not move", code="stuck"), TransportError("stage is closed")])
-def test_a_lift_that_fails_is_told_with_the_trip(error: RigError) -> None:
+def test_a_trip_stays_latched_when_its_lift_fails_and_is_named_beside_it(error: RigError) -> None:
     bench = StubBench()
     engine = bench.in_contact()
     bench.stage.at_look = raising(error)
-    told = {"limit_mm": 3.0, "reason": str(_reason()), "lift": str(error), "lift_code": error.code}
-    with raises(TripError, "for_the_test", **told) as tripped:
+    with raises(TripError, "for_the_test", lift_code=error.code) as tripped:
         engine.trip(_reason())
-    assert engine.state is State.TRIPPED
-    assert engine.problem is tripped.value
+    assert (engine.state, engine.problem) == (State.TRIPPED, tripped.value)
     assert bench.of("trip")[0]["reason"] == str(_reason())
-    assert str(_reason()) in str(tripped.value)
     assert not bench.of("retract")
     assert bench.stage.told[-1] == "stop"
 
@@ -102,6 +100,15 @@ def test_a_trip_that_cannot_be_written_is_a_trip() -> None:
     with raises(TripError, "for_the_test") as tripped:
         engine.trip(_reason())
     assert engine.problem is tripped.value
+
+
+def test_a_reading_above_the_trip_that_cannot_be_written_is_a_trip() -> None:
+    bench = StubBench(soft_trip_n=0.5)
+    engine = bench.in_contact()
+    bench.at_event, bench.force.shows_gwt = raising(RecordError("the disk is full")), 60.0
+    with raises(TripError, "soft_trip"):
+        engine.read_force_gwt(PressId(0), "press")
+    assert engine.state is State.TRIPPED
 
 
 @pytest.mark.parametrize(("on_alarm", "trips"), [("warn", False), ("trip", True)])
@@ -117,20 +124,8 @@ def test_an_alarm_is_journalled_and_trips_where_configured(on_alarm: str, trips:
     assert engine.state is (State.TRIPPED if trips else State.READY)
 
 
-def test_a_stop_unhomes_and_leaves_a_trip_latched() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    engine.stop()
-    assert (engine.state, bench.stage.told[-1]) == (State.UNHOMED, "stop")
-    with raises(NotReadyError, "not_allowed", verb="zero", state="unhomed"):
-        verbs.zero(engine)
-    _trip(engine)
-    engine.stop()
-    assert engine.state is State.TRIPPED
-
-
-@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
-def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
+def test_a_stop_that_fails_has_nothing_to_add() -> None:
+    error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.ready()
     bench.stage.at_stop = raising(error)
@@ -141,8 +136,8 @@ def test_a_stop_that_fails_has_nothing_to_add(error: Exception) -> None:
 # --- failures elsewhere ---
 
 
-@pytest.mark.parametrize("error", [StageError("no answer"), TransportError("stage is closed")])
-def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exception) -> None:
+def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept() -> None:
+    error = TransportError("stage is closed")
     bench = StubBench()
     engine = bench.in_contact()
     with pytest.raises(type(error)) as failed:
@@ -154,12 +149,6 @@ def test_a_stage_that_fails_is_stopped_and_the_first_failure_is_kept(error: Exce
         engine.guarded(raising(again))
     assert failed_again.value is again
     assert engine.problem is error
-
-
-def test_what_the_stage_answers_is_handed_on() -> None:
-    engine = StubBench().engine
-    assert engine.guarded(lambda: "answer") == "answer"
-    assert engine.problem is None
 
 
 def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
@@ -198,16 +187,7 @@ def test_a_silent_sensor_keeps_nothing_on_the_finger() -> None:
     assert (engine.state, engine.known_contact.kind) == (State.IN_CONTACT, "raised")
 
 
-def test_at_clearance_there_is_nothing_to_make_safe() -> None:
-    bench = StubBench()
-    engine = bench.ready()
-    told = list(bench.stage.told)
-    engine.make_safe()
-    assert bench.stage.told == told
-    assert engine.state is State.READY
-
-
-def test_what_cannot_be_recorded_does_not_go_on() -> None:
+def test_a_run_that_cannot_be_recorded_ends_lifted() -> None:
     bench = StubBench()
     engine = bench.in_contact()
     error = RecordError("the disk is full")
@@ -274,3 +254,98 @@ def test_a_lift_that_the_force_does_not_confirm_trips(
     assert engine.state is (State.TRIPPED if code else State.READY)
     lifted = [event["contact"] == "lifted" for event in bench.of("retract")]
     assert lifted == [code is None and zeroed]
+
+
+# --- on a board and a balance ---
+
+Make = Callable[..., Any]
+
+FORCE = Target("force_gwt", 2.33)
+
+
+def _press(engine: Any, target: Target = FORCE, **manner: Any) -> Any:
+    return indent(engine, target, **{"hold_s": 0.2, **manner})
+
+
+def test_a_finger_that_stiffens_in_the_hold_trips(spring: Make) -> None:
+    bench = spring(soft_trip_n=0.05)
+    engine = bench.ready()
+
+    def stiffen(stream: str, data: Mapping[str, Any]) -> None:
+        if stream == "sample" and data["phase"] == "hold":
+            bench.k_gwt = 60.0
+
+    bench.on_event = stiffen
+    with raises(TripError, "soft_trip", limit_gwt=0.05 / GWT_N):
+        _press(engine, hold_s=1.0)
+    assert bench.of("sample")[-1]["phase"] == "hold"
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert bench.of("hold_end") == []
+
+
+def _at_first(bench: Any, phase: str, act: Callable[[], None]) -> None:
+    """Do something once, when the first sample of a phase is on disk."""
+    left = [act]
+
+    def look(stream: str, data: Mapping[str, Any]) -> None:
+        if left and stream == "sample" and data["phase"] == phase:
+            left.pop()()
+
+    bench.on_event = look
+
+
+@pytest.mark.parametrize("phase", ["approach", "hold"])
+def test_a_silent_balance_stops_the_stage(spring: Make, phase: str) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, phase, lambda: setattr(bench.balance, "mute", True))
+    with raises(TripError, "no_reading", error_code="no_reply"):
+        _press(engine)
+    asked_s = [t for t, data in bench.sent("force") if data == b"SI\r\n"][-1]
+    lift_s = next(t for t, data in bench.sent("stage") if t > asked_s)
+    assert lift_s == pytest.approx(asked_s + 0.5, abs=1e-6)
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert engine.state is State.TRIPPED
+    with raises(NotReadyError, "not_allowed", verb="indent", state="tripped"):
+        _press(engine)
+
+
+def test_a_board_that_restarts_in_a_move_stops_the_run_and_homing_mends_it(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    _at_first(bench, "press", lambda: bench.clock.call_at(bench.clock.monotonic_s() + 0.06, bench.board.power_cycle))
+    with pytest.raises(StageReset):
+        _press(engine)
+    assert engine.state is State.UNHOMED
+    bench.clock.wait_s(1.0)
+    verbs.home(engine)
+    verbs.zero(engine)
+    verbs.move_to(engine, 0.0)
+    assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
+
+
+@pytest.mark.parametrize("phase", ["approach", "touch", "press", "hold"])
+def test_an_interrupt_lifts_journals_and_ends_the_run(spring: Make, phase: str) -> None:
+    bench = spring()
+    engine = bench.ready()
+    bench.interrupt = lambda: any(e["phase"] == phase for e in bench.of("sample"))
+    with raises(RunAborted, "stopped_at_a_safe_point"):
+        _press(engine, hold_s=600.0)
+    assert [stream for stream, _ in bench.events[-3:]] == ["sample", "retract", "paused"]
+    assert bench.of("sample")[-1]["phase"] == phase
+    assert bench.of("paused") == [{"reason": "operator"}]
+    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
+    assert engine.state is State.READY
+
+
+def test_an_interrupt_between_indentations_moves_nothing(spring: Make) -> None:
+    bench = spring()
+    engine = bench.ready()
+    before = len(bench.moves())
+    bench.interrupt = lambda: True
+    with raises(RunAborted, "stopped_at_a_safe_point"):
+        verbs.move_to(engine, 1.0)
+    with raises(RunAborted, "stopped_at_a_safe_point"):
+        _press(engine)
+    assert len(bench.moves()) == before
+    assert bench.of("indentation_start") == []

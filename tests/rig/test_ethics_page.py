@@ -11,7 +11,7 @@ from rig.units import GWT_N
 from studies.registry import expanded, read_table
 
 DOCS = Path(__file__).parents[2] / "docs"
-PAGE = (DOCS / "ethics.md").read_text(encoding="utf-8")
+PAGE = " ".join((DOCS / "ethics.md").read_text(encoding="utf-8").split())
 
 
 def table(page: str, after: str) -> list[list[str]]:

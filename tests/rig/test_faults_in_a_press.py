@@ -119,7 +119,7 @@ def _late_in_pieces(bench: FaultyBench) -> None:
     delayed(bench, _line(bench), 0.1)
 
 
-@pytest.mark.parametrize("kind", HARMLESS)
+@pytest.mark.parametrize("kind", ["tmcl", "net_ft"])
 def test_replies_that_come_late_and_in_pieces_end_nothing(kind: str, tmp_path: Path) -> None:
     found = suffer(Fault("late", "done", "", _in_press(_late_in_pieces), HARMLESS[kind][0]), tmp_path)
     assert (found.outcome, found.ended_by) == ("done", None)
@@ -142,7 +142,7 @@ def _silence(data: bytes) -> list[bytes]:
     return []
 
 
-# Every alarm of a stage: tests/rig/test_tmcl_driver.py and its like.
+# Every alarm of a stage: tests/rig/test_tmcl_driver.py and its like; garbled replies and a cut wire: tests/contracts.
 FAULTS = {
     "tmcl: steps lost": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), TMCL, {"number": 207}),
     "tmcl: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.press("right")), TMCL, {"axis": "x"}),
@@ -152,26 +152,17 @@ FAULTS = {
     "standa: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.fail(0x200)), STANDA, {"axis": "x"}),
     **{
         f"{tables['stage']['kind']}: {name}": Fault("", "held", code, strike, tables, fields)
-        for tables, garble in (
-            (TMCL, _bad_bit),
-            (ZABER, lambda d: [d.replace(b" OK", b" OJ")]),
-            (STANDA, _bad_status),
-        )
+        for tables in (TMCL, ZABER, STANDA)
         for name, code, strike, fields in (
             ("power lost", "was_reset", _in_press(lambda b: b.board.power_cycle()), {"axis": "z"}),
-            ("every checksum wrong", "garbled", _changed(garble), {}),
             ("silence", "no_reply", _changed(_silence), {"port": "stage"}),
-            ("unplugged", "closed", _in_press(lambda b: b.stage_wire.close()), {"port": "stage"}),
         )
     },
     **{
         f"net_ft: {code}": Fault("", "lifted", "no_reading", strike, NET_FT, {"error_code": code})
         for code, strike in (
             ("saturated", _status(0x80020000)),
-            ("monitor_condition", _status(0x80010000)),
-            ("sensor_error", _status(0x80004000)),
             ("no_reply", _changed(_silence)),
-            ("garbled", _changed(lambda d: [d[:18]])),
             ("closed", _in_press(lambda b: b.force_wire.close())),
         )
     },
@@ -202,9 +193,3 @@ def test_the_journal_has_all_axes_and_the_counts_of_packets(tmp_path: Path) -> N
     for sample in samples:
         assert sample["fz_n"] == pytest.approx(-sample["force_gwt"] * 9.80665e-3, abs=2e-4)
     assert {sample["packets_lost"] + sample["packets_late"] for sample in samples} == {0}
-
-
-def test_other_sensors_journal_what_they_did(tmp_path: Path) -> None:
-    suffer(Fault("none", "done", "", lambda bench: None, {}), tmp_path)
-    units = next(one["units"] for one in _events(tmp_path) if _is(one, "descriptor", "sample"))
-    assert not set(find(ForceKind, "net_ft").also) & set(units)

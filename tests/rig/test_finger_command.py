@@ -6,25 +6,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rig.cli import main
 from rig.plan.config import load_config
 from sim.finger import mesh as mesh_module
-from sim.finger.mesh import POOR_SCALED_JACOBIAN
 from sim.finger.surface import published_points
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "own_finger"
 POINTS = "x_mm,y_mm,z_mm\n" + "".join(f"{x},{y},{z}\n" for x, y, z in published_points()[1])
-SECTIONS = """\
-z_mm,half_width_mm,height_mm,lean_mm
-0,3.4,2.6,0
-3,4.0,4.0,0.1
-6,4.4,4.6,0.2
-9,4.2,4.4,0.1
-12.75,1,1,0
-"""
 
 Finger = Callable[..., tuple[int, str, str]]
 
@@ -53,19 +43,6 @@ def configure(geometry: str, **files: str) -> Path:
     path = folder / "rig.toml"
     path.write_text(f"[finger.geometry]\n{geometry}\n", encoding="utf-8")
     return path
-
-
-def test_the_default_finger_for_people(finger_command: Finger) -> None:
-    code, out, err = finger_command()
-    assert (code, err) == (0, "")
-    lines = out.splitlines()
-    assert lines[0] == "skin     24 published points"
-    assert "rms 0.010 mm, largest 0.027 mm at (1.68, 3.70, 5.01) mm" in lines[1]
-    assert lines[2].endswith("(-0.14, 4.85, 7.01) mm")
-    assert lines[3].endswith("3.59 mm laterally, 3.39 mm axially")
-    assert "  epidermis       0.40 mm, 2 elements, E ratio 1" in lines
-    assert "mesh     34164 nodes, 30660 elements, 1200 patch nodes" in lines
-    assert lines[-1] == "  folded          none"
 
 
 def test_the_synthetic_larger_finger_as_json(finger_command: Finger) -> None:
@@ -123,32 +100,6 @@ def test_doubts_are_said_and_are_no_errors(finger_command: Finger) -> None:
     assert code == 0
     assert err.count("\n") == 1
     assert "(0.10, 5.84, 6.89) mm" in err
-
-
-def test_poor_elements_are_doubted(finger_command: Finger) -> None:
-    # The pulp swings by 4 mm from side to side between sections 1 mm apart.
-    rows = "".join(f"{z},4.4,4.4,{2 * (-1) ** k}\n" for k, z in enumerate(np.linspace(0, 12.75, 14)))
-    path = configure('sections = "mine.csv"', mine="z_mm,half_width_mm,height_mm,lean_mm\n" + rows)
-    code, _, err = finger_command("--config", path)
-    assert code == 0
-    assert err.count("\n") == 1
-    assert f" below {POOR_SCALED_JACOBIAN};" in err
-
-
-def test_points_before_the_finger_are_refused_where_they_end(finger_command: Finger) -> None:
-    """What else is refused stands in tests/refusals/simulation.txt."""
-    path = configure('length_mm = 11\npoints = "mine.csv"', mine=POINTS)
-    code, out, err = finger_command("--config", path, "--json")
-    assert (code, json.loads(out)["exit_code"], err.count("\n")) == (2, 2, 1)
-    assert "4.07" in err
-    assert "11.51" in err
-
-
-def test_a_refusal_does_not_repeat_thousands_of_numbers(finger_command: Finger) -> None:
-    rows = [[float(k), 1.0, 1.0] for k in range(9000)]
-    code, _, err = finger_command("--config", configure(f"points = {rows}"))
-    assert code == 2
-    assert len(err) < 300
 
 
 def test_a_folded_element_is_refused_by_name(finger_command: Finger, monkeypatch: pytest.MonkeyPatch) -> None:

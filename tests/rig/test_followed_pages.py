@@ -15,7 +15,7 @@ EXAMPLES = ROOT / "examples" / "tutorial"
 NOT_RUN = {
     "tutorial": ["make setup", ". .venv/bin/activate", "cp examples/tutorial/synthetic_afferent.csv ."]
 }  # what every test run begins with
-PAGES = ("tutorial", "your_own_protocol", "your_own_measure", "coding")
+PAGES = ("tutorial", "your_own_protocol", "coding")
 SECTIONS = {"nerve": "## From a protocol to a verdict"}
 """Headings of the sections that are followed, of pages that are not followed as a whole."""
 

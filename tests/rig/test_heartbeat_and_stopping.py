@@ -2,21 +2,16 @@
 
 import math
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.engine import Pause, PressId, Target, TripError, indent
-from rig.engine.bench import LOOK_S, Heartbeat
+from rig.engine import Target, TripError, indent
+from rig.engine.bench import Heartbeat
 from rig.engine.limits import Stopping
-from rig.records import NO_PRESS, ContactFit
 from rig.settings import RigSettings
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
-
-DOCS = Path(__file__).parents[2] / "docs" / "safety_design.md"
-
 
 # --- the heartbeat ---
 
@@ -42,15 +37,6 @@ def test_a_promise_that_is_broken_stops_the_stage_once() -> None:
     assert stopped_s == [pytest.approx(100.6)]
 
 
-def test_each_beat_is_a_new_promise() -> None:
-    clock, heartbeat, stopped_s = _watched()
-    for _ in range(5):
-        heartbeat.beat(0.5)
-        clock.wait_s(0.4)
-        heartbeat.look()
-    assert (heartbeat.lost, stopped_s) == (False, [])
-
-
 @pytest.mark.parametrize("rested", [False, True], ids=["never begun", "rested"])
 def test_nothing_is_watched_where_nothing_is_promised(rested: bool) -> None:
     clock, heartbeat, stopped_s = _watched()
@@ -60,16 +46,6 @@ def test_nothing_is_watched_where_nothing_is_promised(rested: bool) -> None:
     clock.wait_s(3600.0)
     heartbeat.look()
     assert (heartbeat.lost, stopped_s) == (False, [])
-
-
-def test_a_broken_promise_is_noticed_as_soon_as_is_documented() -> None:
-    assert f"A thread checks every {1000 * LOOK_S:g} ms" in " ".join(DOCS.read_text(encoding="utf-8").split())
-    clock, heartbeat, stopped_s = _watched()
-    heartbeat.beat(0.51)
-    for _ in range(100):
-        clock.wait_s(LOOK_S)
-        heartbeat.look()
-    assert stopped_s == [pytest.approx(100.52)]
 
 
 # --- a computer that was suspended ---
@@ -144,39 +120,3 @@ def test_what_the_force_gains_on_the_way() -> None:
     """2 gwt at 2 mm: the trip of 16 gwt is at 2 · 8^(2/3) = 8 mm, and twice as deep it is 2^1.5 times as much."""
     stopping = Stopping(1.0, 100.0, 50.0, most_mm=8.0)
     assert stopping.overshoot_gwt(16.0, 2.0, 2.0) == pytest.approx(16.0 * (math.sqrt(8.0) - 1.0))
-
-
-# --- records ---
-
-
-def test_the_part_of_a_target() -> None:
-    target = Target("force_gwt", 8.0)
-    assert [target.part(hold, 4) for hold in (1, 2, 3, 4)] == [Target("force_gwt", f) for f in (2.0, 4.0, 6.0, 8.0)]
-    assert Target("doi_mm", 0.9).part(2, 3) == Target("doi_mm", pytest.approx(0.6))
-
-
-@pytest.mark.parametrize(
-    ("purpose", "stream"), [("data", "sample"), ("reference", "reference_sample"), ("find", "find_sample")]
-)
-def test_what_is_no_data_has_streams_of_its_own(purpose: str, stream: str) -> None:
-    assert PressId(3, purpose).stream("sample") == stream
-
-
-def test_a_press_is_known_by_number_and_purpose_whatever_its_schedule_says_of_it() -> None:
-    first, again = PressId(3, "data", {"block": 1}), PressId(3, "data", {"block": 2})
-    assert first == again
-    assert first.stream("touch") == again.stream("touch") == "touch"
-    assert len({first, again, PressId(3), PressId(4), PressId(3, "reference")}) == 3
-
-
-def test_a_reading_of_no_press_has_the_index_minus_one_and_is_among_the_data() -> None:
-    assert (NO_PRESS.index, NO_PRESS.stream("sample"), dict(NO_PRESS.marks)) == (-1, "sample", {})
-
-
-def test_a_touch_is_past_contact_by_what_the_threshold_took() -> None:
-    touch = ContactFit(0.05, height_at_threshold_mm=-0.34, force_gwt=0.06, contact_height_mm=-0.3, fit_points=5)
-    assert touch.doi_bias_mm == pytest.approx(0.04)
-
-
-def test_nobody_pauses_unless_asked() -> None:
-    assert (Pause().asked(), Pause().go_on(lambda: None)) == (False, False)

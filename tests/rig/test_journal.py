@@ -104,7 +104,7 @@ def _calls(journal: Journal) -> list[Callable[[], None]]:
     ]
 
 
-@pytest.mark.parametrize("left", range(1, 60, 7))
+@pytest.mark.parametrize("left", [1, 22, 59])
 def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int) -> None:
     _write(path, clock)
     whole = list(read_journal(path))
@@ -112,15 +112,6 @@ def test_a_torn_last_line_is_dropped(path: Path, clock: VirtualClock, left: int)
     last = data.rindex(b"\n", 0, -1) + 1
     path.write_bytes(data[: last + left])
     assert list(read_journal(path)) == whole[:-1]
-
-
-def test_garbage_before_the_end_is_refused_by_file_and_line(path: Path, clock: VirtualClock) -> None:
-    _write(path, clock)
-    lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
-    lines[3] = "\x00\x00 {\n"
-    path.write_text("".join(lines), encoding="utf-8")
-    with raises(JournalError, "no_document", path=str(path), line=4):
-        list(read_journal(path))
 
 
 def test_nothing_is_lost_with_the_program(path: Path, clock: VirtualClock) -> None:
@@ -157,18 +148,6 @@ def test_the_stop_says_how_it_came_to_it(
         fail()
     last = list(read_journal(path))[-1]
     assert (last["doc"], last["status"], last["reason"]) == ("stop", status, reason)
-
-
-def test_an_error_after_the_stop_adds_nothing(path: Path, clock: VirtualClock) -> None:
-    def fail() -> None:
-        with Journal(path, clock, SOME) as journal:
-            journal.start({})
-            journal.stop("done")
-            raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        fail()
-    assert [d["doc"] for d in read_journal(path)] == ["start", "stop"]
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

@@ -2,7 +2,6 @@
 
 import contextlib
 import errno
-import json
 import os
 from pathlib import Path
 from typing import Any
@@ -61,12 +60,6 @@ def test_a_journal_ends_on_a_whole_line_and_loses_no_other(
     assert len(synced) == 1  # what was mended is on the disk
 
 
-def test_what_is_not_there_is_left_so_and_holds_nothing(path: Path, synced: list[int]) -> None:
-    assert mend_journal(path) == 0
-    assert not path.exists()
-    assert not synced
-
-
 def test_numbers_go_on_where_they_were(path: Path, synced: list[int], clock: VirtualClock) -> None:
     path.write_bytes(START + NOTE + b"{")
     with Journal(path, clock, SOME) as journal:
@@ -100,25 +93,7 @@ def test_a_line_that_ends_is_not_torn(path: Path) -> None:
         list(read_journal(path))
 
 
-def test_an_empty_line_is_nothing(path: Path) -> None:
-    path.write_bytes(START + b"\n" + NOTE + b"\n")
-    assert [d["doc"] for d in read_journal(path)] == ["start", "event"]
-
-
-def test_documents_come_whole(path: Path) -> None:
-    path.write_bytes(START + NOTE)
-    assert list(read_journal(path)) == [json.loads(START), json.loads(NOTE)]
-
-
 # --- writing ---
-
-
-def test_times_are_kept_in_microseconds(path: Path, synced: list[int]) -> None:
-    with Journal(path, VirtualClock(1.7e9 + 0.123456789, 5.123456789), SOME) as journal:
-        journal.resume({})
-    document = next(iter(read_journal(path)))
-    assert repr(document["t_s"]) == "5.123457"
-    assert repr(document["unix_s"]) == "1700000000.123457"
 
 
 @pytest.mark.parametrize("virtual", [False, True], ids=["run", "dry-run"])
@@ -156,51 +131,3 @@ def test_a_full_disk_keeps_whole_lines_and_loses_no_event_when_it_has_room_again
     found = list(read_journal(path))
     assert [d["seq"] for d in found] == list(range(7))
     assert [d["data"]["text"] for d in found if d["doc"] == "event"] == ["a", "b", "c", "d"]
-
-
-def test_an_error_without_words_from_the_system_is_told_in_its_own(
-    path: Path, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def broken(fd: int) -> None:
-        raise OSError("the disk is gone")
-
-    with Journal(path, clock, SOME) as journal:
-        monkeypatch.setattr("rig.data.journal.os.fsync", broken)
-        with raises(RecordError, "cannot_be_written", path=str(path), error="the disk is gone"):
-            journal.start({})
-    assert path.read_bytes() == b""
-
-
-def test_the_end_of_a_script_says_what_the_script_says_and_gives_the_file_back(
-    path: Path, synced: list[int], clock: VirtualClock
-) -> None:
-    with Journal(path, clock, SOME) as journal:
-        journal.start({})
-    assert [d["doc"] for d in read_journal(path)] == ["start"]  # nobody said stop, and nothing failed
-    with pytest.raises(ValueError, match="closed file"):
-        journal.start({})
-
-
-def test_each_stream_is_described_once_before_its_first_event(
-    path: Path, synced: list[int], clock: VirtualClock
-) -> None:
-    with Journal(path, clock, {"note": {"text": ""}, "rest": {"rest_s": "s"}}) as journal:
-        journal.event("note", {"text": "a"})
-        journal.event("rest", {"rest_s": 1.0})
-        journal.event("note", {"text": "b"})
-    found = list(read_journal(path))
-    assert [(d["doc"], d["stream"]) for d in found] == [
-        ("descriptor", "note"), ("event", "note"), ("descriptor", "rest"), ("event", "rest"), ("event", "note"),
-    ]  # fmt: skip
-    assert found[2]["units"] == {"rest_s": "s"}
-
-
-def test_what_a_stream_has_no_key_for_is_refused_and_named(
-    path: Path, synced: list[int], clock: VirtualClock
-) -> None:
-    with (
-        Journal(path, clock, SOME, witness=lambda stream, data: {"true_x_mm": 0.0}) as journal,
-        pytest.raises(KeyError, match=r"stream 'note' has no \['true_x_mm', 'word'\]"),
-    ):
-        journal.event("note", {"text": "a", "word": "b"})
-    assert path.read_bytes() == b""

@@ -14,13 +14,17 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rig.cli.json_schemas import OUTPUTS
+from rig.cli.output import one_line_errors, print_json
+from rig.cli.program import COMMANDS
 from rig.data import Run
 from rig.plan.nerve import MeasureTable, Visits
 from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 from sim.nerve.population import AfferentPopulation
-from tests.program import Program
+from tests.program import Program, as_in_its_schema
+from tests.rig.test_public_interface import commands_with
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
 
 ROOT = Path(__file__).parents[2]
@@ -125,3 +129,19 @@ def test_an_answer_in_json_is_as_its_schema_says(
     if WRITES and not about:
         text = json.dumps(_short(answer), indent=1, ensure_ascii=False)
         (EXAMPLES / f"{command}.json").write_text(f"{text}\n", encoding="utf-8")
+
+
+def test_every_command_with_json_has_a_schema_and_an_example_that_fits_it() -> None:
+    assert set(commands_with("as_json")) == set(OUTPUTS) <= set(COMMANDS)
+    for command in OUTPUTS:
+        as_in_its_schema(command, json.loads((EXAMPLES / f"{command}.json").read_text(encoding="utf-8")))
+
+
+def test_what_a_script_prints_is_not_beside_the_object(capsys: pytest.CaptureFixture[str]) -> None:
+    for as_json in (True, False):
+        with one_line_errors(as_json=as_json):
+            print("asked")
+            if as_json:
+                print_json({"run": "r"})
+        there = capsys.readouterr()
+        assert (there.out, there.err) == (('{"run": "r"}\n', "asked\n") if as_json else ("asked\n", ""))

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import pytest
@@ -10,20 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rig.engine.limits import ContactTime, Trips, refuse_height
+from rig.engine.limits import refuse_height
 from rig.errors import BadInputError, LimitError
 from rig.plan.config import Config
-from rig.protocol import Rig
+from rig.protocol import Rig, check
+from rig.records import PlannedIndentation, PredictionBand, Target
 from rig.settings import SLOWEST_MM_S, RigSettings
 from rig.units import GWT_N
-from sim.devices.clock import VirtualClock
-from tests.config_keys import TABLE, Key
-from tests.rig.script_walk import StandIn, ready, walked
+from tests.error_codes import has_code, raises
+from tests.rig.script_walk import StandIn, ready, refused, walked
 
 Tables = dict[str, dict[str, Any]]
 Range = tuple[float, float]
 NO_NUMBERS = (math.nan, math.inf, -math.inf)
-NUMBERS = ("number", "integer")
 few = settings(max_examples=10, deadline=None)
 
 
@@ -48,56 +48,7 @@ def _about(low: float, high: float) -> st.SearchStrategy[float]:
     return st.floats(near - width, far + width)
 
 
-# --- the keys of the configuration ---
-
-
-def _bound(key: Key) -> Range:
-    ends = {sign[0]: bound for sign, bound in key.bounds}
-    return ends.get(">", -math.inf), ends.get("<", math.inf)
-
-
-def _within(key: Key, value: float) -> bool:
-    allowed: Mapping[str, Callable[[float], bool]] = {
-        ">": lambda bound: value > bound,
-        ">=": lambda bound: value >= bound,
-        "<": lambda bound: value < bound,
-        "<=": lambda bound: value <= bound,
-    }
-    return math.isfinite(value) and all(allowed[sign](bound) for sign, bound in key.bounds)
-
-
-BOUNDED = {name: key for name, key in TABLE.items() if key.kind in NUMBERS and key.bounds and not key.lists}
-
-
-def test_every_key_with_a_bound_is_walked() -> None:
-    assert len(BOUNDED) > 100
-    assert {"limits.max_doi_mm", "habits.increment_mm", "virtual.stiffness", "stage.travel_mm"} <= set(BOUNDED)
-
-
-def _is_accepted_in_range(key: Key, value: float) -> None:
-    for number in (float(value), round(value)) if math.isfinite(value) else (value,):
-        whole = key.kind == "number" or isinstance(number, int)
-        assert key.refuses(number) is not (whole and _within(key, number)), f"{key.name} = {number!r}"
-
-
-every_table = pytest.mark.parametrize("table", dict.fromkeys(name.rpartition(".")[0] for name in BOUNDED))
-
-
-@every_table
-def test_a_key_is_accepted_up_to_its_ends(table: str) -> None:
-    for name, key in BOUNDED.items():
-        if name.rpartition(".")[0] == table:
-            for value in _edges(*_bound(key)):
-                _is_accepted_in_range(key, value)
-
-
-@every_table
-@few
-@given(data=st.data())
-def test_a_key_is_accepted_where_it_is_in_range(table: str, data: st.DataObject) -> None:
-    for name, key in BOUNDED.items():
-        if name.rpartition(".")[0] == table:
-            _is_accepted_in_range(key, data.draw(_about(*_bound(key)), label=name))
+# --- pairs of keys of the configuration ---
 
 
 RELATED: Mapping[str, tuple[Range, Callable[[float, float], Tables], Callable[[float, float], bool]]] = {
@@ -151,7 +102,6 @@ class Asked:
     range: Callable[[float], Range]
     finger: Callable[[float], StandIn] = lambda value: StandIn()
     open_below: bool = False
-    whole: bool = False
 
 
 STIFF = StandIn(gwt_mm=1e3)
@@ -180,27 +130,13 @@ ASKED: Mapping[str, Asked] = {
     "move_to: along_mm within the travel": Asked(
         (20, 40), lambda limit: {"stage": {"travel_mm": [60.0, limit, 40.0]}, "limits": FAR},
         lambda rig, along_mm: ready(rig).move_to(x_mm=0, along_mm=along_mm), lambda limit: (15.0 - limit, 15.0)),
-    "reference: x_mm": Asked(
-        (0.1, 9.9), lambda limit: _limits(x_mm=[-limit, limit / 2]),  # the stand-in does not know x = 5 mm
-        lambda rig, x_mm: ready(rig).reference(x_mm=x_mm, doi_mm=0.1), lambda limit: (-limit, limit / 2)),
     "indent: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(doi_mm=doi_mm),
         lambda limit: (0, limit), open_below=True),
-    "precondition: doi_mm": Asked(
-        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
-        lambda rig, doi_mm: ready(rig).precondition(presses=2, doi_mm=doi_mm), lambda limit: (0, limit),
-        open_below=True),
-    "reference: doi_mm": Asked(
-        (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
-        lambda rig, doi_mm: ready(rig).reference(x_mm=0, doi_mm=doi_mm), lambda limit: (0, limit), open_below=True),
     "indent: force_gwt": Asked(
         (1, 500), lambda limit: _strong(max_force_gwt=limit),
         lambda rig, force_gwt: ready(rig).indent(force_gwt=force_gwt), lambda limit: (0, limit), lambda value: STIFF,
         open_below=True),
-    "precondition: force_gwt": Asked(
-        (1, 500), lambda limit: _strong(max_force_gwt=limit),
-        lambda rig, force_gwt: ready(rig).precondition(presses=2, force_gwt=force_gwt), lambda limit: (0, limit),
-        lambda value: STIFF, open_below=True),
     "indent: the depth that a force means": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit), lambda rig, doi_mm: ready(rig).indent(force_gwt=1.0),
         lambda limit: (0, limit), lambda doi_mm: StandIn(gwt_mm=1 / doi_mm), open_below=True),
@@ -225,14 +161,6 @@ ASKED: Mapping[str, Asked] = {
     "indent: hold_s in all": Asked(
         (10, 3000), lambda limit: _limits(max_contact_s=limit),
         lambda rig, hold_s: ready(rig).indent(doi_mm=0.1, increments=2, hold_s=hold_s / 2), lambda limit: (0, limit)),
-    "precondition: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).precondition(presses=4, doi_mm=0.1, hold_s=hold_s / 4),
-        lambda limit: (0, limit)),
-    "reference: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).reference(x_mm=0, doi_mm=0.1, increments=2, hold_s=hold_s / 2),
-        lambda limit: (0, limit)),
     "ramp: doi_mm": Asked(
         (0.1, 2), lambda limit: _limits(max_doi_mm=limit),
         lambda rig, doi_mm: ready(rig).ramp(doi_mm=doi_mm, speed_mm_s=0.1), lambda limit: (0, limit),
@@ -244,13 +172,10 @@ ASKED: Mapping[str, Asked] = {
     "ramp: hold_s": Asked(
         (3600, 3600), lambda limit: _limits(max_contact_s=36000.0),
         lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
-    "ramp: hold_s in all": Asked(
-        (10, 3000), lambda limit: _limits(max_contact_s=limit),
-        lambda rig, hold_s: ready(rig).ramp(doi_mm=0.1, speed_mm_s=0.1, hold_s=hold_s), lambda limit: (0, limit)),
 }  # fmt: skip
 ROUND_OFF = 1e-9
 JUST_BESIDE_MM = (-1e-3, -1e-6, 0.0, 1e-6, 1e-3)
-LEFT_OUT = ("indent: doi_mm", "precondition: doi_mm", "indent: speed_mm_s")
+LEFT_OUT = ("indent: doi_mm", "indent: speed_mm_s")
 
 
 @pytest.mark.parametrize("name", ASKED)
@@ -262,8 +187,6 @@ def test_a_number_of_a_script_is_accepted_where_it_is_in_range(name: str, data: 
     low, high = row.range(limit)
     for value in [*_edges(low, high), data.draw(_about(low, high), label="value")]:
         _is_answered_in_range(name, limit, value)
-        if row.whole and math.isfinite(value):
-            _is_answered_in_range(name, limit, round(value))
 
 
 def _is_answered_in_range(name: str, limit: float, value: float) -> None:
@@ -275,7 +198,6 @@ def _is_answered_in_range(name: str, limit: float, value: float) -> None:
     if ("travel" in name or "in all" in name) and 0 < min(abs(value - low), abs(value - high)) < ROUND_OFF:
         return
     accepted = (low < value if row.open_below else low <= value) and value <= high
-    accepted = accepted and (isinstance(value, int) or not row.whole)
     try:
         walked(lambda rig: row.ask(rig, value), row.finger(value), **row.tables(limit))
     except BadInputError:
@@ -318,48 +240,112 @@ def test_nothing_is_pressed_or_touched_below_the_floor_or_the_travel(
                 assert floor_mm <= lowest_mm <= 0
 
 
-# --- what is felt and moved ---
+# --- rules of a script that are no range of one number ---
+
+COUNTS: Mapping[str, Callable[[Rig, Any], object]] = {
+    "increments": lambda rig, n: rig.indent(doi_mm=0.5, increments=n, hold_s=0.1),
+    "presses": lambda rig, n: rig.precondition(presses=n, doi_mm=0.5, hold_s=0.1),
+    "increments of a reference": lambda rig, n: rig.reference(x_mm=0.0, doi_mm=0.5, increments=n, hold_s=0.1),
+}
 
 
-@few
-@given(data=st.data())
-def test_a_reading_trips_where_it_is_beyond_a_layer(data: st.DataObject) -> None:
-    """Soft, lowered by a plan; of the area; hard. Whichever way it points."""
-    hard_n = data.draw(st.floats(0.1, 5.0), label="hard")
-    soft_n = data.draw(st.floats(0.05, 1.0), label="soft") * hard_n
-    planned_n = data.draw(st.none() | st.floats(0.02, 5.0), label="planned")
-    area_mm2 = data.draw(st.just(math.inf) | st.floats(0.5, 100.0), label="area")
-    limits = RigSettings.model_validate({"limits": {"soft_trip_n": soft_n, "hard_trip_n": hard_n}}).limits
-    trips = Trips(limits, planned_n)
-    trips.press_on(area_mm2)
-    soft_gwt = min(soft_n, math.inf if planned_n is None else planned_n) / GWT_N
-    lowest_gwt = min(soft_gwt, limits.max_pressure_kpa * area_mm2 / 1000 / GWT_N)
-    assert trips.lowest_gwt == pytest.approx(lowest_gwt, rel=1e-12)
-    for end_gwt, passed in ((trips.lowest_gwt, trips.passed), (hard_n / GWT_N, trips.passed_hard)):
-        for force_gwt in filter(math.isfinite, [*_edges(-end_gwt, end_gwt), data.draw(_about(-end_gwt, end_gwt))]):
-            assert (passed(force_gwt) is None) is (abs(force_gwt) <= end_gwt)
-            either = abs(force_gwt) <= min(trips.lowest_gwt, hard_n / GWT_N)
-            assert (trips.passed_any(force_gwt) is None) is either
+def _counted(what: str, number: object, rig: Rig) -> None:
+    COUNTS[what](ready(rig), number)
 
 
-@few
-@given(longest_s=st.floats(1.0, 36_000.0), data=st.data())
-def test_a_finger_is_touched_no_longer_than_the_limit(longest_s: float, data: st.DataObject) -> None:
-    """All parts of a run together."""
-    before_s, now_s = (data.draw(st.floats(0.0, 0.7)) * longest_s for _ in range(2))
-    clock = VirtualClock()
-    limits = RigSettings.model_validate({"limits": {"max_contact_s": longest_s}}).limits
-    touched = ContactTime(clock, limits, before_s)
-    touched.begin()
-    clock.wait_s(now_s)
-    assert touched.total_s == pytest.approx(before_s + now_s)
-    accepted = touched.total_s <= longest_s
-    try:
-        touched.refuse_more()
-    except LimitError:
-        assert not accepted
+@pytest.mark.parametrize("what", COUNTS)
+def test_a_count_is_a_whole_number_up_to_a_hundred(what: str) -> None:
+    for number in (1, 100):
+        walked(partial(_counted, what, number))
+    for number in (0, 101, -1, True, 2.0, "2"):
+        has_code(refused(partial(_counted, what, number)), "no_count", value=number, high=100)
+
+
+def _pressed(x_mm: float = 0.0, **target: float) -> Callable[[Rig], object]:
+    return lambda rig: ready(rig, x_mm).indent(**target)  # type: ignore[arg-type]
+
+
+def _over(x_mm: float, along_mm: float = 0.0) -> Callable[[Rig], object]:
+    def script(rig: Rig) -> None:
+        rig.home()
+        rig.move_to(x_mm=x_mm, along_mm=along_mm)
+
+    return script
+
+
+def _touched(rig: Rig) -> None:
+    ready(rig).touch()
+
+
+PLANE: Tables = {"stage": {"kind": "leadshine"}}
+GIVES = {"compliance_mm_per_n": {"value": 0.5, "date": "2026-01-01", "expires": "2027-01-01"}}
+WIDE = StandIn(gwt_mm=100.0, area_mm2=400.0)
+RULES: Mapping[str, tuple[Tables, StandIn, Callable[[Rig], object], str | None]] = {
+    "no target": ({}, StandIn(), _pressed(), "not_one_target"),
+    "two targets": ({}, StandIn(), _pressed(doi_mm=0.5, force_gwt=1.0), "not_one_target"),
+    "a target of zero": ({}, StandIn(), _pressed(force_gwt=0.0), "not_positive"),
+    "a target of no number": ({}, StandIn(), _pressed(doi_mm=math.nan), "not_positive"),
+    "no contact": ({}, StandIn(area_mm2=0.0), _pressed(doi_mm=1.0), "no_contact"),
+    "no answer of the model": ({}, StandIn(), _pressed(5.0, doi_mm=0.5), "no_answer"),
+    "as deep as the travel": ({"frame": {"apex_z_mm": -38.69}}, WIDE, _pressed(doi_mm=1.0), None),
+    "deeper than the travel": ({"frame": {"apex_z_mm": -38.71}}, WIDE, _pressed(doi_mm=1.0), "outside_travel"),
+    "a rig that gives": (
+        {"frame": {"apex_z_mm": -38.2}, "calibration": GIVES}, WIDE, _pressed(doi_mm=1.0), None),
+    "a rig that gives too much": (
+        {"frame": {"apex_z_mm": -38.22}, "calibration": GIVES}, WIDE, _pressed(doi_mm=1.0), "outside_travel"),
+    "a touch down to the travel": ({"frame": {"apex_z_mm": -39.19}}, StandIn(), _touched, None),
+    "a touch below the travel": ({"frame": {"apex_z_mm": -39.21}}, StandIn(), _touched, "outside_travel"),
+    "clearance up to the switches": ({"frame": {"apex_z_mm": -2.4}}, StandIn(), _over(0.0), None),
+    "clearance above the switches": ({"frame": {"apex_z_mm": -1.9}}, StandIn(), _over(0.0), "outside_travel"),
+    "a precondition too deep": (
+        {}, StandIn(), lambda rig: ready(rig).precondition(presses=2, doi_mm=1.51), "beyond_limit"),
+    "a reference too deep": ({}, StandIn(), lambda rig: ready(rig).reference(x_mm=0, doi_mm=1.51), "beyond_limit"),
+    "a reference aside": ({}, StandIn(), lambda rig: ready(rig).reference(x_mm=6.01, doi_mm=0.1), "outside_limits"),
+    "no axis along, and not along": (PLANE, StandIn(), _over(1.0), None),
+    "no axis along": (PLANE, StandIn(), _over(0.0, 1.0), "no_such_axis"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", RULES)
+def test_what_a_rule_forbids_is_refused_by_its_code_and_nothing_else_is(name: str) -> None:
+    tables, finger, script, code = RULES[name]
+    if code is None:
+        walked(script, finger, **tables)
     else:
-        assert accepted
+        has_code(refused(script, finger, **tables), code)
+
+
+def test_holds_of_all_verbs_add_up_to_the_longest_contact() -> None:
+    def script(rig: Rig) -> None:
+        ready(rig).indent(doi_mm=0.5, increments=4, hold_s=2.0)
+        rig.precondition(presses=4, doi_mm=0.5, hold_s=2.0)
+        rig.reference(x_mm=0.0, doi_mm=0.5, increments=4, hold_s=2.0)
+
+    walked(script, limits={"max_contact_s": 24.0})
+    has_code(refused(script, limits={"max_contact_s": 23.5}), "held_too_long", held_s=24.0, high=23.5)
+
+
+def test_the_upper_ends_of_the_bands_of_an_identified_finger_are_held_to_the_limits() -> None:
+    rig_settings = RigSettings()
+    limits = rig_settings.limits
+
+    def reach(**band: Any) -> None:
+        found = PredictionBand(**{"force_gwt": (4.0, 6.0), "doi_mm": (0.4, 0.6), "highest_gwt": 7.0, **band})
+        press = PlannedIndentation(
+            "bar", 0.5, Target("doi_mm", 0.5), 0.0, 5.0, 0.5, 40.0, 0.1, increments=1, hold_s=1.0, band=found
+        )
+        check.refuse_reach("indent", press, rig_settings)
+
+    reach()
+    for wide, limit in (
+        ({"doi_mm": (0.4, limits.max_doi_mm + 0.1)}, "max_doi_mm"),
+        ({"highest_gwt": limits.max_force_gwt + 0.1}, "max_force_gwt"),
+    ):
+        with raises(BadInputError, "means_beyond_limit", limit=limit):
+            reach(**wide)
+
+
+# --- what is moved ---
 
 
 @few

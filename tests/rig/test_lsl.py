@@ -79,13 +79,6 @@ def test_runs_that_begin_grow_or_resume_are_read_once_and_earlier_ones_are_not(t
     assert following.new() == []
 
 
-def test_a_folder_that_does_not_exist_yet_is_waited_for(tmp_path: Path) -> None:
-    following = _following(tmp_path / "runs")
-    assert following.new() == []
-    run = _write(tmp_path / "runs", "first", START)
-    assert following.new() == [(run, [START])]
-
-
 def test_each_time_is_that_of_the_journal_plus_one_offset_a_part() -> None:
     samples, markers = Outlet(), Outlet()
     offsets = iter([-900.0, -800.0, -700.0])

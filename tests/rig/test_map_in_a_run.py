@@ -18,12 +18,12 @@ from rig.plan.config import Config, config_from, load_config
 from rig.plan.finger_model import copy_name, from_copy, named_file, responses, with_stored_file
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.run_figures import contacts_from_below, is_relief
+from rig.report.run_figures import contacts_from_below
 from rig.study.exceptions import StudyError
 from rig.study.parameter_study import read_study
 from sim.config import FingertipConfig
 from sim.contact.patch import X, Z
-from sim.contact.shapes import ShapeError, parse_shape, with_file_beside
+from sim.contact.shapes import ShapeError, with_file_beside
 from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
@@ -90,12 +90,6 @@ def test_a_letter_is_pressed_in_a_run(rig: Callable[..., Any], empty_figures: No
     assert [r.result.force_gwt for r in answers] == pytest.approx([e["force_gwt"] for e in holds], rel=0.1)
 
 
-def test_a_report_without_such_shapes_has_no_such_picture(halfspace: Fingertip) -> None:
-    for shape, drawn in (("bar:3", False), ("line", False), ("sphere:2", False), ("bar:3,turn_deg=20", True)):
-        result = halfspace.indent(shape, doi_mm=0.2)
-        assert is_relief(result.indentor) == drawn
-
-
 def run_config() -> Any:
     return load_config(Path("coarse.toml")).finger
 
@@ -115,7 +109,7 @@ NAMING = [
 ]
 
 
-@pytest.mark.parametrize("file", ["mine", "a/b/mine", "a,b", "linear", "x=1,y", "with space", "ünï"])
+@pytest.mark.parametrize("file", ["a/b/mine", "a,b", "linear", "x=1,y", "ünï"])
 def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path, file: str) -> None:
     for n, shape in enumerate(NAMING):
         text, run = shape.format(file), tmp_path / str(n)
@@ -127,12 +121,6 @@ def test_every_shape_that_names_a_file_is_read_from_the_runs_copy(tmp_path: Path
         assert from_copy(run, text) == text, "there is none yet"
         (run / copy_name(name)).write_bytes(b"kept")
         assert from_copy(run, text) == text.replace(name, str(run / copy_name(name)))
-
-
-def test_a_copy_in_a_run_of_an_earlier_version_keeps_its_lowest_number_first(tmp_path: Path) -> None:
-    (tmp_path / copy_name("a.npy")).write_bytes(b"kept")
-    found = from_copy(tmp_path, "heightmap:a.npy,spacing_mm=0.1")
-    assert found == f"heightmap:{tmp_path / copy_name('a.npy')},spacing_mm=0.1,raised=low"
 
 
 @pytest.mark.parametrize("there", ["beside", "here", "both", "neither"])
@@ -160,23 +148,6 @@ def test_a_file_is_looked_for_beside_what_names_it_and_an_error_says_where(
     assert settings.virtual.indentor == f"profile:{place / 'a.csv'}"
 
 
-def test_a_shape_that_names_no_file_is_left_alone(tmp_path: Path) -> None:
-    assert from_copy(tmp_path, "bar:3,across") == "bar:3,across"
-    assert named_file("bar:3,across") is None
-    assert named_file(3) is None  # type: ignore[arg-type]
-
-
-def test_a_file_is_copied_when_it_is_first_met(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "run").mkdir()
-    ell(tmp_path / "l.png")
-    kept = with_stored_file(tmp_path / "run", "heightmap:l.png,width_mm=2,height_mm=0.3")
-    assert kept == f"heightmap:{tmp_path / 'run' / copy_name('l.png')},width_mm=2,height_mm=0.3"
-    (tmp_path / "l.png").unlink()
-    at = np.random.default_rng(0).uniform(-0.9, 0.9, size=(2, 9))
-    assert parse_shape(kept).evaluate(at).height_mm.max() <= 0.31
-
-
 @pytest.mark.parametrize("now", ["edited", "gone"])
 def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, now: str) -> None:
     monkeypatch.chdir(tmp_path)
@@ -192,19 +163,11 @@ def test_the_first_copy_is_the_one_that_counts(tmp_path: Path, monkeypatch: pyte
     assert copy.read_text(encoding="utf-8") == "first"
 
 
-def test_of_a_file_that_is_gone_and_was_never_copied_the_name_is_left(tmp_path: Path) -> None:
-    """As in runs of earlier versions, which kept no copies."""
-    shape = f"profile:{tmp_path / 'nowhere.csv'}"
-    assert with_stored_file(tmp_path, shape) == shape
-    assert not list(tmp_path.iterdir())
-
-
-@pytest.mark.parametrize("going_on", [False, True], ids=["a new run", "one that goes on"])
-def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip, going_on: bool) -> None:
+def test_a_file_that_is_not_there_is_named(tmp_path: Path, halfspace: Fingertip) -> None:
     script = tmp_path / "mine.py"
     script.write_text("def run(rig):\n    rig.mount('profile:nowhere.csv')\n", encoding="utf-8")
     with pytest.raises(BadInputError, match=r"mine\.py, line 2: .*nowhere\.csv"):
-        make_plan(load_script(str(script)), Config(), halfspace, folder=tmp_path if going_on else None)
+        make_plan(load_script(str(script)), Config(), halfspace)
     assert list(tmp_path.iterdir()) == [script]
 
 
@@ -236,21 +199,6 @@ def test_a_picture_has_the_pressure_and_what_bears_where_it_is(halfspace: Finger
     assert other.get_title().count("\n") == 1
     assert bar.get_ylabel() == "pressure (kPa)"
     assert one.get_aspect() == 1.0
-
-
-@pytest.mark.quick(rows=lambda shape: shape in ("sphere:2", "flat"))
-@pytest.mark.parametrize("shape", ["bar:3.0", "line", "sphere:2", "flat", "grating:0.5,1.2,turn_deg=30"])
-def test_every_kind_of_shape_can_be_drawn(halfspace: Fingertip, shape: str) -> None:
-    plot = contacts_from_below([halfspace.indent(shape, doi_mm=0.2)], [shape])
-    assert plot.svg.count("<svg") == 1
-    contours = [c for c in _drawn(plot.draw).axes[0].collections if type(c).__name__ == "QuadContourSet"]
-    assert len(contours) == (shape != "flat")  # a plate has no relief
-
-
-def _drawn(draw: Callable[[Figure], None]) -> Figure:
-    figure = Figure(layout="constrained")
-    draw(figure)
-    return figure
 
 
 def test_rig_indent_draws_what_it_pressed(rig: Callable[..., Any], tmp_path: Path) -> None:

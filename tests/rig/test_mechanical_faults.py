@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import StageError
-from rig.engine import EngineError, TripError, indent, verbs
+from rig.engine import EngineError, indent, verbs
 from rig.session.early_ending import FinalPosition
 from rig.units import GWT_N
 from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, TARGET, FaultyBench, bound_gwt
@@ -203,13 +203,3 @@ def test_one_garbled_status_ends_nothing(tmp_path: Path) -> None:
 
     ended = _pressed_twice(tmp_path, GRBL, strike)
     assert ended.reason == ""
-
-
-def test_a_trip_says_what_was_commanded_and_what_was_reported(tmp_path: Path) -> None:
-    bench = Slipping(tmp_path, GRBL)
-    verbs.home(bench.engine)
-    verbs.zero(bench.engine)
-    _corrupt_grbl(bench, 4.0)
-    with pytest.raises(TripError, match=r"commanded z from -\d+\.\d+ to -\d+\.\d+ mm, but the stage reports z = -\d"):
-        bench.engine.go_to_height(bench.engine.height_mm - 1.0, 5.0)
-    bench.journal.close()

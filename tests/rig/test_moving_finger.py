@@ -21,7 +21,6 @@ from tests.moving_finger import (
     FingerBench,
     FingerOnBytes,
     FingerOnStub,
-    MovingFinger,
 )
 from tests.stub_bench import raising
 
@@ -39,6 +38,11 @@ def bench(request: pytest.FixtureRequest) -> FingerBench:
 def on_all(first: object, *more: object) -> list[tuple[str, object]]:
     """Return benches and cases: the first case on all of them, all cases on the stub."""
     return [*((name, first) for name in BENCHES), *(("stub", case) for case in more)]
+
+
+def few(*, bench: str) -> bool:
+    """The engine is the same over all stages; what differs in them is in the tests that have cases."""
+    return bench in ("stub", "grbl", "tmcl")
 
 
 @pytest.fixture(params=STAGES)
@@ -100,6 +104,7 @@ def test_no_ending_of_a_rest_calls_a_finger_lifted_that_came_up(bench: FingerBen
     assert not bench.witness.lies()
 
 
+@pytest.mark.quick(rows=lambda by_hand, rises_mm: by_hand == "grbl" or rises_mm == 4.0)
 @pytest.mark.parametrize("rises_mm", [2.3, 4.0])
 def test_a_jog_sideways_does_not_drag_a_finger_that_came_up_after_the_lift(
     by_hand: FingerOnBytes, rises_mm: float
@@ -140,6 +145,7 @@ def test_a_finger_that_comes_up_during_a_zero_is_not_zeroed_away(
     assert bench.witness.made_gwt(TRIP_GWT, bench.read_s) <= OVERSHOOT_GWT
 
 
+@pytest.mark.quick(rows=lambda by_hand, after_s: by_hand == "grbl" or after_s == 0.8)
 @pytest.mark.parametrize("after_s", [0.6, 0.8])
 def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: FingerOnBytes, after_s: float) -> None:
     by_hand.finger.moves(in_s(by_hand, after_s), 4.0)
@@ -151,6 +157,7 @@ def test_a_finger_that_comes_up_during_rig_zero_is_not_zeroed_away(by_hand: Fing
     not_dragged(by_hand)
 
 
+@pytest.mark.quick(rows=few)
 def test_a_shaking_finger_during_a_zero_does_not_become_noise(bench: FingerBench) -> None:
     engine = bench.ready()
     zero = bench.force.zero
@@ -192,6 +199,7 @@ def test_a_move_ends_at_a_second_finger_beside_the_first(bench: FingerBench, fla
 # --- rests are watched ---
 
 
+@pytest.mark.quick(rows=few)
 def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 2.0), 4.0)
@@ -201,6 +209,7 @@ def test_a_force_above_the_trip_ends_a_rest(bench: FingerBench) -> None:
     assert above[-1].t_s - above[0].t_s < FACT_S + 0.5, "it lifts"
 
 
+@pytest.mark.quick(rows=few)
 def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> None:
     engine = bench.ready()
     bench.finger.moves(in_s(bench, 2.0), 2.3)
@@ -247,6 +256,7 @@ def test_a_trip_survives_a_stop_during_its_lift() -> None:
 # --- and the bench itself is a fair one ---
 
 
+@pytest.mark.quick(rows=few)
 def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
     engine = bench.ready()
     indent(engine, Target("force_gwt", 6.0))
@@ -258,16 +268,3 @@ def test_a_still_finger_is_pressed_and_left(bench: FingerBench) -> None:
     assert bench.witness.dragged(bench.least_gwt) == (0.0, 0.0)
     assert not bench.witness.lies()
     assert any(said.lifted for said in bench.witness.said)
-
-
-def test_the_truth_of_a_moving_finger_is_what_it_was_asked_to_do() -> None:
-    finger = MovingFinger(k_gwt=10.0)
-    finger.moves(1.0, 2.0, 4.0, stays_s=1.0)
-    finger.stands_beside(3.0, 1.0, flank_mm=1.0)
-    heights_mm = [finger.skin_mm(0.0, t_s) for t_s in (0.9, 1.25, 2.0, 2.75, 9.0)]
-    assert heights_mm == pytest.approx([0.0, 1.0, 2.0, 1.0, 0.0])
-    assert finger.skin_mm(3.5, 9.0) == pytest.approx(0.5)
-    assert finger.force_gwt(9.0, 0.0, 0.0) == pytest.approx(10.0)
-    finger.moves(10.0, 0.5, 5.0, cycles=2)
-    assert max(finger.skin_mm(0.0, 10.0 + 0.001 * n) for n in range(3000)) == pytest.approx(0.5, abs=1e-3)
-    assert finger.skin_mm(0.0, 13.0) == 0.0

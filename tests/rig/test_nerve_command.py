@@ -1,17 +1,14 @@
 """Spikes of simulated afferents beside a run: from its journal to files, report and `rig compare`."""
 
 import csv
-import math
 import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 from rig.compare.recordings.spikes import rates_in_run, read_spike_times
 from rig.data import Run, read_run
@@ -19,17 +16,12 @@ from rig.data.export import export_nwb
 from rig.data.spike_files import SpikeRecord, SpikeTrain, read_spikes, write_csv, write_nix
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
-from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, stream_of, tables_of, visits_of
+from rig.plan.nerve import MeasureTable, SpikeRequest, Visit, Visits, run_spikes, visits_of
 from rig.report.nerve_figures import nerve_figures
 from rig.units import GWT_N
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.nerve.integrator import MOST_STEP_S
-from sim.nerve.models import AfferentModel
-from sim.nerve.population import PATH_M, AfferentPopulation
-from sim.nerve.skin import SkinUnderIndentor
-from sim.nerve.spike_stream import SpikeStream
-from sim.nerve.staircase import Staircase
+from sim.nerve.population import AfferentPopulation
 from tests.error_codes import raises
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -94,13 +86,6 @@ def test_depth_is_that_of_the_journal(run: Run, config: Config) -> None:
         assert visit.path.depth_mm(end["t_s"]) < 0
 
 
-def test_presses_that_are_not_data_count_too(run: Run, config: Config) -> None:
-    """What preconditions the finger is part of its history."""
-    renamed = [(f"precondition_{name}" if event.get("index") == 0 else name, event) for name, event in run.in_order]
-    found = visits_of(replace(run, in_order=renamed), config)
-    assert [one.place for one in found.visits] == [one.place for one in visits_of(run, config).visits]
-
-
 def _without(run: Run, *streams: str) -> Run:
     return replace(run, in_order=[(name, event) for name, event in run.in_order if name not in streams])
 
@@ -159,21 +144,12 @@ def test_a_visit_has_the_place_of_the_move_and_of_the_truth_where_it_is_known(ru
     assert found.indentor == "step"
 
 
-def test_a_visit_goes_on_over_a_rounding_of_its_place(run: Run) -> None:
-    begun = [(name, event | ({"x_mm": 0.0} if "x_mm" in event else {})) for name, event in BEGUN]
-    visit = _visit(run, _sample(8.0, -0.3, x_mm=5e-7), _sample(9.0, -0.5, x_mm=-5e-7), LIFTED, begun=begun)
-    assert visit.path.depth_mm([8.0, 9.0]) == pytest.approx([0.3, 0.5], abs=1e-9)
-
-
 def test_the_depth_is_less_what_the_rig_gives(run: Run) -> None:
     visit = _visit(run, _sample(8.0, -0.5, 10.0), LIFTED)
     assert visit.path.depth_mm(8.0) == pytest.approx(0.5 - 10.0 * GWT_N, abs=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("phase", "mm_s"),
-    [("press", 0.8), ("hold", 0.8), ("compliance", 0.8), ("approach", 0.2), ("touch", 0.2), ("back off", 0.2)],
-)
+@pytest.mark.parametrize(("phase", "mm_s"), [("press", 0.8), ("approach", 0.2)])
 def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float) -> None:
     """0.4 mm: at half its time it is half way, and it rests at its end."""
     habits = {"press_speed_mm_s": 0.8, "approach_speed_mm_s": 0.2}
@@ -181,219 +157,6 @@ def test_each_move_has_the_speed_of_its_phase(run: Run, phase: str, mm_s: float)
     lasts_s = 0.4 / mm_s + mm_s / Config().stage.acceleration_mm_s2
     assert visit.path.depth_mm([8.0 + lasts_s / 2, 8.0 + lasts_s]) == pytest.approx([0.3, 0.5], abs=1e-6)
     assert visit.path.depth_mm(8.0 + 0.95 * lasts_s) < 0.4999
-
-
-@pytest.mark.parametrize(("on_trip", "depth_mm"), [("retract", -2.0), ("stop", -0.01)])
-def test_a_trip_lifts_to_clearance_or_nobody_knows_how(run: Run, on_trip: str, depth_mm: float) -> None:
-    """What stays is out of contact in the end, just so."""
-    visit = _visit(run, _sample(8.0, -0.5, 1.0), ("trip", {"t_s": 12.0}), limits={"on_trip": on_trip})
-    assert visit.path.depths_mm[-1] == pytest.approx(depth_mm, abs=1e-9)
-
-
-def test_a_run_that_was_killed_right_below_clearance_is_lifted_too(run: Run) -> None:
-    """From 3 mm above contact to below it in one move, which was the last."""
-    high = [(name, event | ({"height_mm": 3.0} if "height_mm" in event else {})) for name, event in BEGUN]
-    visit = _visit(run, _sample(8.0, -0.5), begun=high)
-    assert visit.path.depth_mm(8.0) == pytest.approx(0.5, abs=1e-9)
-    assert visit.path.depth_mm(visit.path.times_s[-1]) < 0
-
-
-def _of(name: str, t_s: float, **data: Any) -> tuple[str, dict[str, Any]]:
-    return name, {"t_s": t_s, **data}
-
-
-LONG: list[tuple[str, dict[str, Any]]] = [
-    _of("retract", 0.2, height_mm=2.0),
-    *BEGUN[:3],
-    _sample(6.0, 0.1, 0.02, "approach"),
-    _of("sample", 6.5, x_mm=None, height_mm=0.0, force_gwt=9.0, phase="press"),
-    _of("sample", 6.6, x_mm=1.0, height_mm=None, force_gwt=9.0, phase="press"),
-    _of("touch", 7.0, contact_height_mm=0.0, true_doi_bias_mm=0.01),
-    _sample(8.0, -0.5, 10.0),
-    _sample(8.0, -0.51, 11.0),  # of the same instant: the later one
-    _of("hold_end", 9.0, doi_mm=0.4, true_doi_mm=0.43, true_x_mm=1.02),
-    LIFTED,
-    ("reference_sample", _sample(30.0, 0.05)[1]),
-    _of("reference_touch", 31.0, contact_height_mm=-0.1),
-    ("reference_sample", _sample(32.0, -0.3, 1.0, "hold")[1]),
-    _of("trip", 35.0),
-    _sample(38.0, 2.0, phase="clearance"),
-    _of("home", 40.0),
-    _of("move", 41.0, x_mm=-2.0, height_mm=2.0),
-    _sample(45.0, 1.9, 0.05, x_mm=-2.0),  # a touch whose height was not measured
-    _of("retract", 50.0, height_mm=2.0),
-    _of("move", 51.0, x_mm=3.0, along_mm=None, height_mm=2.0),
-    _sample(55.0, 1.9, 0.049, x_mm=3.0),  # no touch
-    _of("retract", 60.0, height_mm=2.0),
-    _sample(61.0, 2.0, phase="approach", x_mm=4.0),  # elsewhere, without a move on record
-    _of("find_touch", 62.0, contact_height_mm=0.0),
-    _sample(63.0, -0.2, x_mm=4.0),
-    _sample(63.8, 2.0, phase="approach", x_mm=6.0),  # and again
-    _of("mount", 64.0, indentor="step"),
-    _of("move", 70.0, x_mm=0.0, height_mm=2.0),
-    _of("touch", 71.0, contact_height_mm=0.0),
-    _sample(72.0, 0.5, x_mm=0.0),  # never below contact
-    _of("retract", 80.0, height_mm=2.0),
-    _of("indentation_start", 81.0, indentor="bar"),
-    _sample(85.0, 0.5, x_mm=0.0),
-    _of("precondition_touch", 86.0, contact_height_mm=0.0),
-    _sample(88.0, -0.1, x_mm=0.0),
-    _sample(95.0, -0.1, phase="hold", x_mm=0.0),
-    _sample(96.0, -0.2, 3.0, x_mm=7.0),  # nobody knows how it came there
-    _of("touch", 97.0, contact_height_mm=0.0),
-]
-
-
-def test_a_whole_journal_gives_the_times_and_depths_of_each_visit(run: Run) -> None:
-    """Depth is contact less height less what the rig gives, and more by what the truth adds where it is known."""
-    config = Config.model_validate({"calibration": GIVES})
-    found = visits_of(replace(run, in_order=LONG), config)
-    assert found.left_out == 2
-    expected = [
-        ("bar:3.0", 1.02, 0.25, [1, 6, 8, 20], [-1.98, -0.08 - 0.02 * GWT_N, 0.53 - 11 * GWT_N, -1.98]),
-        ("bar:3.0", 1.0, 0.25, [20, 30, 32, 35], [-2.1, -0.15, 0.2 - GWT_N, -2.1]),
-        ("bar:3.0", 4.0, 0.0, [61, 63, 63.58], [-2.0, 0.2, -0.01]),
-        ("bar", 0.0, 0.0, [80, 85, 88, 95, 95.54], [-2.0, -0.5, 0.1, 0.1, -0.01]),
-    ]
-    assert [(one.indentor, one.x_mm, one.along_mm) for one in found.visits] == [row[:3] for row in expected]
-    for visit, (*_, times_s, depths_mm) in zip(found.visits, expected, strict=True):
-        assert visit.path.times_s == pytest.approx(times_s, abs=1e-9)
-        assert visit.path.depths_mm == pytest.approx(depths_mm, abs=1e-9)
-
-
-# --- the signal of an afferent, and the table that it is read from ---
-
-
-def _walks(*visits: tuple[str, float, float, list[float], list[float]]) -> Visits:
-    return Visits(
-        tuple(
-            Visit(name, x_mm, along_mm, Staircase(times_s, depths_mm, [1.0] * len(times_s), 50.0))
-            for name, x_mm, along_mm, times_s, depths_mm in visits
-        ),
-        0,
-    )
-
-
-@pytest.mark.parametrize("piece_s", [0.5, 1.3, 100.0])
-def test_each_afferent_feels_its_own_organs_through_the_whole_run(
-    run: Run, finger: Fingertip, monkeypatch: pytest.MonkeyPatch, piece_s: float
-) -> None:
-    """Whatever the pieces: the value of the table at the depth of each sample, and 0 elsewhere, to a second later."""
-    step_s, end_s = 0.01, 3.021
-    found = _walks(
-        ("bar:3.0", 0.0, 0.0, [0.205, 0.6, 1.2], [-0.1, 0.4, -0.1]),
-        ("bar:3.0", 1.0, 0.0, [1.2, 1.5, 2.5], [0.0, 0.9, 0.1]),
-    )
-    afferents = SpikeRequest("SA1@0:0.5,SA1@1", 3).drawn(finger)
-    organs = [list(each) for each in afferents.organs]
-    assert sum(map(len, organs)) >= 2
-    each = np.arange(1, sum(map(len, organs)) + 1)
-    wide = {
-        visit.place: MeasureTable(np.array([0.25, 0.5, 0.75]), np.outer([1.0, 2.0, 3.0], factor * each))
-        for visit, factor in zip(found.visits, (1.0, 2.0), strict=True)
-    }
-    fed: list[list[Any]] = []
-
-    class Stream:
-        def __init__(self) -> None:
-            self.values: list[Any] = []
-            fed.append(self.values)
-
-        def advance(self, value: Any) -> tuple[None, Any]:
-            self.values.append(value)
-            return None, np.array([float(len(self.values))])
-
-    steps: list[Any] = []
-
-    def stream_of(model: AfferentModel, of: Any, step_s: float) -> Stream:
-        steps.append((model.name, [one.name for one in of], step_s))
-        return Stream()
-
-    told: list[tuple[int, int]] = []
-    monkeypatch.setattr("rig.plan.nerve.PIECE_S", piece_s)
-    monkeypatch.setattr("rig.plan.nerve.tables_of", lambda *_: wide)
-    monkeypatch.setattr("rig.plan.nerve.stream_of", stream_of)
-    record = run_spikes(
-        replace(run, end_s=end_s), found, finger, afferents, seed=3, path_m=0.5, step_s=step_s,
-        show_progress=lambda done, of: told.append((done, of)),
-    )  # fmt: skip
-    samples = 403  # to 4.021 s
-    count = math.ceil(samples / round(piece_s / step_s))
-    assert told == [(n, count) for n in range(count + 1)]
-    assert steps == [(one.model, [one.name], step_s) for one in afferents]
-    for mine, values in zip(organs, fed, strict=True):
-        whole = np.concatenate(values, axis=2)
-        expected = np.zeros((1, len(mine), samples))
-        for visit in found.visits:
-            table = wide[visit.place]
-            begin, end = (math.ceil(visit.path.times_s[k] / step_s) for k in (0, -1))
-            depth = np.clip(visit.path.depth_mm(step_s * np.arange(begin, end)), 0.0, 0.75)
-            skin = SkinUnderIndentor.of_values(table.depths_mm, table.values[:, mine])
-            expected[0, :, begin:end] = skin.value(depth).T
-        assert whole.shape == expected.shape
-        assert whole == pytest.approx(expected, abs=1e-9)
-    assert (record.seed, record.path_m) == (3, 0.5)
-    for train, one in zip(record.trains, afferents, strict=True):
-        delay_s = one.delay_s(0.5)
-        assert (train.afferent, train.model, train.x_mm, train.along_mm) == (
-            one.name,
-            one.model,
-            one.x_mm,
-            one.along_mm,
-        )
-        assert (train.sensitivity, train.delay_s) == (one.sensitivity, delay_s)
-        assert train.depth_mm == afferents.models[one.model].depth_mm
-        assert train.spike_s == pytest.approx(np.arange(1, count + 1) + delay_s)
-
-
-def test_each_afferent_has_its_own_seed_and_sensitivity(finger: Fingertip, monkeypatch: pytest.MonkeyPatch) -> None:
-    made: list[Any] = []
-    monkeypatch.setattr("rig.plan.nerve.SpikeStream", lambda *args: made.append(args) or len(made))
-    request = SpikeRequest("SA1@0:0.5,SA1@1")
-    assert (request.seed, request.path_m) == (0, PATH_M)
-    afferents = request.drawn(finger)
-    model = afferents.models["SA1"]
-    assert [stream_of(model, afferents), stream_of(model, afferents[1:], 0.01)] == [1, 2]
-    seeds = [[one.seed, 0] for one in afferents]
-    sensitivities = [one.sensitivity for one in afferents]
-    assert len({one.seed for one in afferents}) == len({*sensitivities, 0.0}) - 1 == 2
-    assert made == [(model, MOST_STEP_S, sensitivities, seeds), (model, 0.01, sensitivities[1:], seeds[1:])]
-
-
-def test_a_table_goes_as_deep_as_the_deepest_visit_of_its_place(
-    run: Run, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Along the finger only for a shape that has an end there."""
-    found = _walks(
-        ("bar:3.0", 0.0, 0.0, [0.0, 1.0, 2.0], [-0.1, 0.4, -0.1]),
-        ("bar:3.0", 0.00004, 0.0, [3.0, 4.0, 5.0], [-0.1, 0.6, -0.1]),
-        ("bar:3.0", 1.0, -1.5, [6.0, 7.0], [-0.1, 0.2]),
-        ("sphere:2", 1.0, -1.5, [6.0, 7.0], [-0.1, 0.005]),
-        ("sphere:2", 2.0, 0.0, [6.0, 7.0], [-0.1, 0.3]),
-    )
-    asked: list[Any] = []
-    told: list[Any] = []
-
-    def table(finger: Fingertip, shape: str, deepest_mm: float, x_mm: float, z_mm: float | None) -> Any:
-        asked.append((shape, pytest.approx(deepest_mm), x_mm, z_mm))
-        return [SimpleNamespace(doi_mm=0.25 * n) for n in range(3)]
-
-    monkeypatch.setattr("rig.plan.nerve.table_of_presses", table)
-    monkeypatch.setattr(
-        Fingertip, "fields", lambda self, presses, points: [SimpleNamespace(measures=p) for p in presses]
-    )
-    monkeypatch.setattr(AfferentPopulation, "measure", lambda self, press: np.array([press.doi_mm, 1.0]))
-    tables = tables_of(run, found, finger, SpikeRequest(AFFERENTS).drawn(finger), lambda *now: told.append(now))
-    plane_mm = finger.config.receptor_plane_mm
-    assert asked == [
-        ("bar:3.0", 0.6, 0.0, None), ("bar:3.0", 0.2, 1.0, None),
-        ("sphere:2", 0.01, 1.0, plane_mm - 1.5), ("sphere:2", 0.3, 2.0, None),
-    ]  # fmt: skip
-    assert told == [(n, 4) for n in range(4)]
-    assert list(tables) == list(dict.fromkeys(visit.place for visit in found.visits))
-    for table_ in tables.values():
-        assert table_.depths_mm.tolist() == [0.0, 0.25, 0.5]
-        assert table_.values.tolist() == [[0.0, 1.0], [0.25, 1.0], [0.5, 1.0]]
 
 
 # --- spikes ---
@@ -410,31 +173,6 @@ def test_spikes_are_made_again_by_their_seed(run: Run, config: Config, finger: F
 
 
 @pytest.mark.usefixtures("cheap")
-def test_a_coarser_signal_gives_as_many_spikes(run: Run, config: Config, finger: Fingertip) -> None:
-    drawn = SpikeRequest("SA1@0").drawn(finger)
-    fine, coarse = (
-        len(run_spikes(run, visits_of(run, config), finger, drawn, step_s=step_s).trains[0].spike_s)
-        for step_s in (MOST_STEP_S, 1e-3)
-    )
-    assert coarse == pytest.approx(fine, rel=0.15)
-
-
-@pytest.mark.usefixtures("cheap")
-def test_every_afferent_has_its_own_noise(
-    run: Run, config: Config, finger: Fingertip, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    seeds = list[tuple[int, ...]]()
-
-    def spy(model: AfferentModel, step_s: float, sensitivity: list[float], given: list[list[int]]) -> SpikeStream:
-        seeds.extend(map(tuple, given))
-        return SpikeStream(model, step_s, sensitivity, given)
-
-    monkeypatch.setattr("rig.plan.nerve.SpikeStream", spy)
-    _spikes(run, config, finger, "SA1@0,SA1@0,RA@0")
-    assert len(set(seeds)) == len(seeds) == 3
-
-
-@pytest.mark.usefixtures("cheap")
 def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger: Fingertip) -> None:
     """Each spike comes in a visit or shortly after it, later by the delay; the receptor under the bar fires."""
     found = visits_of(run, config)
@@ -447,18 +185,6 @@ def test_afferents_fire_while_they_are_pressed(run: Run, config: Config, finger:
         ]
         assert np.any(inside, axis=0).all()
         assert (np.diff(train.spike_s) > 0).all()
-
-
-@pytest.mark.usefixtures("cheap")
-def test_afferents_fire_in_the_first_move_of_a_visit_too(run: Run, finger: Fingertip) -> None:
-    """To below contact in one go, as where the finger was touched before."""
-    config = Config()
-    begun = [event for event in BEGUN if event[0] != "sample"]
-    pressed = replace(run, in_order=[*begun, _sample(8.0, -0.6), LIFTED], end_s=21.0)
-    (visit,) = visits_of(pressed, config).visits
-    (train,) = _spikes(pressed, config, finger, "SA1@0").trains
-    touched_s = next(t_s for t_s in np.arange(1.0, 8.0, 0.01) if visit.path.depth_mm(t_s) > 0)
-    assert ((train.spike_s > touched_s) & (train.spike_s < 8.0)).any()
 
 
 @pytest.mark.usefixtures("cheap")
@@ -510,10 +236,9 @@ def test_csv_is_read_back_to_the_last_bit(run: Run, record: SpikeRecord) -> None
     assert (again.seed, again.path_m) == (7, 0.2)
 
 
-@pytest.mark.parametrize("pulses", [False, True])
-def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: bool) -> None:
+def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
     pynwb: Any = pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
-    run = _with_pulses(run) if pulses else run
+    run = _with_pulses(run)
     path = export_nwb(run, record)
     assert path.name == "synthetic_spikes.nwb"
     with pynwb.NWBHDF5IO(path, "r") as io:
@@ -523,7 +248,7 @@ def test_nwb_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: b
         assert all(one.startswith("synthetic") for one in (file.identifier, path.name))
         assert file.units["afferent"][:].tolist() == ["SA1-0", "SA1-1", "SA1-2"]
         assert "0.2 m" in file.electrode_groups["nerve"].location
-        assert ("sync_pulses" in file.intervals) == pulses
+        assert "sync_pulses" in file.intervals
     _same(record, lambda k: read_spike_times(path, run, str(k)).spike_s)
 
 
@@ -544,10 +269,9 @@ def test_the_inspector_finds_nothing(run: Run, record: SpikeRecord, silent: int)
     assert {one.check_function_name for one in found} <= left
 
 
-@pytest.mark.parametrize("pulses", [False, True])
-def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord, pulses: bool) -> None:
+def test_nix_keeps_every_bit_to_compare(run: Run, record: SpikeRecord) -> None:
     pytest.importorskip("nixio", reason="needs neo and nixio: pip install 'indentation-rig[neo]'")
-    run = _with_pulses(run) if pulses else run
+    run = _with_pulses(run)
     path = write_nix(run, record)
     assert path is not None
     assert path.name == "synthetic_spikes.nix"
@@ -572,14 +296,7 @@ def test_the_command_writes_files_and_figures(run: Run, program: Program) -> Non
     page = run.folder.report.read_text(encoding="utf-8")
     found = read_spikes(run.folder)
     assert found is not None
-    figures = nerve_figures(run, found)
-    assert len(figures) == 3
-    raster = Figure(figures[0].plot.size)
-    figures[0].plot.draw(raster)
-    force = raster.axes[0].lines[0].get_ydata()
-    assert len(run.done) > 1
-    assert np.isnan(force).sum() >= len(run.done) - 1, "no line from a press to the next"
-    assert all(f">{figure.title}</h2>" in page for figure in figures)
+    assert all(f">{figure.title}</h2>" in page for figure in nerve_figures(run, found))
     sums = (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
     assert all(f"  {Path(name).name}\n" in sums for name in (*answer["files"], answer["report"]))
     assert not run.folder.changed()
@@ -598,25 +315,6 @@ def test_spikes_become_rates(run: Run, config: Config, finger: Fingertip) -> Non
     )
     assert sorted(round(0.2 * float(rate)) for rate in found.rate) == counts
     assert found.name == "synthetic_spikes.nwb"
-
-
-WRONG = {
-    "--afferents 3xQQ": ("unknown_afferent", 2),
-    "--afferents SA1@9": ("afferent_off_pad", 2),
-    "--afferents ,": ("bad_afferents", 2),
-    "--seed -1": ("outside_range", 2),
-    "--path-m 0": ("outside_range", 2),
-    "--path-m nan": ("usage", 2),
-}
-
-
-@pytest.mark.usefixtures("finger")
-def test_what_is_wrong_changes_nothing(run: Run, program: Program) -> None:
-    before = {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"}
-    for words, (code, exit_code) in WRONG.items():
-        ended = program("nerve", str(run.folder.path), *words.split(), "--json")
-        assert (ended.error_code, ended.code) == (code, exit_code), words
-    assert {path.name: path.read_bytes() for path in run.folder.path.iterdir() if path.name != ".lock"} == before
 
 
 SCRIPT = """\
@@ -655,7 +353,6 @@ def test_a_dry_run_adds_spikes(program: Program, mine: tuple[str, ...]) -> None:
 FORECASTS = {  # afferents, whether any fires: a bar to 0.4 mm by increments of at most 1 mm/s
     "SA1@0": True,  # it follows strain, at any speed
     "RA@0": False,  # its median threshold lies at some 20 mm/s, the most sensitive of ten at 5 mm/s
-    "RA@0,SA1@0": True,
 }
 
 
@@ -671,24 +368,3 @@ def test_silence_is_announced_before_the_work_with_the_speed_that_ends_it(
     assert ("no afferent is expected to fire" in ended.err) != FORECASTS[afferents]
     for one in firing.values():
         assert one["silent"] == (one["firing_speed_mm_s"] > one["press_speed_mm_s"])
-    told = program("check", script, *more, "--afferents", afferents).out
-    for model, one in firing.items():
-        assert f"firing  {model}: the most sensitive of 1" in told
-        assert f"fires from {one['firing_speed_mm_s']:.2g} mm/s" in told
-
-
-@pytest.mark.usefixtures("empty_figures")
-def test_a_run_in_which_nothing_fires_says_so_before_and_after(program: Program, mine: tuple[str, ...]) -> None:
-    ended = program(*mine[:-1], "--afferents", "RA@0", "--json")
-    assert "no afferent is expected to fire" in ended.err
-    again = program("nerve", ended.json["run"], "--afferents", "RA@0")
-    assert again.code == 0
-    assert "no afferent is expected to fire" in again.err
-    assert again.out.index("firing  RA:") < again.out.index("no afferent fired")
-
-
-def test_a_dry_run_is_refused_before_it_begins(program: Program, mine: tuple[str, ...]) -> None:
-    for afferents, code in (("3xQQ", "unknown_afferent"), ("SA1@9", "afferent_off_pad")):
-        ended = program(*mine, "--afferents", afferents)
-        assert (ended.json["code"], ended.code) == (code, 2)
-    assert not Path("runs").exists()

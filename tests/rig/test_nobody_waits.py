@@ -3,16 +3,12 @@
 A command that only a program starts, and help, say nothing of it.
 
 Work is replaced by a function that looks at standard error when it is first called; no test waits or asserts seconds.
-How long commands are silent is measured by `python -m studies.speed.silence`, which `make shake` runs.
 """
 
 import importlib
 import io
-import itertools
-import logging
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -20,15 +16,10 @@ import pytest
 from rich.console import Console
 
 from rig.cli import main, output
-from rig.cli.json_schemas import OUTPUTS
-from rig.cli.output import THE_FINGER, Activity, busy, resting, starting, working
+from rig.cli.output import Activity, busy, resting, starting, working
 from rig.cli.program import COMMANDS
-from rig.cli.progress import counted, progress
 from rig.control.stop import OwnedStage
-from rig.plan.config import load_config
-from rig.session.resume import StoppedRun, read_stopped
 from sim.models.fingertip import Fingertip
-from studies.speed.silence import WORDS
 
 OLD_RUNS = Path(__file__).parents[1] / "data" / "runs"
 LOAD = "sim.models.fingertip.Fingertip.load"
@@ -108,17 +99,13 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_walk_has_every_command() -> None:
-    """And so has the study of how long they are silent, but for those that only a program starts."""
     assert WALK.keys() == COMMANDS.keys()
-    assert WORDS.keys() == {name for name, command in COMMANDS.items() if not command.by_program}
 
 
 @pytest.mark.usefixtures("here")
-@pytest.mark.parametrize(
-    ("name", "as_json"), [*((name, False) for name in WALK), *((name, True) for name in WALK if name in OUTPUTS)]
-)
-def test_it_is_said_before_it_is_done(
-    name: str, as_json: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("name", WALK)
+def test_a_command_says_what_it_does_before_it_does_it(
+    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """On standard error alone; not at all where only a program starts the command."""
     words, work, own = WALK[name]
@@ -133,7 +120,7 @@ def test_it_is_said_before_it_is_done(
         monkeypatch.setattr(Fingertip, "load", reached)
     else:
         monkeypatch.setattr(importlib.import_module(module), attribute, reached)
-    monkeypatch.setattr("sys.argv", ["rig", name, *words.split(), *(["--json"] if as_json else [])])
+    monkeypatch.setattr("sys.argv", ["rig", name, *words.split()])
     with pytest.raises(Reached):
         main()
     printed = capsys.readouterr()
@@ -145,56 +132,6 @@ def test_it_is_said_before_it_is_done(
         assert now.title in printed.err
         assert now.title != Activity(f"rig {name}: working …").title
     assert output._activities.current is None
-
-
-@pytest.mark.usefixtures("here")
-@pytest.mark.parametrize("name", ["run", "resume"])
-def test_the_finger_is_named_where_mounts_are_checked_without_a_person(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before a port is opened; then the model may be built."""
-    what: list[str] = []
-
-    def reached(*_: object, **__: object) -> NoReturn:
-        what.append(output._activities.current.what if output._activities.current else "nothing")
-        raise Reached
-
-    def real(path: Path) -> StoppedRun:
-        return replace(read_stopped(path), virtual=False, config=load_config(Path("rig.toml")))
-
-    shutil.copytree(OLD_RUNS / "stopped", "stopped")
-    monkeypatch.setattr(Fingertip, "load", reached)
-    monkeypatch.setattr("rig.cli.run.can_answer", lambda: False)
-    monkeypatch.setattr("rig.cli.run.read_stopped", real)
-    words = "mine.py --config rig.toml --yes" if name == "run" else "stopped --yes"
-    monkeypatch.setattr("sys.argv", ["rig", name, *words.split()])
-    with pytest.raises(Reached):
-        main()
-    assert what == [THE_FINGER]
-    assert THE_FINGER in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("name", [name for name, command in COMMANDS.items() if command.by_program])
-def test_what_a_program_starts_is_hidden(name: str) -> None:
-    assert COMMANDS[name].hidden
-
-
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_starts_no_progress(
-    name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """However long the command's module takes to load."""
-    activities = output._Activities()
-    monkeypatch.setattr(output, "_activities", activities)
-    monkeypatch.setattr(output, "FIRST_S", 0.0)
-    monkeypatch.setattr("sys.argv", ["rig", name, "--help"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    printed = capsys.readouterr()
-    assert ended.value.code in (0, None)
-    assert f"rig {name}" in printed.out
-    assert printed.err == ""
-    assert activities._printer is None
 
 
 # --- estimates ---
@@ -229,32 +166,6 @@ def test_the_time_left_is_that_of_the_pieces_of_this_time(name: str) -> None:
         clock.now_s = at_s
         activity.at(done, 12)
     assert activity.line.partition(" so far")[2] == left
-
-
-def test_other_pieces_have_a_rate_of_their_own() -> None:
-    """The presses of a run's places say nothing about the pieces of its spikes that follow."""
-    clock = Clock()
-    activity = Activity("spikes", now=clock)
-    for done in range(5):
-        activity.at(done, 5)
-        clock.now_s += 30.0
-    activity.at(0, 100)
-    assert activity.line == "spikes, 2 min 30 s so far"
-    for done in range(1, 5):
-        clock.now_s += 1.0
-        activity.at(done, 100)
-    assert activity.line == "spikes, 2 min 34 s so far, about 1 min 36 s left"
-
-
-def test_a_build_in_between_does_not_forget_the_pieces() -> None:
-    clock = Clock()
-    activity = Activity("cases", 12, clock)
-    for done in range(1, 5):
-        clock.now_s += 2.0
-        activity.builds("building a mesh")
-        assert activity.line.endswith(" so far")
-        activity.at(done, 12)
-    assert activity.line == "4 of 12 cases, 8 s so far, about 16 s left"
 
 
 # --- silence ---
@@ -306,51 +217,3 @@ def test_silence_is_broken_by_what_is_in_progress(after: Callable[[float], list[
             assert after(1.9) == []
             assert after(0.2) == ["steps, 2 s so far"]
     assert after(100.0) == []
-
-
-def test_a_line_is_printed_only_if_something_has_changed(after: Callable[[float], list[str]]) -> None:
-    """The time so far alone is no change; a build within the work is one, and so is its end."""
-    output.show_builds()
-    builder = logging.getLogger("sim.models.condensed")
-    with busy("fingers", total=2) as now:
-        assert after(100.0) == []
-        now.at(1, 2)
-        assert after(0.1) == ["1 of 2 fingers, 1 min 40 s so far"]
-        now.at(1, 2)
-        assert after(100.0) == []
-        builder.debug("building a mesh")
-        assert after(0.1) == ["building a mesh, 3 min 20 s so far"]
-        builder.info("building %d unknowns …", 1000)
-        assert after(2.1) == ["building 1000 unknowns …, 3 min 22 s so far"]
-        assert after(100.0) == []
-        builder.debug("made", extra={"made": True})
-        assert after(0.1) == ["1 of 2 fingers, 5 min 2 s so far"]
-        assert after(100.0) == []
-        output.say_now("the last one")
-        assert after(100.0) == []
-
-
-def test_a_build_ends_when_the_work_goes_on(after: Callable[[float], list[str]]) -> None:
-    """Whether or not the build reports its end."""
-    output.show_builds()
-    with busy("places") as now:
-        logging.getLogger("sim.models.condensed").info("building %d unknowns …", 1000)
-        assert after(2.1) == ["building 1000 unknowns …, 2 s so far"]
-        now.at(1, 3)
-        assert after(2.1) == ["places, 4 s so far"]
-
-
-def test_a_run_prints_its_step_once(after: Callable[[float], list[str]]) -> None:
-    with progress(3, None, as_json=False) as watch:
-        assert after(2.1) == ["0 of 3, starting, time left unknown"]
-        assert after(100.0) == []
-        watch("indentation_start", {"index": 0, "indentor": "bar:3.0", "x_mm": 0.5})
-        assert after(2.1) == ["0 of 3, bar:3.0 at +0.50 mm, time left unknown"]
-        assert after(100.0) == []
-
-
-def test_counted_pieces_are_said_before_the_first(pipe: io.StringIO) -> None:
-    pieces = counted(itertools.repeat("a", 2), 2, "fingers", quiet=False)
-    assert next(pieces) == "a"
-    assert pipe.getvalue() == "2 fingers\n"
-    assert list(pieces) == ["a"]

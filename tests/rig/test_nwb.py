@@ -10,10 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.spikes import read_spike_times
 from rig.data import NwbMissingError, Run, export_nwb, read_run
-from rig.data.folder import RunFolder
 from rig.engine import Target, indent, verbs
 from rig.units import GWT_N
 from tests.error_codes import raises
@@ -79,12 +76,6 @@ def test_sync_pulses_are_intervals(run: Run) -> None:
         assert seen["uncertainty_s"].tolist() == [0.001, 0.001]
 
 
-def test_a_session_starts_where_the_run_s_clock_shows_zero(run: Run) -> None:
-    path = export_nwb(replace(run, start={**run.start, "unix_s": 1.7e9, "t_s": 2.5}))
-    with pynwb.NWBHDF5IO(path, "r") as io:
-        assert io.read().session_start_time == datetime.fromtimestamp(1.7e9 - 2.5, UTC)
-
-
 @pytest.mark.quick(rows=lambda code: code != "")
 @pytest.mark.parametrize("code", ["S07", "", None])
 def test_a_subject_is_in_the_file_by_its_code(run: Run, code: str | None) -> None:
@@ -114,50 +105,3 @@ def test_without_pynwb_there_is_one_line(run: Run, monkeypatch: pytest.MonkeyPat
     with raises(NwbMissingError, "pynwb_missing"):
         export_nwb(run)
     assert not (run.folder.path / "run.nwb").exists()
-
-
-def units_file(path: Path, spikes: dict[int, list[float]], pulses: list[float]) -> Path:
-    """What a recording system writes."""
-    file = pynwb.NWBFile("recording", "r1", datetime(2026, 1, 1, tzinfo=UTC))
-    for number, times in spikes.items():
-        file.add_unit(id=number, spike_times=times)
-    if pulses:
-        file.add_acquisition(pynwb.TimeSeries(name="sync_pulses", data=np.ones(len(pulses)), unit="a.u.",
-                                              timestamps=pulses))  # fmt: skip
-    with pynwb.NWBHDF5IO(path, "w") as io:
-        io.write(file)
-    return path
-
-
-def with_pulses(rise_s: list[float]) -> Run:
-    events = {"sync": [{"t_s": t, "rise_s": t} for t in rise_s]}
-    return Run(RunFolder(Path()), {}, None, {}, events, {}, 0.0, 6.0)
-
-
-def test_spike_times_of_one_unit(tmp_path: Path) -> None:
-    path = units_file(tmp_path / "u.nwb", {3: [0.5, 1.5], 7: [0.25, 2.0, 4.0]}, [])
-    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "7").spike_s, [0.25, 2.0, 4.0])
-    np.testing.assert_array_equal(read_spike_times(path, with_pulses([]), "3").spike_s, [0.5, 1.5])
-    with raises(RecordingError, "several_units", path=str(path), units=2, file="u.nwb", ids="3, 7"):
-        read_spike_times(path, with_pulses([]))
-    with raises(RecordingError, "no_unit", path=str(path), unit="5", ids="3, 7"):
-        read_spike_times(path, with_pulses([]), "5")
-
-
-def test_sync_pulses_of_the_file_align_the_clocks(tmp_path: Path) -> None:
-    path = units_file(tmp_path / "u.nwb", {0: [10.5, 12.0]}, [10.0, 11.0, 13.0])
-    found = read_spike_times(path, with_pulses([2.0, 3.0, 5.0])).spike_s  # 8 s earlier on the run's clock
-    np.testing.assert_allclose(found, [2.5, 4.0], atol=1e-9)
-
-
-def test_what_is_no_nwb_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "u.nwb"
-    path.write_text("time_s\n1\n", encoding="utf-8")
-    with raises(RecordingError, "no_hdf5", path=str(path)):
-        read_spike_times(path, with_pulses([]))
-    none = tmp_path / "none.nwb"
-    with raises(RecordingError, "unreadable", path=str(none), reason="No such file or directory"):
-        read_spike_times(none, with_pulses([]))
-    empty = units_file(tmp_path / "e.nwb", {}, [])
-    with raises(RecordingError, "no_spike_times", path=str(empty), column="spike_times"):
-        read_spike_times(empty, with_pulses([]))

@@ -32,12 +32,6 @@ def test_a_stage_at_one_pace_is_not_doubted(mm_s: float) -> None:
     assert _verdict(walked.looks(20, mm_s)) == (False, False)
 
 
-def test_a_stage_that_gains_speed_is_not_doubted() -> None:
-    walked = Walked()
-    for mm_s in (0.5, 1.0, 2.0, 4.0):
-        assert _verdict(walked.looks(1, mm_s)) == (False, False)
-
-
 @pytest.mark.parametrize(("to_mm_s", "doubted"), [(0.95, False), (0.7, True), (0.0, True)])
 def test_one_that_slows_down_is_doubted_until_it_is_at_rest(to_mm_s: float, doubted: bool) -> None:
     """Over two looks, 0.05 s at 5 mm/s; what is surely gone in 0.045 s, and a step and the last digit less."""
@@ -74,12 +68,3 @@ def test_what_rounding_hides_is_no_doubt() -> None:
     walked = Walked()
     walked.looks(6, 0.1)
     assert walked.looks(2, 0.02).doubtful is False
-
-
-@pytest.mark.parametrize(("short_mm", "doubted"), [(0.0190, False), (0.0196, True)])
-def test_a_step_and_the_last_digit_may_be_missing_at_either_end(short_mm: float, doubted: bool) -> None:
-    """1 mm/s, two looks of 0.025 s: surely 0.0465 mm in 0.055 s; nine tenths of that in 0.045 s, less 0.0035."""
-    walked = Walked()
-    walked.looks(6, 1.0)
-    walked.gone_mm -= short_mm
-    assert walked.looks(1, 1.0).doubtful is doubted

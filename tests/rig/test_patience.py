@@ -8,7 +8,6 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -18,15 +17,12 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import make_plan
-from rig.protocol.check import Spot
 from rig.protocol.script import Script, load_script
-from rig.protocol.steps import Home, Step
 from rig.session.rehearse import rehearsed
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code, raises
-from tests.waiting import until
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGALRM"), reason="needs alarms (POSIX)")
 
@@ -126,10 +122,6 @@ def test_a_rest_or_a_person_is_no_silence_and_no_press_is_solved_twice(
     assert len(during) > 50
 
 
-def test_the_caps_are_those_that_the_docs_state() -> None:
-    assert (patience.MOST_STEPS, patience.LONGEST_SILENCE_S) == (10_000, 30.0)
-
-
 def test_as_many_steps_as_the_cap_are_no_more(going_round: Callable[[str, int], Script], finger: Fingertip) -> None:
     """Six are the script's own."""
     assert make_plan(going_round("[rig.note('again') for _ in range(44)]", 1), Config(), finger)
@@ -157,23 +149,7 @@ def somebodys() -> Iterator[list[int]]:
     signal.signal(signal.SIGALRM, before)
 
 
-@pytest.mark.parametrize("their_s", [0.0, 100.0])
-def test_steps_outside_a_script_set_no_alarm_and_take_none_away(somebodys: list[int], their_s: float) -> None:
-    """A comparison asks the planner for single presses; an alarm that nobody awaits would end the program."""
-
-    class Answers:
-        def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
-            return None
-
-    signal.setitimer(signal.ITIMER_REAL, their_s)
-    patience.Patience(Answers()).handle(Home(), Spot("bar:3.0", 0.0, 0.0, ()))
-    assert signal.getitimer(signal.ITIMER_REAL)[0] == pytest.approx(their_s, abs=20.0 * bool(their_s))
-    assert not somebodys
-
-
-@pytest.mark.parametrize(
-    ("their_s", "took_s", "left_s"), [(100.0, 0.0, 100.0), (100.0, 40.0, 60.0), (0.0, 40.0, 0.0)]
-)
+@pytest.mark.parametrize(("their_s", "took_s", "left_s"), [(100.0, 40.0, 60.0), (0.0, 40.0, 0.0)])
 def test_somebody_elses_alarm_is_given_back_with_what_is_left_of_it(
     somebodys: list[int], monkeypatch: pytest.MonkeyPatch, their_s: float, took_s: float, left_s: float
 ) -> None:
@@ -188,18 +164,6 @@ def test_somebody_elses_alarm_is_given_back_with_what_is_left_of_it(
     assert signal.getsignal(signal.SIGALRM) is theirs
     assert left_s - 20.0 < signal.getitimer(signal.ITIMER_REAL)[0] <= left_s + 1e-3 * bool(left_s)
     assert not somebodys
-
-
-def test_an_alarm_that_was_due_meanwhile_strikes_at_once(
-    somebodys: list[int], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now_s = iter([1000.0, 2000.0])
-    signal.setitimer(signal.ITIMER_REAL, 100.0)
-    with monkeypatch.context() as patch:
-        patch.setattr(patience.time, "monotonic", lambda: next(now_s))
-        with patience.impatient():
-            pass
-    until(lambda: bool(somebodys))
 
 
 def test_elsewhere_than_on_the_main_thread_there_are_no_alarms() -> None:

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.engine import EngineError, indentation, verbs
-from rig.engine.indentation import PredictedPress
+from rig.engine import EngineError, verbs
 from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
@@ -15,19 +14,11 @@ from rig.protocol.check import Spot, Walk
 from rig.protocol.steps import (
     Checkpoint,
     ExpectedPresses,
-    ExpectedTouch,
-    Home,
-    Indent,
-    Mount,
-    MoveTo,
     Note,
     Precondition,
-    Ramp,
     Reference,
     Rest,
     Retract,
-    Step,
-    Touch,
     Zero,
 )
 from rig.records import (
@@ -77,24 +68,6 @@ def test_an_indentation_is_foreseen_in_equal_parts() -> None:
     )
 
 
-def test_preconditioning_is_pressed_in_one_go() -> None:
-    (expected,) = _from_ready(lambda rig: rig.precondition(presses=3, doi_mm=0.5, hold_s=0.25)).expected
-    assert [press.index for press in expected.ids] == [0, 1, 2]
-    assert (expected.planned.increments, expected.planned.hold_s) == (1, 0.25)
-    assert expected.planned.target == Target("doi_mm", 0.5)
-
-
-def test_each_reference_of_a_pass_expects_the_same_press() -> None:
-    def script(rig: Rig) -> None:
-        for _ in range(2):
-            rig.reference(x_mm=0.5, doi_mm=0.3, increments=4, hold_s=0.25)
-
-    first, second = _from_ready(script).expected
-    assert (first.planned.x_mm, first.planned.increments, first.planned.hold_s) == (0.5, 4, 0.25)
-    assert first.planned == second.planned
-    assert [press.index for press in (*first.ids, *second.ids)] == [0, 1]
-
-
 PACES: dict[str, tuple[Callable[[Rig], object], Pace]] = {
     "indent": (lambda rig: rig.indent(doi_mm=0.5), Pace(1.0, 0.05, 1, 1.0)),
     "indent otherwise": (
@@ -122,16 +95,6 @@ def test_the_model_is_asked_for_a_press_at_its_pace(verb: str) -> None:
     (*_, expected) = walked(lambda rig: script(ready(rig)), Paced(), stage={"kind": "zaber"}).expected
     assert asked == [pace]
     assert (expected.planned.increments, expected.planned.hold_s) == (pace.ramps, pace.hold_s)
-
-
-def test_a_touch_is_foreseen_where_the_model_has_contact() -> None:
-    found = _from_ready(lambda rig: rig.touch())
-    assert found.answers == [-0.3]
-    assert (found.expected[0].press, found.expected[0].contact_mm) == (PressId(0, "find"), -0.3)
-
-
-def test_the_first_press_of_a_pass_is_held_from_nothing() -> None:
-    assert walked(lambda rig: ready(rig).indent(doi_mm=0.5, hold_s=3.0), limits={"max_contact_s": 3.0}).steps
 
 
 # --- what the engine does: a spring of k · DOI^1.5 that is touched 0.9 mm below the nominal apex ---
@@ -186,27 +149,6 @@ def test_every_verb_is_carried_out(spring: Make) -> None:
     assert [stream for stream, _ in bench.events][-1] == "retract"
 
 
-def test_a_press_goes_at_the_speed_that_was_asked(spring: Make) -> None:
-    """F is in mm/min; the habits' press speed is 1 mm/s."""
-    bench = spring()
-    rig, _, _ = _live(bench, StandIn())
-    ready(rig).indent(doi_mm=0.3, hold_s=0.1)
-    assert 60.0 in {move["F"] for move in bench.moves()}
-    before = len(bench.moves())
-    rig.indent(doi_mm=0.3, hold_s=0.1, speed_mm_s=0.25)
-    speeds = {move["F"] for move in bench.moves()[before:]}
-    assert 15.0 in speeds
-    assert 60.0 not in speeds
-
-
-def test_contact_is_looked_for_where_the_model_has_it(spring: Make) -> None:
-    """0.9 mm below the apex it is looked for from 0.4 to 1.4 mm below, limits.search_mm being 0.5."""
-    bench = spring(contact_mm=DEEP_MM)
-    rig, _, _ = _live(bench, StandIn(contact_mm=DEEP_MM))
-    found = ready(rig).indent(doi_mm=0.05, hold_s=0.0)
-    assert found.holds[0].target == Target("doi_mm", 0.05)
-
-
 def test_a_press_is_limited_over_the_area_that_the_model_expects(spring: Make) -> None:
     """25 gwt at 0.3 mm are short of every other limit, but 300 kPa over 0.1 mm² are 3 gwt."""
     bench = spring(k_gwt=150.0)
@@ -233,93 +175,19 @@ def test_what_a_resumed_run_owes_is_done_where_the_script_had_it(spring: Make) -
     assert [e["index"] for e in bench.of("reference")] == [1]
 
 
-ODD = {"expected_contact_mm": -0.75, "contact_area_mm2": 12.5, "predicted": PredictedPress(0.5, 5.0)}
-HANDED_ON: dict[str, tuple[Any, str, tuple[Any, ...], dict[str, Any]]] = {
-    "indent": (
-        Indent(doi_mm=0.5, increments=3, speed_mm_s=0.25, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
-        {"increments": 3, "speed_mm_s": 0.25, "hold_s": 0.75}),
-    "indent otherwise": (
-        Indent(doi_mm=0.5, increments=3, hold_s=0.75), "indent", (Target("doi_mm", 0.5),),
-        {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}),
-    "ramp": (Ramp(doi_mm=0.5, speed_mm_s=0.3, hold_s=0.75), "ramp", (0.5, 0.3), {"hold_s": 0.75}),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", HANDED_ON)
-def test_a_press_is_made_by_its_plan(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where contact is expected, on which area, under which number: all of it counts."""
-    step, function, words, more = HANDED_ON[name]
-    asked: list[tuple[tuple[Any, ...], dict[str, Any]]] = []
-
-    def made(engine: object, *args: Any, **options: Any) -> Indentation:
-        asked.append((args, options))
-        return Indentation(7, 0.5, ())
-
-    monkeypatch.setattr(indentation, function, made)
+@pytest.mark.parametrize(("band_gwt", "alarms"), [((0.1, 10.0), 0), ((4.0, 6.0), 1)])
+def test_a_reference_is_held_to_the_band_of_an_identified_finger(
+    spring: Make, band_gwt: tuple[float, float], alarms: int
+) -> None:
+    """0.5 gwt at 0.2 mm."""
+    bench = spring()
     planned = PlannedIndentation(
-        "bar", 0.5, Target("doi_mm", 0.5), ODD["expected_contact_mm"], 5.0, 0.5, ODD["contact_area_mm2"], 0.1,
-        increments=3, hold_s=0.75,
+        "bar:3.0", 0.0, Target("doi_mm", 0.2), -0.3, 0.5, 0.2, 40.0, 0.1, increments=1, hold_s=0.1,
+        band=PredictionBand(band_gwt, (0.1, 0.3), 7.0),
     )  # fmt: skip
-    press = PressId(7, "data", {"trial": 2})
-    answer = execute(PlainBench(lambda bench: 0.0, {}).engine, step, ExpectedPresses((press,), planned))
-    assert asked == [(words, {**ODD, **more, "press_id": press})]
-    assert answer == Indentation(7, 0.5, ())
-
-
-def _planned(band: PredictionBand | None = None) -> PlannedIndentation:
-    return PlannedIndentation(
-        "bar", 0.5, Target("doi_mm", 0.5), -0.75, 5.0, 0.5, 12.5, 0.1, increments=3, hold_s=0.75, band=band
-    )
-
-
-BAND = PredictionBand((4.0, 6.0), (0.5, 0.5), 7.0)
-TWO = (PressId(3, "precondition"), PressId(4, "precondition"))
-SPEED = {"increments": 3, "speed_mm_s": None, "hold_s": 0.75}
-OVER, PRESSED = ("be_over", (0.5,), {}), ("indent", (Target("doi_mm", 0.5),), {**ODD, **SPEED})
-COMPARED = Indentation(7, 0.5, ())
-CARRIED_OUT: dict[str, tuple[Step[Any, Any], Any, list[tuple[str, tuple[Any, ...], dict[str, Any]]]]] = {
-    "home": (Home(), None, [("home", (), {})]),
-    "mount": (Mount(indentor="bar"), None, [("mount", ("bar",), {})]),
-    "move_to": (MoveTo(x_mm=1, along_mm=-2), None, [("move_to", (1.0, -2.0), {})]),
-    "rest": (Rest(seconds=2), None, [("rest", (2.0,), {})]),
-    "retract": (Retract(), None, [("retract", (), {})]),
-    "zero": (Zero(), None, [("zero", (), {})]),
-    "checkpoint": (Checkpoint(name="half"), None, [("checkpoint", ("half",), {})]),
-    "note": (Note(text="a"), None, [("note", ("a",), {})]),
-    "touch": (Touch(), ExpectedTouch(PressId(5, "find"), -0.75), [("touch_place", (5, -0.75), {})]),
-    "precondition": (
-        Precondition(presses=2, doi_mm=0.5), ExpectedPresses(TWO, _planned()),
-        [*(OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": TWO[0]})),
-         *(OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": TWO[1]}))]),
-    **{name: (
-        Reference(x_mm=0.5, doi_mm=0.5), ExpectedPresses((PressId(7, "reference"),), _planned(band)),
-        [OVER, (*PRESSED[:2], PRESSED[2] | {"press_id": PressId(7, "reference")}),
-         ("compare_reference", (COMPARED, None if band is None else (4.0, 6.0)), {})])
-       for name, band in (("reference", None), ("reference of an identified finger", BAND))},
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("name", CARRIED_OUT)
-def test_a_step_is_carried_out_with_what_it_says(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    step, expected, calls = CARRIED_OUT[name]
-    made: list[tuple[str, tuple[Any, ...], dict[str, Any]]] = []
-    engine = PlainBench(lambda bench: 0.0, {}).engine
-
-    def instead(function: str, answer: Any = None) -> Callable[..., Any]:
-        def call(its: object, *args: Any, **options: Any) -> Any:
-            assert its is engine
-            made.append((function, args, options))
-            return answer
-
-        return call
-
-    for verb in ("home", "mount", "move_to", "rest", "retract", "zero", "checkpoint", "note", "be_over"):
-        monkeypatch.setattr(verbs, verb, instead(verb))
-    monkeypatch.setattr(indentation, "indent", instead("indent", COMPARED))
-    monkeypatch.setattr(indentation, "touch_place", instead("touch_place", -0.7))
-    monkeypatch.setattr("rig.session.execute.compare_reference", instead("compare_reference"))
-    assert execute(engine, step, expected) == (-0.7 if name == "touch" else None)
-    assert made == calls
+    expected = ExpectedPresses((PressId(0, "reference"),), planned)
+    execute(bench.ready(), Reference(x_mm=0.0, doi_mm=0.2), expected)
+    assert len(bench.of("alarm")) == alarms
 
 
 def test_an_executor_that_leaves_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,31 +1,18 @@
 """Pressure on the skin is in kPa wherever the program prints or writes it; coding keeps the source's pseudo-units."""
 
-import re
 from collections.abc import Callable, Iterator
-from pathlib import Path
 
 import pytest
 
 from rig.cli.json_schemas import OUTPUTS, schema_of
-from rig.compare.stimuli import CONTROL_UNITS
 from rig.data.dictionary import MODEL_TABLES
 from rig.data.schema import STREAMS
 from rig.plan.config import Config
 from rig.settings import LimitSettings
 from rig.study.parameter_study import columns
 
-ROOT = Path(__file__).parents[2]
 IN_PSEUDO_UNITS = ("encode", "decode", "impulse", "shift-invariance")
 """Commands of the source's coding model, whose options take pseudo-units."""
-FILES = ("rig", "docs", "examples", "tests/refusals")
-SAYS = re.compile(r"pressures?\b[^.\n]{0,60}(N/cm²|pseudo|\bMPa\b)|N/cm²", re.IGNORECASE)
-MAY_SAY = (
-    *("rig/report/coding_figures.py", "rig/cli/encode.py", "rig/cli/decode.py", "rig/cli/coding_options.py"),
-    *("rig/compare/pressure_formula.py", "examples/gallery/library/12_decode.py", "docs/coding.md"),
-    *("docs/coding_explained.md", "docs/decisions/", "docs/model.md", "docs/library.md"),
-    "docs/source.md",
-)
-"""Pages and modules of coding, of the source's formula, and of what was renamed."""
 
 
 def _json_keys() -> Iterator[tuple[str, str]]:
@@ -63,24 +50,6 @@ def test_keys_and_columns_of_pressure_end_in_kpa(where: str) -> None:
     found = [(place, key) for place, key in WRITTEN[where]() if "pressure" in key and key != "pressure"]
     assert found
     assert not [(place, key) for place, key in found if not key.endswith("_kpa")]
-
-
-def test_the_profile_of_a_press_is_in_kpa() -> None:
-    profile = schema_of("indent")["$defs"]["PressureProfileJson"]["properties"]
-    assert list(profile) == ["x_mm", "kpa"]
-    assert CONTROL_UNITS["skin pressure"] == "kPa"
-
-
-def test_no_page_and_no_sentence_has_another_unit() -> None:
-    said = [
-        (str(path.relative_to(ROOT)), found[0])
-        for folder in FILES
-        for path in sorted((ROOT / folder).rglob("*"))
-        if path.suffix in (".py", ".md", ".txt", ".j2", ".js", ".html", ".toml")
-        for line in path.read_text(encoding="utf-8").splitlines()
-        if (found := SAYS.search(line)) and '"""' not in line and not line.lstrip().startswith("#")
-    ]
-    assert not [(path, words) for path, words in said if not path.startswith(MAY_SAY)]
 
 
 @pytest.mark.parametrize(("old", "kpa"), [(30.0, 300.0), (0.5, 5.0), (60, 600.0)])

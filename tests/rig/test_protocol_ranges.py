@@ -1,14 +1,11 @@
 """Protocols over a range, so that the simulation covers a recording."""
 
-from typing import Any
 from unittest.mock import MagicMock, call
 
 import pytest
 
-from rig.errors import BadInputError
-from rig.protocol import RangeParameters, about_the_centre
+from rig.protocol import RangeParameters
 from rig.protocol.script import load_script
-from tests.error_codes import raises
 
 STEPPED = {
     "bars": {"width_mm=3.0": (34, 2.805), "width_mm=1.5": (25, 2.04)},
@@ -53,34 +50,6 @@ def test_a_cylinder_is_pressed_to_every_depth_or_to_the_force_at_each_place() ->
     assert rig.indent.call_args_list == 2 * [call(force_gwt=5.0, hold_s=1.0)]
 
 
-HALF, BEYOND = "half_a_range", "invalid_value"
-
-
-@pytest.mark.parametrize("name", STEPPED)
-@pytest.mark.parametrize(
-    ("settings", "code", "fields"),
-    [
-        (["from_mm=1"], HALF, {"given": "from_mm", "missing": "to_mm"}),
-        (["to_mm=1"], HALF, {"given": "to_mm", "missing": "from_mm"}),
-        (["spacing_mm=0.2"], "spacing_of_no_range", {"spacing_mm": 0.2}),
-        (["from_mm=1", "to_mm=1"], "empty_range", {"from_mm": 1.0, "to_mm": 1.0}),
-        (["from_mm=5", "to_mm=-5", "spacing_mm=0.02"], "too_many_positions", {"positions": 501, "high": 500}),
-        (["from_mm=20.1", "to_mm=0"], BEYOND, {"key": "from_mm", "value": "20.1", "le": 20.0}),
-        (["from_mm=-20.1", "to_mm=0"], BEYOND, {"key": "from_mm", "value": "-20.1", "ge": -20.0}),
-        (["from_mm=0", "to_mm=20.1"], BEYOND, {"key": "to_mm", "value": "20.1", "le": 20.0}),
-        (["from_mm=0", "to_mm=-20.1"], BEYOND, {"key": "to_mm", "value": "-20.1", "ge": -20.0}),
-        (["from_mm=0", "to_mm=1", "spacing_mm=0"], BEYOND, {"key": "spacing_mm", "value": "0", "gt": 0.0}),
-        (["from_mm=0", "to_mm=9", "spacing_mm=5.1"], BEYOND, {"key": "spacing_mm", "value": "5.1", "le": 5.0}),
-    ],
-)
-def test_a_range_that_is_none_is_refused_in_one_line(
-    name: str, settings: list[str], code: str, fields: dict[str, Any]
-) -> None:
-    with raises(BadInputError, code, where="--set", **fields) as caught:
-        load_script(name, settings)
-    assert "\n" not in str(caught.value)
-
-
 @pytest.mark.parametrize(
     ("begin", "end", "spacing", "n"),
     [
@@ -95,9 +64,3 @@ def test_a_range_that_is_none_is_refused_in_one_line(
 def test_the_spacing_is_the_largest_step(begin: float, end: float, spacing: float | None, n: int) -> None:
     found = RangeParameters(from_mm=begin, to_mm=end, spacing_mm=spacing).positions(())
     assert (len(found), found[0], found[-1]) == (n, begin, end)
-
-
-def test_about_the_centre() -> None:
-    assert about_the_centre(1) == (0.0,)
-    assert about_the_centre(4) == (0.255, 0.085, -0.085, -0.255)
-    assert RangeParameters().positions([3, 1]) == (3, 1)

@@ -11,23 +11,18 @@ from rig.engine.indentation import touch_place
 from rig.engine.reference import measure_compliance
 from rig.engine.verbs import unpaused
 from rig.errors import PressPaused
-from rig.records import as_fine
 from tests.stub_bench import StubBench
 
 Make = Callable[..., Any]
-FORCES = [(stream, key) for stream, keys in STREAMS.items() for key, unit in keys.items() if unit == "gwt"]
 
 
-@pytest.mark.parametrize(("stream", "key"), FORCES)
-def test_no_force_is_finer_in_the_journal_than_any_other(stream: str, key: str) -> None:
-    """Each force of each stream, whoever made it: hold_start, trip and threshold once went in as they were."""
-    told = StubBench()
-    told.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
-    assert told.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
-
-
-def test_a_force_that_is_none_stays_none() -> None:
-    assert as_fine({"force_gwt": None, "peak_gwt": 2}) == {"force_gwt": None, "peak_gwt": 2}
+def test_no_force_is_finer_in_the_journal_than_any_other() -> None:
+    """Each force of each stream: hold_start, trip and threshold once went in as they were."""
+    bench = StubBench()
+    forces = [(stream, key) for stream, keys in STREAMS.items() for key, unit in keys.items() if unit == "gwt"]
+    for stream, key in forces:
+        bench.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
+        assert bench.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
 
 
 PRESSES: dict[str, Callable[[Any], object]] = {

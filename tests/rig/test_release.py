@@ -3,7 +3,6 @@
 `make release-check` builds and installs it, which takes the network; here is what can be said without.
 """
 
-import re
 import subprocess
 import sys
 import tomllib
@@ -14,7 +13,6 @@ from typing import Any
 import pytest
 
 import studies.release_check as release
-from tests.program import Program
 
 ROOT = Path(__file__).parents[2]
 EXTRAS = {
@@ -49,28 +47,6 @@ def test_one_version_everywhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
             release.stated_version()
 
 
-def test_what_is_said_of_the_package() -> None:
-    told = _project()
-    assert told["authors"]
-    assert told["keywords"]
-    assert {"Programming Language :: Python :: 3.11", "Typing :: Typed"} <= set(told["classifiers"])
-    assert not [one for one in told["classifiers"] if one.startswith("License ::")]  # the expression says it
-    assert (ROOT / told["readme"]).is_file()
-    assert all((ROOT / name).is_file() for name in told["license-files"])
-
-
-def test_the_panel_needs_no_extra() -> None:
-    """Its packages are ordinary dependencies."""
-    told = _project()
-    packages = {re.split("[<>=]", one)[0] for one in told["dependencies"]}
-    assert packages >= {"starlette", "uvicorn"}
-
-
-def test_the_program_says_which_it_is(program: Program) -> None:
-    ended = program("--version")
-    assert (ended.code, ended.out, ended.err) == (0, f"rig {version('indentation-rig')}\n", "")
-
-
 def test_python_runs_the_package_and_ends_as_the_program_does() -> None:
     def run(*words: str) -> tuple[int, str, str]:
         done = subprocess.run([sys.executable, "-m", "rig", *words], capture_output=True, text=True, check=False)
@@ -86,19 +62,3 @@ def test_every_module_is_imported_without_an_extra() -> None:
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.strip() == str(ROOT / "rig" / "__init__.py"), done.stderr
     assert "ModuleNotFoundError: distributed" in done.stderr
-
-
-def test_a_check_that_fails_is_told_and_ends_with_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def failing() -> Any:
-        yield "this much"
-        release._expect(1, 2)
-
-    monkeypatch.setattr(release, "checks", failing)
-    with pytest.raises(SystemExit, match="not fit to be released: 1, expected 2"):
-        release.main()
-    assert capsys.readouterr().out == "this much\n"
-    monkeypatch.setattr(release, "checks", lambda: iter(["all of it"]))
-    release.main()
-    assert capsys.readouterr().out == "all of it\nfit to be released\n"

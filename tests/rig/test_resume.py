@@ -13,16 +13,13 @@ from typing import Any
 import pytest
 
 from rig.data import FolderBusyError, RunFolder, read_run
-from rig.data.journal import Journal, mend_journal, read_journal
-from rig.engine import RecordError, Target, TripError, indent
-from rig.engine.bench import Meanwhile, Pause
+from rig.data.journal import read_journal
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
-from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 from tests.preloaded import Popen
@@ -121,6 +118,43 @@ CUT: dict[str, tuple[Callable[[dict[str, Any]], bool], int]] = {
 """The last document on disk, and how many indentations are begun anew."""
 
 
+TWO_INDENTORS = """\
+from rig.protocol import Rig
+
+METADATA = {"title": "Two indentors, the skin settled under the first"}
+
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.reference(x_mm=0.2, doi_mm=0.2, hold_s=0.1)
+    rig.move_to(x_mm=0.0)
+    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
+    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
+    rig.mount("cylinder:9")
+    rig.move_to(x_mm=0.5)
+    rig.indent(doi_mm=0.3, increments=1, hold_s=0.1)
+"""
+
+
+@pytest.mark.parametrize("last", [_at("indentation_end", index=0), _at("mount", indentor="cylinder:9")])
+def test_a_run_goes_on_with_the_second_indentor_and_presses_no_more_with_the_first(
+    last: Callable[[dict[str, Any]], bool], finger: Fingertip, tmp_path: Path
+) -> None:
+    (tmp_path / "two.py").write_text(TWO_INDENTORS, encoding="utf-8")
+    script = load_script(str(tmp_path / "two.py"), [])
+    folder = dry_run(_session(script, Config(), finger, NewRun(tmp_path / "runs"))).folder.path
+    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+    (folder / "events.jsonl").write_bytes(b"".join(lines[: end + 1]))
+    done = _resume(folder, finger)
+    run = read_run(folder)
+    assert (done.problem, done.complete, run.missing, run.repeated) == (None, True, 0, 0)
+    assert [press[1] for press in _presses(folder)] == ["bar:3.0", "cylinder:9"]
+    assert [len(run.stream(f"{kind}_indentation_start")) for kind in ("reference", "precondition")] == [1, 1]
+
+
 @pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
 @pytest.mark.parametrize("after", CUT)
 def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:
@@ -178,72 +212,22 @@ def test_a_run_whose_copies_were_changed_is_refused(cut: Make, name: str) -> Non
         read_stopped(folder)
 
 
-def test_what_is_no_run_folder_is_refused(tmp_path: Path) -> None:
-    with raises(BadInputError, "no_run_folder", path=str(tmp_path / "nowhere")):
-        read_stopped(tmp_path / "nowhere")
-
-
 def test_two_processes_cannot_write_to_one_run(cut: Make) -> None:
     folder = cut(_at("home"))
     with RunFolder(folder).owned(), raises(FolderBusyError, "folder_busy", run=str(folder)):
         read_stopped(folder)
 
 
-def test_a_stopped_run_knows_what_it_was_made_from(cut: Make) -> None:
-    stopped: StoppedRun = read_stopped(cut(_at("home")))
-    assert (stopped.script.name, stopped.script.title) == ("three", "Three places in a seeded order")
-    assert stopped.script.parameters.model_dump() == {"seed": 3}
-    assert stopped.virtual
-    assert stopped.config == Config()
-
-
 # --- the journal ---
 
 
-@pytest.mark.parametrize("torn", [b"{", b'{"doc": "event", "t_s": 1.0', b'"\xff\xfe', b'{"doc": "event"}'])
-def test_a_torn_tail_is_cut_off_before_anything_is_added(tmp_path: Path, clock: VirtualClock, torn: bytes) -> None:
-    path = tmp_path / "events.jsonl"
-    whole = b'{"doc": "start", "t_s": 0.0, "seq": 0}\n'
-    path.write_bytes(whole + torn)
-    with Journal(path, clock, {"note": {"text": ""}}) as journal:
-        journal.resume({})
-        journal.event("note", {"text": "again"})
-    assert path.read_bytes().startswith(whole)
-    assert [(d["doc"], d["seq"]) for d in read_journal(path)] == [
-        ("start", 0), ("resume", 1), ("descriptor", 2), ("event", 3),
-    ]  # fmt: skip
-
-
-def test_a_last_line_that_lacks_its_end_only_is_kept(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_bytes(b'{"doc": "start", "t_s": 0.0}')
-    assert mend_journal(path) == 1
-    assert path.read_bytes() == b'{"doc": "start", "t_s": 0.0}\n'
+@pytest.mark.parametrize("rest", [b"\xff\xfe\n{}\n", b"3\n", b"{}\n", b'{"doc": "event"}\n'])
+def test_a_line_of_a_journal_that_is_no_document_is_named(tmp_path: Path, rest: bytes) -> None:
+    (tmp_path / "events.jsonl").write_bytes(b'{"doc": "start", "t_s": 0}\n' + rest)
+    assert read_run(tmp_path).damage[0].line == 2
 
 
 # --- pause ---
-
-
-def test_a_pause_in_a_press_lifts_and_begins_it_again(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    asked = [False]
-
-    def look(stream: str, data: Mapping[str, Any]) -> None:
-        asked[0] = asked[0] or (stream == "sample" and data["phase"] == "press")
-
-    def go_on(meanwhile: Meanwhile) -> bool:
-        assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-        bench.on_event, asked[0] = (lambda stream, data: None), False
-        return True
-
-    bench.on_event, bench.pause = look, Pause(lambda: asked[0], go_on)
-    done = indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
-    assert done.index == 0
-    assert [e["index"] for e in bench.of("indentation_start")] == [0, 0]
-    assert len(bench.of("hold_end")) == len(bench.of("indentation_end")) == 1
-    order = [stream for stream, _ in bench.events if stream in ("paused", "resumed", "indentation_start", "hold_end")]
-    assert order == ["indentation_start", "paused", "resumed", "indentation_start", "hold_end"]
 
 
 def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> None:
@@ -269,39 +253,3 @@ def test_a_terminal_pauses_and_goes_on(finger: Fingertip, tmp_path: Path) -> Non
     assert answer["complete"] is True
     assert answer["indentations"] == 3
     assert read_run(Path(answer["run"])).restarted == 1
-
-
-# --- a journal that cannot be written ---
-
-
-def test_a_full_disk_lifts_and_leaves_whole_lines(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-
-    def full(fd: int, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.data.journal.os.write", full) if data.get("phase") == "press" else None
-    )
-    full_disk = {"path": str(bench.journal_path), "error": "No space left on device"}
-    with raises(RecordError, "cannot_be_written", **full_disk):
-        indent(engine, Target("force_gwt", 2.33), hold_s=0.2)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert bench.journal_path.read_bytes().endswith(b"\n")
-    assert [data for _, data in bench.events][-1]["phase"] == "press"
-
-
-def test_a_trip_on_a_full_disk_is_still_a_trip(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring(k_gwt=4000.0, soft_trip_n=0.02)
-    engine = bench.ready()
-
-    def full(fd: int, data: bytes) -> int:
-        raise OSError(28, "No space left on device")
-
-    bench.on_event = lambda stream, data: (
-        monkeypatch.setattr("rig.data.journal.os.write", full) if data.get("force_gwt", 0.0) > 2.0 else None
-    )
-    with pytest.raises(TripError):
-        indent(engine, Target("force_gwt", 2.0), hold_s=0.2)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)

@@ -1,6 +1,7 @@
 """A run goes on after a device was plugged into another port; what decides a press may not change."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -21,21 +22,27 @@ def run(rig):
         rig.move_to(x_mm=x_mm)
         rig.indent(doi_mm=0.2, hold_s=0.1)
 """
-STANDA = {"stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}}}
+STANDA = {
+    "frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0},
+    "stage": {"kind": "standa", "port": "/dev/ttyA0", "standa": {"x_port": "/dev/ttyA1"}},
+}
 
 
 @pytest.fixture
-def stopped(program: Program, tmp_path: Path) -> Path:
+def stopped(program: Program, tmp_path: Path, made_once: Callable[..., Path]) -> Path:
     """A dry run with its configuration, killed before its second press."""
-    (tmp_path / "two.py").write_text(SCRIPT, encoding="utf-8")
     (tmp_path / "rig.toml").write_text(Config.model_validate(STANDA).as_toml(), encoding="utf-8")
-    words = ("dry-run", tmp_path / "two.py", "--config", tmp_path / "rig.toml", "--out", tmp_path / "runs")
-    assert program(*words).code == 0
-    (folder,) = (tmp_path / "runs").iterdir()
-    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
-    ends = [n for n, line in enumerate(lines) if json.loads(line).get("stream") == "indentation_end"]
-    (folder / "events.jsonl").write_bytes(b"".join(lines[: ends[1] + 1]))
-    return folder
+
+    def make() -> None:
+        (tmp_path / "two.py").write_text(SCRIPT, encoding="utf-8")
+        words = ("dry-run", tmp_path / "two.py", "--config", tmp_path / "rig.toml", "--out", tmp_path / "runs")
+        assert program(*words).code == 0
+        (folder,) = (tmp_path / "runs").iterdir()
+        lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+        ends = [n for n, line in enumerate(lines) if json.loads(line).get("stream") == "indentation_end"]
+        (folder / "events.jsonl").write_bytes(b"".join(lines[: ends[1] + 1]))
+
+    return made_once("stopped", make)
 
 
 def _with(path: Path, old: str, new: str) -> Path:

@@ -14,7 +14,7 @@ from rig.cli.watch import RunScreen, _now
 from rig.data.documents import Document
 from rig.data.folder import RunFolder
 from rig.data.run import Following, read_run
-from rig.data.run_state import Course, DeviceStatus, Placed, RunState, TimeLeft
+from rig.data.run_state import Course, RunState, TimeLeft
 from rig.panel.run_view import RunView
 from rig.session.resume import ending_on_record
 from tests.program import Program
@@ -203,98 +203,3 @@ def test_a_journal_may_be_cut_within_any_line(name: str, tmp_path: Path) -> None
                 assert found.killed
                 assert {*shown.watch.finished} <= {*found.done}
     assert shown.panel.problem == ""
-
-
-# --- document by document ---
-
-NEW: dict[str, Any] = {
-    "agenda": None, "time_left": None, "start": {}, "stop": None, "said": "", "finished": set(), "indentation": {},
-    "holds": [], "pressing": False, "placed": None, "newest": {}, "newest_s": (None, None), "x_mm": None,
-    "height_mm": None, "force_gwt": None, "contact": None, "homed": False, "stage_status": DeviceStatus(),
-    "force_status": DeviceStatus(), "now": "", "next": "", "steps": [], "left_s": None, "planned": None,
-}  # fmt: skip
-BEGIN = {"index": 4, "indentor": "bar", "x_mm": 0.5}
-READ = {"phase": "press", "x_mm": 0.5, "height_mm": -0.25, "force_gwt": 3.0}
-WALK: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-    # stream, data, what is different after it; of no stage or sensor unless it is named
-    ("home", {"force_gwt": 0.5},
-     {"contact": "raised", "homed": True, "force_gwt": 0.5, "stage_status": DeviceStatus("homed", 7.0)}),
-    ("zero", {"drift_gwt": None}, {"contact": "lifted", "force_status": DeviceStatus("zeroed", 8.0)}),
-    ("mount", {"indentor": "bar"}, {"placed": Placed("bar")}),
-    ("move", {"x_mm": 0.5, "along_mm": -1.5, "height_mm": 2.0}, {
-        "placed": Placed("bar", -1.5), "x_mm": 0.5, "height_mm": 2.0, "stage_status": DeviceStatus("at rest", 10.0)}),
-    ("rest", {"rest_s": 1.0}, {}),
-    ("reference_indentation_start", {**BEGIN, "index": 3}, {
-        "pressing": True, "contact": "unknown",
-        "placed": Placed("bar", -1.5, ("reference_indentation_start", {**BEGIN, "index": 3}))}),
-    ("reference_hold_end", {"index": 3}, {}),
-    ("reference_indentation_end", {"index": 3}, {"pressing": False}),
-    ("retract", {"contact": "lifted"}, {"contact": "lifted", "stage_status": DeviceStatus("at rest", 15.0)}),
-    ("indentation_start", BEGIN, {
-        "pressing": True, "contact": "unknown", "indentation": BEGIN, "holds": [],
-        "placed": Placed("bar", -1.5, ("indentation_start", BEGIN))}),
-    ("sample", READ, {
-        "newest": READ, "newest_s": (17.0, 17.0), "height_mm": -0.25, "force_gwt": 3.0,
-        "stage_status": DeviceStatus("press", 17.0), "force_status": DeviceStatus("reads", 17.0)}),
-    ("hold_end", {"index": 4, "hold": 1}, {"holds": [{"index": 4, "hold": 1}]}),
-    ("paused", {"reason": "operator"}, {"said": "operator", "contact": "lifted"}),
-    ("indentation_start", BEGIN, {
-        "contact": "unknown", "holds": [], "placed": Placed("bar", -1.5, ("indentation_start", BEGIN))}),
-    ("retract", {"contact": "raised"}, {"contact": "raised", "stage_status": DeviceStatus("at rest", 21.0)}),
-    ("indentation_end", {"index": 4}, {"pressing": False, "finished": {4}}),
-    ("indentation_end", {}, {}),
-    ("rest", {}, {}),
-    ("find_sample", {"force_gwt": 1.0}, {
-        "contact": "unknown", "newest": {"force_gwt": 1.0}, "newest_s": (25.0, 25.0), "force_gwt": 1.0,
-        "stage_status": DeviceStatus("moving", 25.0), "force_status": DeviceStatus("reads", 25.0)}),
-    ("rest", {}, {"contact": "raised"}),
-    ("alarm", {"reason": "it drifts"}, {"said": "it drifts"}),
-    ("trip", {"reason": "too much"}, {"said": "too much", "stage_status": DeviceStatus("tripped", 28.0)}),
-    ("alarm", {}, {"said": ""}),
-    ("move", {}, {"placed": Placed("bar", 0.0), "stage_status": DeviceStatus("at rest", 30.0)}),
-]  # fmt: skip
-
-
-def test_each_event_changes_what_it_is_about_and_nothing_else() -> None:
-    state = RunState()
-    expected = dict(NEW)
-    for unix_s, (stream, data, changes) in enumerate(WALK, 7):
-        state.apply({"doc": "event", "stream": stream, "data": data, "t_s": float(unix_s), "unix_s": float(unix_s)})
-        expected |= changes
-        assert {name: getattr(state, name) for name in NEW} == expected, (stream, data)
-    state.apply({"doc": "event", "stream": "sample", "data": {}, "t_s": 40.0})
-    assert state.newest_s == (40.0, None)
-
-
-def test_a_run_has_ended_until_it_goes_on() -> None:
-    state = RunState()
-    assert {name: getattr(state, name) for name in NEW} == NEW
-    start, stop = {"doc": "start", "planned_indentations": 5}, {"doc": "stop", "reason": "killed"}
-    state.apply(start)
-    assert (state.start, state.stop, state.planned) == (start, None, 5)
-    state.apply(stop)
-    assert (state.start, state.stop) == (start, stop)
-    state.apply({"doc": "resume"})
-    assert (state.start, state.stop) == (start, None)
-
-
-def test_a_runs_own_terminal_counts_from_its_beginning() -> None:
-    """It is told its events, no documents."""
-    state = RunState()
-    state.event("sample", {"force_gwt": 1.0})
-    assert state.newest_s == (0.0, None)
-
-
-def test_an_event_is_handed_to_course_and_clock() -> None:
-    """Both are there from the start, and told everything."""
-    words = {("home", 1, 0): "home", ("zero", 1, 0): "zero", ("rest", 1, 0): "rest 1 s"}
-    instants_s = {name: float(n) for n, name in enumerate(words, 1)}
-    clock = [0.0]
-    state = RunState(Course(5.0, instants_s, words), TimeLeft(instants_s, 5.0, lambda: clock[0], pace=1.0))
-    assert (state.now, state.next, state.left_s) == ("home", "zero", 5.0)
-    clock[0] = 2.5
-    state.event("home", {})
-    assert (state.now, state.next, state.left_s) == ("zero", "rest 1 s", 4.0)
-    assert [(step.words, step.when) for step in state.steps] == [
-        ("home", "done"), ("zero", "now"), ("rest 1 s", "ahead"),
-    ]  # fmt: skip

@@ -22,9 +22,7 @@ from matplotlib.figure import Figure
 
 from rig.bench.real import Request
 from rig.bench.virtual import load_on_sensor, true_carriage, truth, virtual_force, virtual_stage, with_framing
-from rig.cli.watch import _line
 from rig.clock import WallClock
-from rig.compare.recordings.spikes import _last_holds
 from rig.control.stop import OwnedStage
 from rig.data import RunFolder, export_nwb, export_run, read_run
 from rig.data.bug_report import bug_report
@@ -153,39 +151,30 @@ def _rewritten(path: Path, change: Callable[[dict[str, Any]], dict[str, Any]]) -
     path.write_text("".join(json.dumps(change(line)) + "\n" for line in lines), encoding="ascii")
 
 
-def _as_before(folder: Path) -> Path:
-    """Rewrite a run with the times of earlier versions: since boot, or from the end of the part before a reboot."""
-    documents = list(read_journal(folder / "events.jsonl"))
-    begins = [n for n, one in enumerate(documents) if one["doc"] in ("start", "resume")]
-    resumed_s = documents[begins[1]]["t_s"] if len(begins) > 1 else float("inf")
-    last_s = BOOTED_S + (documents[begins[1] - 1]["t_s"] if len(begins) > 1 else 0.0)
+def _as_before(folder: Path) -> None:
+    """Rewrite a run with the times of earlier versions: since boot."""
 
     def late(line: dict[str, Any]) -> dict[str, Any]:
-        # The bytes of a part may precede its first document.
-        ahead_s = last_s - resumed_s if line["t_s"] >= resumed_s - 1.0 else BOOTED_S
         data = dict(line.get("data", {}))
-        data |= {"rise_s": data["rise_s"] + ahead_s} if "rise_s" in data else {}
+        data |= {"rise_s": data["rise_s"] + BOOTED_S} if "rise_s" in data else {}
         line = {key: value for key, value in line.items() if key != "crc32"}
-        return {**line, "t_s": round(line["t_s"] + ahead_s, 6)} | ({"data": data} if data else {})
+        return {**line, "t_s": round(line["t_s"] + BOOTED_S, 6)} | ({"data": data} if data else {})
 
     for name in ("events.jsonl", "bytes.jsonl"):
         _rewritten(folder / name, late)
-    return folder
 
 
 def _kind(name: str, run: Run, resume: Run, tmp_path: Path) -> Path:
     if name == "fresh":
         return run().folder.path
-    if name == "old":
-        return _as_before(run().folder.path)
     folder = run(stopped=True).folder.path
     if name == "old, resumed by this version":
         _as_before(folder)
     resume(folder)
-    return _as_before(folder) if name == "old, resumed" else folder
+    return folder
 
 
-KINDS = ("fresh", "resumed", "old", "old, resumed", "old, resumed by this version")
+KINDS = ("fresh", "resumed", "old, resumed by this version")
 
 
 @pytest.fixture(params=KINDS)
@@ -240,21 +229,11 @@ def _nwb(folder: Path) -> list[float]:
         return list(file.intervals["holds"].to_dataframe()["stop_time"])
 
 
-def _pulses(folder: Path) -> list[float]:
-    """The pulse of a hold's end rises within 0.1 s of its record."""
-    run = read_run(folder)
-    found = [event for event in run.stream("sync") if event["at"] == "hold_end"]
-    assert found
-    assert all(abs(event["t_s"] - event["rise_s"]) < 0.1 for event in found)
-    ends = [event["t_s"] for event in run.stream("hold_end")]
-    assert all(abs(end - event["rise_s"]) < 0.2 for end, event in zip(ends, found, strict=True))
-    return ends
-
-
 def _of_run(folder: Path) -> list[float]:
     run = read_run(folder)
     assert run.start["t_s"] == 0.0
     assert run.end_s == pytest.approx(_true_s(folder)[-1], abs=60.0)
+    assert all(abs(pulse["t_s"] - pulse["rise_s"]) < 0.2 for pulse in run.stream("sync"))
     return [event["t_s"] for event in run.stream("hold_end")]
 
 
@@ -267,11 +246,6 @@ def _followed(folder: Path) -> list[float]:
 def _index(folder: Path) -> list[float]:
     (found,) = (entry for entry in listed(folder.parent) if entry.summary.name == folder.name)
     return [row[len(RUN_COLUMNS) + HOLD_COLUMNS.index("t_s")] for row in found.rows]
-
-
-def _watched(folder: Path) -> list[float]:
-    lines = [line for one in Following(RunFolder(folder)).new() for line in _line(one)]
-    return [float(line.split()[0]) for line in lines if line.split()[1] == "hold_end"]
 
 
 def _panel(folder: Path) -> list[float]:
@@ -320,28 +294,19 @@ def _in_a_part(folder: Path, times: list[float]) -> None:
         assert all(any(begin - 1.0 <= t_s <= end + 1.0 for t_s in times) for begin, end in parts)
 
 
-def _spikes(folder: Path) -> list[float]:
-    run = read_run(folder)
-    return sorted(end for _, _, end in _last_holds(run, "bar:3.0", "spikes.csv"))
-
-
 SHOWN = {
     "tables": _of_run,
     "growing journal": _followed,
     "csv": _csv,
     "hdf5": _hdf5,
     "nwb": _nwb,
-    "sync pulses": _pulses,
     "table of runs": _index,
-    "watch": _watched,
     "panel": _panel,
     "report": _report,
     "bug report": _bug_report,
-    "spike times": _spikes,
 }
 
 
-@pytest.mark.quick(rows=lambda folder: folder not in ("old", "old, resumed"))
 def test_every_place_counts_from_the_start_of_the_run(folder: Path, request: pytest.FixtureRequest) -> None:
     if request.node.callspec.params["folder"] in ("fresh", "resumed"):
         _is_written_in_the_time_of_the_run(folder)

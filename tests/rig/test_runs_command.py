@@ -6,23 +6,17 @@ import os
 import shutil
 import sqlite3
 import threading
-import zlib
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import fields
-from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-import rig.data.index as run_index
-from rig.cli.runs import RunFilter, _line
 from rig.data.folder import RunFolder
 from rig.data.index import INDEX, IndexEntry, listed
 from rig.data.run import read_run
-from rig.data.tables import ENDED_EARLY, HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
-from rig.engine.contact import MAY_TOUCH
+from rig.data.tables import HOLD_COLUMNS, RUN_COLUMNS, Row, Summary, summarised
 from tests.journals import append, rewrite
 from tests.program import Program
 from tests.waiting import DEADLINE_S
@@ -55,17 +49,6 @@ def names(entries: list[IndexEntry]) -> list[str]:
 # --- the list ---
 
 
-def test_every_run_has_a_line_and_the_newest_is_the_last(program: Program, runs: Path) -> None:
-    ended = program("runs", runs)
-    assert (ended.code, ended.err) == (0, "")
-    assert ended.out.splitlines() == [
-        "complete                  -    bar:3.0  5 of 5  done, virtual",
-        "complete_with_a_schedule  S07  bar:3.0  8 of 8  done, virtual",
-        "stopped                   S07  bar:3.0  5 of 8  killed, virtual",
-        "3 runs",
-    ]
-
-
 def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs: Path) -> None:
     (runs / "a_note").mkdir()
     assert names(listed(runs)) == [*NAMES, "a_note"]
@@ -78,26 +61,12 @@ def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs:
     assert not (runs / INDEX).exists()  # where there are no runs it has no business
 
 
-def test_the_list_as_json(program: Program, runs: Path) -> None:
-    told = program("runs", runs, "--json").json
-    assert told["unreadable"] == []
-    assert told["runs"][0] == {
-        "name": "complete", "date_utc": "2026-11-29T18:14:16+00:00", "protocol": "bars_of_five",
-        "title": "Bar at five positions", "subject": "", "shapes": ["bar:3.0"], "state": "done", "virtual": True,
-        "planned": 5, "done": 5, "duration_s": pytest.approx(read_run(OLD / "complete").duration_s),
-    }  # fmt: skip
-    assert [one["name"] for one in told["runs"]] == list(NAMES)
-
-
 @pytest.mark.parametrize(
     ("options", "found"),
     [
         (["--subject", "S07"], NAMES[1:]),
-        (["--subject", "S08"], ()),
         (["--shape", "bar"], NAMES),
-        (["--shape", "bar:3.0"], NAMES),
         (["--shape", "bar:1.5"], ()),
-        (["--shape", "step"], ()),
         (["--protocol", "bars_of_five"], NAMES[:1]),
         (["--state", "killed"], NAMES[2:]),
         (["--state", "done", "--subject", "S07"], NAMES[1:2]),
@@ -113,52 +82,8 @@ def test_what_is_asked_for(program: Program, runs: Path, options: list[str], fou
     assert [one["name"] for one in ended.json["runs"]] == list(found)
 
 
-def test_who_is_asked_for_says_yes_or_no() -> None:
-    run = Summary("a", date_utc="2026-03-01T10:00:00+00:00", subject="S07", shapes=("bar:3.0",), state="done")
-    none = (None,) * 5
-    assert RunFilter(None, *none).has(run) is True
-    assert RunFilter("S08", *none).has(run) is False
-    assert RunFilter(None, "step", None, None, None, None).has(run) is False
-    day = date(2026, 3, 1)
-    assert [RunFilter(None, None, None, None, first, last).has(run) for first, last in (
-        (day, day), (day + timedelta(1), None), (None, day - timedelta(1)), (day - timedelta(1), day + timedelta(1)),
-    )] == [True, False, False, True]  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("shapes", "told"),
-    [((), "-"), (("bar:3.0",), "bar:3.0"), (("a", "b"), "a and 1 more"), (("a", "b", "c"), "a and 2 more")],
-)
-def test_many_shapes_are_counted(shapes: tuple[str, ...], told: str) -> None:
-    line = _line(Summary("a", shapes=shapes, state="done", planned=3, done=2))
-    assert line == ["a", "-", told, "2 of 3", "done"]
-    assert _line(Summary("a", shapes=shapes, state="done", virtual=True))[-1] == "done, virtual"
-
-
-@pytest.mark.parametrize(
-    ("words", "code"),
-    [
-        (["nowhere"], "no_such_folder"),
-        (["--state", "well"], "unknown_choice"),
-        (["--since", "May"], "no_day"),
-        (["--until", "1.2.26"], "no_day"),
-        (["--table", "no/a.csv"], "not_writable"),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: list[str], code: str
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    ended = program("runs", *words, "--json")
-    assert ended.json == {"error_text": ended.complaint, "code": code, "exit_code": 2}
-    assert list(tmp_path.iterdir()) == []
-
-
 START = {"doc": "start", "t_s": 0, "unix_s": 0, "protocol": "p", "title": "t", "virtual": True}
 BROKEN: dict[str, tuple[bytes | None, str]] = {
-    "empty": (None, "events.jsonl: No such file or directory"),
-    "nothing": (b"", "events.jsonl"),
-    "torn": (b'{"doc": "st', "events.jsonl"),
     "foreign": (b'{"doc": "start", "t_s": 0}\n', "KeyError: 'unix_s'"),
     "lacking": (json.dumps(START).encode(), "KeyError: 'planned_indentations'"),
     "number": (
@@ -255,12 +180,6 @@ def test_all_holds_of_many_runs_are_one_table(program: Program, runs: Path, tmp_
     assert [float(row["contact_height_mm"]) for row in of_one] == [touches[int(row["index"])] for row in of_one]
 
 
-def test_a_table_of_what_is_asked_for(program: Program, runs: Path, tmp_path: Path) -> None:
-    told = program("runs", runs, "--subject", "S08", "--table", tmp_path / "none.csv", "--json").json
-    assert (told["holds"], told["runs"], told["table"]) == (0, [], str(tmp_path / "none.csv"))
-    assert (tmp_path / "none.csv").read_text(encoding="utf-8") == ",".join([*RUN_COLUMNS, *HOLD_COLUMNS]) + "\n"
-
-
 # --- the index ---
 
 
@@ -268,26 +187,6 @@ def test_a_journal_is_read_once(runs: Path) -> None:
     first = listed(runs)
     assert listed(runs, unread) == first
     assert [len(entry.rows) for entry in first] == [len(summarised(OLD / name)[1]) for name in NAMES]
-
-
-def test_where_nothing_changed_nothing_is_written(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = listed(runs)
-    with monkeypatch.context() as patched:
-        patched.setattr(run_index, "_store", unread)
-        assert listed(runs) == first
-    shutil.rmtree(runs / "complete")
-    listed(runs)
-    with closing(sqlite3.connect(runs / INDEX)) as index:
-        assert {name for (name,) in index.execute("SELECT name FROM runs")} == set(NAMES[1:])
-
-
-def test_an_index_is_of_its_columns_and_edition(runs: Path) -> None:
-    listed(runs)
-    names_of_it = [field.name for field in fields(Summary)]
-    mark = zlib.crc32(repr((2, names_of_it, HOLD_COLUMNS)).encode()) & 0x7FFFFFFF
-    with closing(sqlite3.connect(runs / INDEX)) as index:
-        assert index.execute("PRAGMA user_version").fetchone() == (mark,)
-    assert run_index._BUSY_S == 2.0
 
 
 def test_what_changed_is_read_again_and_no_other(runs: Path) -> None:
@@ -334,15 +233,9 @@ def _execute(command: str) -> Callable[[Path], None]:
 
 DAMAGE: dict[str, Callable[[Path], Any]] = {
     "deleted": lambda index: index.unlink(),
-    "empty": lambda index: index.write_bytes(b""),
-    "no index": lambda index: index.write_bytes(b"noise" * 5000),
     "cut": lambda index: index.write_bytes(index.read_bytes()[:5000]),
     "a flipped byte": _flipped,
     "of another version": _execute("PRAGMA user_version = 7"),
-    "of another table": _execute("ALTER TABLE runs DROP COLUMN holds"),
-    "without a table": _execute("DROP TABLE runs"),
-    "a row that is none": _execute("UPDATE runs SET summary = 'x'"),
-    "a row of numbers": _execute("UPDATE runs SET mark = 7"),
     "a row of nothing": _execute("UPDATE runs SET holds = NULL"),
 }
 
@@ -371,67 +264,6 @@ def test_an_index_that_cannot_be_written_is_done_without(runs: Path, monkeypatch
         held.rollback()
     assert sorted(names(listed(runs))) == sorted([*NAMES, "copied"])
     assert len(listed(runs, unread)) == 4
-
-
-def _error(code: int | None) -> sqlite3.Error:
-    error = sqlite3.OperationalError("no")
-    if code is not None:
-        error.sqlite_errorcode = code
-    return error
-
-
-@pytest.mark.parametrize(
-    ("errors", "writes", "removes"),
-    [
-        ([], 1, 0),
-        ([_error(sqlite3.SQLITE_BUSY)], 1, 0),
-        ([_error(sqlite3.SQLITE_BUSY_SNAPSHOT)], 1, 0),
-        ([_error(sqlite3.SQLITE_READONLY_DIRECTORY)], 1, 0),
-        ([_error(sqlite3.SQLITE_CORRUPT)], 2, 1),
-        ([_error(None)], 2, 1),
-        ([_error(sqlite3.SQLITE_NOTADB), _error(sqlite3.SQLITE_BUSY)], 2, 1),
-        ([_error(sqlite3.SQLITE_FULL)] * 3, 2, 2),
-    ],
-)
-def test_what_passes_is_waited_for_and_what_is_broken_is_removed_once(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, errors: list[sqlite3.Error], writes: int, removes: int
-) -> None:
-    done, left = list[str](), list(errors)
-
-    def write(*_: object, anew: bool) -> None:
-        done.append("write")
-        if left:
-            raise left.pop(0)
-
-    monkeypatch.setattr(run_index, "_write", write)
-    monkeypatch.setattr(run_index, "_remove", lambda path: done.append("remove"))
-    run_index._store(tmp_path / INDEX, {}, set(), anew=True)
-    assert (done.count("write"), done.count("remove")) == (writes, removes)
-
-
-def test_one_of_another_version_is_made_anew_in_its_place(runs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    first = listed(runs)
-    DAMAGE["of another version"](runs / INDEX)
-    monkeypatch.setattr(run_index, "_remove", unread)
-    assert listed(runs) == first == listed(runs, unread)
-
-
-def test_what_cannot_be_removed_is_left(tmp_path: Path) -> None:
-    run_index._remove(tmp_path / INDEX)
-    (tmp_path / INDEX).mkdir()
-    (tmp_path / f"{INDEX}-journal").touch()
-    run_index._remove(tmp_path / INDEX)
-    assert (tmp_path / INDEX).is_dir()
-    (tmp_path / INDEX).rmdir()
-    run_index._remove(tmp_path / INDEX)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_where_there_is_no_run_there_is_no_index(tmp_path: Path) -> None:
-    (tmp_path / "holiday").mkdir()
-    (found,) = listed(tmp_path)
-    assert (found.mark, found.summary.name, found.rows) == ("", "holiday", [])
-    assert not (tmp_path / INDEX).exists()
 
 
 def test_several_at_once_see_the_same(runs: Path) -> None:
@@ -474,27 +306,6 @@ def test_one_run_is_told(program: Program, runs: Path) -> None:
     assert {"name": "events.jsonl", "bytes": size} in told["files"]
 
 
-def test_one_run_in_lines(program: Program, runs: Path) -> None:
-    ended = program("show", runs / "complete")
-    assert (ended.code, ended.err) == (0, "")
-    size = sum(path.stat().st_size for path in (runs / "complete").iterdir() if path.name != "SHA256SUMS")
-    lines = {line[:12].strip(): line[12:] for line in ended.out.splitlines()}
-    assert lines["run"] == str(runs / "complete")
-    assert lines["source"] == "tests/data/runs"
-    assert lines["parameters"] == "doi_mm 0.4"
-    assert lines["began"] == "2026-11-29T18:14:16+00:00, 85 s"
-    assert lines["limits"].startswith("max_doi_mm 1.5, max_force_gwt 100.0, ")
-    assert lines["devices"].startswith("stage virtual grbl, force virtual mtsics, controller [VER:")
-    assert lines["versions"].startswith("python 3.11.7, indentation-rig 0.3.0, ")
-    assert lines["model"] == "nodes 34164, e_epidermis_mpa 0.186266, from_cache True"
-    assert lines["files"].startswith(f"17, {size / 1e6:.1f} MB: config.toml, data.h5, ")
-    assert lines["what"] == "Bar at five positions (bars_of_five), on the virtual bench"
-    assert lines["subject"] == "none"
-    assert lines["state"] == "done, 5 of 5 indentations"
-    assert lines["pressed"].startswith("bar:3.0 to 0.4 mm, x = -3.00 … 3.00 mm: 5 holds, mean ")
-    assert "because" not in lines
-
-
 def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program, runs: Path) -> None:
     ended = program("show", runs / "stopped")
     assert "because     the run has no end record: its program was killed or the power failed\n" in ended.out
@@ -505,33 +316,6 @@ def test_a_run_that_was_killed_says_where_it_left_the_indentor(program: Program,
     stopped(runs / "stopped", "tripped", "too much")
     ended = program("show", runs / "stopped")
     assert "state       tripped, 5 of 8 indentations\nbecause     too much\npressed" in ended.out
-
-
-def test_a_script_that_did_less_than_was_planned(program: Program, runs: Path) -> None:
-    stopped(runs / "stopped", "done", "")
-    told = program("show", runs / "stopped", "--json").json
-    assert (told["state"], told["done"]) == ("incomplete", 5)
-    assert told["ending"] == {"reason_text": ENDED_EARLY, "where_text": None}
-    assert "subject     S07\n" in program("show", runs / "stopped").out
-    at = {"left": "lifted", "x_mm": 0.5, "height_mm": 2.0, "trusted": True, "may_touch": False}
-    ending = {"doc": "stop", "t_s": 91.0, "status": "aborted", "reason": "x", "indentor": at}
-    append(runs / "stopped" / "events.jsonl", ending)
-    assert program("show", runs / "stopped", "--json").json["ending"] == {
-        "reason_text": "x",
-        "where_text": "lifted, at x = 0.50 mm, 2.00 mm above the nominal apex (trusted); "
-        f"by position only, not confirmed by force; {MAY_TOUCH}",  # of before it was measured
-    }
-
-
-def test_a_run_that_had_no_time_for_anything(program: Program, tmp_path: Path) -> None:
-    events = [{"doc": "event", "t_s": 0, "stream": "home", "data": {}}]
-    documents = [START | {"planned_indentations": 1}, *events]
-    (tmp_path / "events.jsonl").write_text("".join(json.dumps(one) + "\n" for one in documents), encoding="utf-8")
-    told = program("show", tmp_path, "--json").json
-    assert (told["devices"], told["presses"], told["parameters"], told["subject"]) == ({}, [], {}, None)
-    lines = program("show", tmp_path).out.splitlines()
-    assert {line[:12].strip(): line[12:] for line in lines}["source"] == "-"
-    assert [line[12:] for line in lines if line[:12].strip() in ("parameters", "devices", "model")] == ["none"] * 3
 
 
 def test_a_run_without_its_copies_is_told_all_the_same(program: Program, runs: Path) -> None:

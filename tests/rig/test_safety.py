@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.clock import WallClock
-from rig.engine import EngineError, NotReadyError, Target, TripError, indent, verbs
+from rig.engine import EngineError, Target, TripError, indent
 from rig.engine.bench import Heartbeat, monitored
 from rig.engine.engine import State
 from rig.engine.limits import Stopping
@@ -35,35 +35,19 @@ def _once(bench: Any, phase: str, act: Callable[[], object]) -> None:
 # --- what a trip does ---
 
 
-@pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0)])
-def test_a_trip_lifts_as_configured(spring: Make, on_trip: str, height_mm: float) -> None:
+@pytest.mark.parametrize(("on_trip", "height_mm"), [("retract", 2.0), ("park", 10.0), ("stop", None)])
+def test_a_trip_lifts_as_configured(spring: Make, on_trip: str, height_mm: float | None) -> None:
     bench = spring(settings=RigSettings.model_validate({"limits": {"on_trip": on_trip}}), soft_trip_n=0.02)
     engine = bench.ready()
     _once(bench, "press", lambda: setattr(bench, "k_gwt", 100.0))
     with raises(TripError, "soft_trip", limit_gwt=0.02 / GWT_N):
         indent(engine, Target("force_gwt", 1.5))
-    assert bench.height_mm == pytest.approx(height_mm, abs=0.002)
     assert engine.state is State.TRIPPED
-
-
-def test_a_trip_that_stops_sends_the_stop_and_holds(spring: Make) -> None:
-    bench = spring(settings=RigSettings.model_validate({"limits": {"on_trip": "stop"}}), soft_trip_n=0.02)
-    engine = bench.ready()
-    _once(bench, "press", lambda: setattr(bench, "k_gwt", 100.0))
-    with raises(TripError, "soft_trip", limit_gwt=0.02 / GWT_N):
-        indent(engine, Target("force_gwt", 1.5))
-    assert bench.sent("stage")[-1][1] == STOP
-    assert bench.height_mm < bench.contact_mm
-    assert engine.state is State.TRIPPED
-
-
-def test_the_hard_trip_holds_whatever_was_predicted(spring: Make) -> None:
-    settings = RigSettings.model_validate({"limits": {"soft_trip_n": 0.05, "hard_trip_n": 0.05}})
-    bench = spring(settings=settings, soft_trip_n=4.0)
-    engine = bench.ready()
-    _once(bench, "press", lambda: setattr(bench, "k_gwt", 300.0))
-    with raises(TripError, "hard_trip", limit_gwt=0.05 / GWT_N):
-        indent(engine, FORCE)
+    if height_mm is None:
+        assert bench.sent("stage")[-1][1] == STOP
+        assert bench.height_mm < bench.contact_mm
+    else:
+        assert bench.height_mm == pytest.approx(height_mm, abs=0.002)
 
 
 def test_force_over_area_trips(spring: Make) -> None:
@@ -83,54 +67,6 @@ def test_a_reading_from_before_the_question_is_stale(spring: Make, monkeypatch: 
     with raises(TripError, "stale_reading"):
         indent(engine, FORCE)
     assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-def test_a_frozen_reading_trips_in_the_press(spring: Make) -> None:
-    """The balance goes on answering, always the same."""
-    bench = spring()
-    engine = bench.ready()
-    bench.force_n, live = (lambda t_s: frozen[0] if frozen else live(t_s)), bench.force_n
-    frozen: list[float] = []
-    _once(bench, "press", lambda: frozen.append(live(bench.clock.monotonic_s())))
-    with raises(TripError, "frozen"):
-        indent(engine, Target("force_gwt", 8.0))
-    assert bench.height_mm == pytest.approx(10.0, abs=0.002), "the force does not vanish"
-
-
-def test_contact_far_above_where_it_is_expected_trips(spring: Make) -> None:
-    """A sensor that shows a force in the air, or a finger that was lifted."""
-    bench = spring(contact_mm=0.9)
-    engine = bench.ready()
-    with raises(TripError, "contact_too_high", x_mm=0.0, height_mm=pytest.approx(0.85, abs=0.05)):
-        indent(engine, FORCE)
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-
-
-# --- the indentor ---
-
-
-def test_a_wrong_indentor_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-    monkeypatch.setattr(bench, "mount", lambda indentor, meanwhile: "step:3")
-    with raises(NotReadyError, "wrong_indentor", mounted="step:3", indentor="step:1"):
-        verbs.mount(engine, "step:1")
-    with raises(NotReadyError, "no_indentor"):
-        indent(engine, FORCE)
-
-
-def test_an_indentor_that_nobody_confirmed_is_not_pressed_with(spring: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench = spring()
-    engine = bench.ready()
-
-    def nobody(indentor: str, meanwhile: object) -> str:
-        raise NotReadyError("nobody answered", code="nobody")
-
-    monkeypatch.setattr(bench, "mount", nobody)
-    with raises(NotReadyError, "nobody"):
-        verbs.mount(engine, "step:1")
-    with raises(NotReadyError, "no_indentor"):
-        indent(engine, FORCE)
 
 
 # --- the heartbeat ---
@@ -214,8 +150,7 @@ def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
 # --- how far it goes on ---
 
 
-@pytest.mark.parametrize("speed_mm_s", [0.5, 1.0, 5.0])
-@pytest.mark.parametrize("latency_s", [0.02, 0.1])
+@pytest.mark.parametrize(("speed_mm_s", "latency_s"), [(0.5, 0.1), (5.0, 0.02)])
 def test_the_stage_stops_within_what_was_computed(spring: Make, speed_mm_s: float, latency_s: float) -> None:
     """Told to stop in mid-move so much later: v · latency + v² / 2a, measured on the carriage, one step allowed."""
     bench = spring()
@@ -231,7 +166,7 @@ def test_the_stage_stops_within_what_was_computed(spring: Make, speed_mm_s: floa
     assert 0.5 * speed_mm_s * latency_s < gone_mm <= stopping.distance_mm + 0.0025
 
 
-@pytest.mark.parametrize("k_gwt", [60.0, 600.0, 4000.0])
+@pytest.mark.parametrize("k_gwt", [60.0, 4000.0])
 def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: float) -> None:
     """The true force at every step of the stage, against trip and overshoot at the true stiffness."""
     bench = spring(k_gwt=k_gwt, soft_trip_n=0.02)

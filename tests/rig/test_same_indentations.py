@@ -18,6 +18,8 @@ from sim.models.fingertip import Fingertip
 
 pytestmark = pytest.mark.xdist_group("same indentations")  # one worker, one run to compare with
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
 SCRIPT = """\
 from rig.protocol import Rig
 
@@ -40,7 +42,7 @@ def _holds(
 ) -> Run:
     path = folder / "press.py"
     path.write_text(SCRIPT, encoding="utf-8")
-    script, config = load_script(str(path)), Config.model_validate(tables)
+    script, config = load_script(str(path)), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     done = dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
     assert done.complete, done.problem

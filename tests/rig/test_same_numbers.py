@@ -107,11 +107,6 @@ def of_one_press(request: Request) -> Numbers:
     return timeless(request.program("indent", *how, "--config", request.config, "--json").json)
 
 
-def of_a_check(request: Request) -> Numbers:
-    script = request.written("script.py", SCRIPT)
-    return timeless(request.program("check", script, "--config", request.config, "--json").json)
-
-
 def of_a_dry_run(request: Request) -> Numbers:
     script = request.written("script.py", SCRIPT)
     how = ("--config", request.config, "--out", request.folder / "runs", "--json")
@@ -176,7 +171,6 @@ def timeless(found: Any) -> Any:
 WAYS: dict[str, Callable[[Request], Numbers]] = {
     "rig study": of_a_study,
     "rig indent": of_one_press,
-    "rig check": of_a_check,
     "rig dry-run": of_a_dry_run,
     "rig compare --fingers": of_plausible_fingers,
     "rig identify, a table": of_a_force_table,

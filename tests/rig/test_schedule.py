@@ -2,37 +2,33 @@
 
 import itertools
 import json
-import re
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
 
 from rig.bench.checks import checked_subject
 from rig.cli import main
 from rig.data import RunFolder, read_run
 from rig.data.documents import as_line
-from rig.engine import LimitError, NotReadyError, PressId, RunAborted, Target, TripError, indent, verbs
-from rig.engine.engine import State
-from rig.engine.sensing import APART_S
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
-from rig.protocol import ReferencePress, Rig, Schedule, ScheduledParameters
+from rig.protocol import ReferencePress, Rig, Schedule
 from rig.protocol.script import load_script
-from rig.protocol.steps import Checkpoint, Mount, MoveTo, Note, Reference, Rest, Step, Zero
+from rig.protocol.steps import Checkpoint, Note, Reference, Rest, Step, Zero
 from rig.session.rehearsal_summary import preflight
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
-from rig.settings import RigSettings
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 from tests.rig.script_walk import walked
 
-Make = Callable[..., Any]
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
+CONFIG = Config.model_validate(NEAR)
 PLACES = (-0.5, 0.0, 0.5)
 SCRIPT = f"""\
 from rig.protocol import ScheduledParameters
@@ -100,18 +96,6 @@ def _steps(schedule: Schedule[Any]) -> list[Step[Any, Any]]:
     return walked(script).steps[2:]
 
 
-def test_items_alone_are_done_once_in_one_block() -> None:
-    assert _steps(Schedule(("a", "b"))) == [
-        Checkpoint(name="block 1 of 1"),
-        Zero(),
-        Note(text="begun", block=1),
-        Note(text="a", block=1, repeat=1, condition="a"),
-        Note(text="b", block=1, repeat=1, condition="b"),
-        Note(text="ended", block=1),
-        Zero(),
-    ]
-
-
 def test_rests_lie_between_items_and_between_blocks() -> None:
     """Neither before the first nor after the last; a rest belongs to the block, not to an item."""
     found = _steps(Schedule(("a", "b", "c"), blocks=3, rest_s=1.5, block_rest_s=10.0))
@@ -135,11 +119,6 @@ def test_rests_lie_between_items_and_between_blocks() -> None:
     ]
 
 
-def test_where_no_rest_is_asked_there_is_none() -> None:
-    """Not even one of no seconds."""
-    assert not [step for step in _steps(Schedule("ab", repeats=2, blocks=3)) if isinstance(step, Rest)]
-
-
 def test_a_reference_comes_before_every_so_many_items() -> None:
     """And a schedule without one has none."""
     presses = [
@@ -161,97 +140,6 @@ def test_repeats_are_counted_from_one_in_each_block() -> None:
     assert [s.repeat for s in _steps(Schedule("aab")) if s.condition] == [1, 2, 1]
 
 
-class Wordy:
-    """An item that says much of itself."""
-
-    def __repr__(self) -> str:
-        return "begin" + 90 * "-" + "end"
-
-
-@pytest.mark.parametrize(
-    ("item", "condition"),
-    [
-        (1 / 3, "0.333333"),
-        ("grating, wide", "grating, wide"),
-        (3, "3"),
-        (("bar", 0.5), "('bar', 0.5)"),
-        (Wordy(), "begin" + 33 * "-" + "..." + 36 * "-" + "end"),
-    ],
-)
-def test_a_condition_is_an_item_in_at_most_80_characters(item: object, condition: str) -> None:
-    (found,) = [s.condition for s in _steps(Schedule([item])) if s.condition]
-    assert found == condition
-    assert len(found) <= 80
-
-
-def test_a_random_order_without_a_seed_is_that_of_seed_0() -> None:
-    schedules = [Schedule("abcdef", order="random"), *(Schedule("abcdef", "random", seed) for seed in (0, 1))]
-    unseeded, of_0, of_1 = (schedule.block(1) for schedule in schedules)
-    assert unseeded == of_0 != of_1
-
-
-# --- the parameters ---
-
-# default, lowest, highest, what lies a little below and above; its description
-BOUNDS: dict[str, tuple[float, float, float | None, float, float | None, str]] = {
-    "seed": (0, 0, None, -1, None, "seed of a random order"),
-    "repeats": (1, 1, 100, 0, 101, "how often each item occurs in a block"),
-    "blocks": (1, 1, 100, 0, 101, "number of blocks"),
-    "rest_s": (0.0, 0, 3600, -0.001, 3600.5, "rest between two indentations"),
-    "block_rest_s": (0.0, 0, 3600, -0.001, 3600.5, "rest between two blocks"),
-    "precondition": (0, 0, 100, -1, 101, "presses before each block, stored apart from data"),
-    "reference_every": (0, 0, 1000, -1, 1001, "indentations between reference presses; 0: none"),
-    "reference_doi_mm": (0.4, 0.001, 1.5, 0.0, 1.501, "depth of the reference presses"),
-}
-
-
-@pytest.mark.parametrize("name", BOUNDS)
-def test_a_parameter_of_a_schedule_has_its_default_and_its_bounds(name: str) -> None:
-    default, lowest, highest, below, above, what = BOUNDS[name]
-    assert getattr(ScheduledParameters(), name) == default
-    for allowed in (lowest, highest):
-        if allowed is not None:
-            parameters = ScheduledParameters.model_validate({name: allowed})
-            assert getattr(parameters, name) == allowed
-            assert len(parameters.schedule("ab").block(1)) == 2 * parameters.repeats
-    for refused in (below, above):
-        if refused is not None:
-            with pytest.raises(ValidationError) as caught:
-                ScheduledParameters.model_validate({name: refused})
-            assert [problem["loc"] for problem in caught.value.errors()] == [(name,)]
-    assert ScheduledParameters.model_fields[name].description == what
-
-
-def test_the_table_of_bounds_leaves_out_the_two_that_have_none() -> None:
-    assert set(ScheduledParameters.model_fields) - set(BOUNDS) == {"order", "reference_x_mm"}
-    schedule = ScheduledParameters(reference_every=1).schedule("ab")
-    assert (schedule.order, schedule.reference) == ("given", ReferencePress(1, 0.0, 0.4))
-
-
-def test_parameters_as_they_are_schedule_the_items_alone() -> None:
-    assert ScheduledParameters().schedule("abc") == Schedule("abc")
-
-
-def test_parameters_go_into_the_schedule() -> None:
-    given = {"order": "random", "seed": 5, "repeats": 2, "blocks": 3, "rest_s": 1.0, "block_rest_s": 2.0}
-    reference = {"reference_every": 4, "reference_x_mm": -1.0, "reference_doi_mm": 0.2}
-    schedule = ScheduledParameters.model_validate({**given, **reference}).schedule("ab")
-    assert schedule == Schedule("ab", "random", 5, 2, 3, 1.0, 2.0, ReferencePress(4, -1.0, 0.2))
-
-
-def test_a_script_ends_unmarked() -> None:
-    def script(rig: Rig) -> None:
-        rig.home()
-        for block in Schedule("a").on(rig):
-            for _ in block:
-                rig.move_to(x_mm=1.0)
-        rig.mount("bar")
-
-    *_, zero, mount = walked(script).steps
-    assert (zero, mount) == (Zero(), Mount(indentor="bar"))
-    assert MoveTo(x_mm=1.0, block=1, repeat=1, condition="a") in walked(script).steps
-
-
 # --- a run by a schedule ---
 
 
@@ -260,8 +148,8 @@ def done(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> Finishe
     folder = tmp_path_factory.mktemp("scheduled")
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
     script = load_script(str(folder / "mine.py"), SET)
-    plan = make_plan(script, Config(), finger)
-    session = Session(script, Config(), finger, plan, NewRun(folder / "runs", "S07"))
+    plan = make_plan(script, CONFIG, finger)
+    session = Session(script, CONFIG, finger, plan, NewRun(folder / "runs", "S07"))
     found = dry_run(session)
     assert found.complete, found.problem
     return found
@@ -282,14 +170,6 @@ def test_blocks_rests_checkpoints_and_zeros_are_journalled(done: FinishedRun) ->
     assert not run.stream("alarm")
 
 
-def test_a_rest_is_as_long_as_was_asked(done: FinishedRun) -> None:
-    """From the end of one indentation to the move to the next there is the rest and nothing else."""
-    ends = [event["t_s"] for event in done.run.stream("indentation_end")]
-    rests = [event["t_s"] for event in done.run.stream("rest") if event["rest_s"] == 1.5]
-    pauses = [rest - max(end for end in ends if end < rest) for rest in rests]
-    assert pauses == pytest.approx([1.5] * 4, abs=1e-3)
-
-
 def test_preconditioning_is_no_data(done: FinishedRun) -> None:
     run = done.run
     pressed = run.stream("precondition_hold_end")
@@ -303,7 +183,7 @@ def test_preconditioning_is_no_data(done: FinishedRun) -> None:
 
 def test_check_counts_rests_and_preconditioning(done: FinishedRun, finger: Fingertip, tmp_path: Path) -> None:
     script = load_script(str(done.folder.path / "protocol.py"), SET)
-    said = preflight(script, Config(), finger, make_plan(script, Config(), finger)).as_json()
+    said = preflight(script, CONFIG, finger, make_plan(script, CONFIG, finger)).as_json()
     assert said["duration_s"] == pytest.approx(done.duration_s, rel=0.05)
     assert said["contact_s"] == pytest.approx(done.run.contact_s, rel=0.05)
     assert (said["indentations"], said["other_presses"]) == (6, 4)
@@ -359,7 +239,7 @@ REFERENCES = ("seed=3", "order=random", "reference_every=2", "reference_doi_mm=0
 
 def _with_references(folder: Path, finger: Fingertip, **tables: Any) -> FinishedRun:
     (folder / "mine.py").write_text(SCRIPT, encoding="utf-8")
-    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate(tables)
+    script, config = load_script(str(folder / "mine.py"), REFERENCES), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs")))
 
@@ -414,108 +294,7 @@ def test_a_resumed_run_compares_with_its_first_reference(
     assert again.run.stream("alarm")
 
 
-# --- rests and contact time in the engine ---
-
-
-def test_a_pause_is_taken_in_the_middle_of_a_rest(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    start_s = bench.clock.monotonic_s()
-    bench.interrupt = lambda: bench.clock.monotonic_s() >= start_s + 2.0
-    bench.clock.call_at(start_s + 2.0, lambda: None)
-    with pytest.raises(RunAborted):
-        verbs.rest(engine, 60.0)
-    assert bench.clock.monotonic_s() == pytest.approx(start_s + 2.0, abs=0.01)
-    assert not bench.of("rest")
-
-
-def test_no_rest_in_contact(spring: Make) -> None:
-    engine = spring().ready()
-    engine.go_to_height(1.9 + 0.05, 0.5)
-    with raises(NotReadyError, "not_allowed", verb="rest", state=State.IN_CONTACT.value):
-        verbs.rest(engine, 1.0)
-
-
-def test_presses_that_are_no_data_send_no_pulse(spring: Make) -> None:
-    bench = spring(settings=RigSettings.model_validate({"sync": {"output": "coolant"}}))
-    indent(bench.ready(), Target("force_gwt", 1.0), hold_s=0.1, press_id=PressId(0, "precondition"))
-    assert not bench.of("sync")
-    assert not bench.of("hold_end")
-    assert len(bench.of("precondition_hold_end")) == 1
-
-
-def test_the_contact_time_is_limited_live(spring: Make) -> None:
-    """Two presses of some 5 s each; the third would pass 12 s: it is lifted within a reading of that."""
-    bench = spring(settings=RigSettings.model_validate({"limits": {"max_contact_s": 12.0}}))
-    engine = bench.ready()
-    for _ in range(2):
-        indent(engine, Target("force_gwt", 1.0), hold_s=1.5)
-    with raises(LimitError, "contact_time", contact_s=pytest.approx(12.5, abs=0.5), limit_s=12.0):
-        indent(engine, Target("force_gwt", 1.0), hold_s=30.0)
-    assert engine.state is State.READY
-    assert bench.height_mm == pytest.approx(2.0, abs=0.002)
-    assert 12.0 < engine.contact.total_s < 13.0 + APART_S  # a reading, the lift, and two readings at rest
-    assert len(bench.of("indentation_end")) == 2
-    with raises(LimitError, "contact_time", limit_s=12.0):
-        indent(engine, Target("force_gwt", 1.0))
-
-
-def test_a_drift_of_the_zero_is_told_and_alarms(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    bench.force_n = lambda t_s: 0.04 * 9.80665e-3
-    verbs.zero(engine)
-    assert bench.of("zero")[-1]["drift_gwt"] == pytest.approx(0.04, abs=1e-6)
-    (alarm,) = bench.of("alarm")
-    assert re.search(r"\+0\.04 gwt, .*limits\.zero_drift_gwt = 0\.03 gwt$", alarm["reason"])
-    assert engine.state is State.READY
-
-
-def test_an_alarm_trips_where_that_is_configured(spring: Make) -> None:
-    bench = spring(settings=RigSettings.model_validate({"limits": {"on_alarm": "trip"}}))
-    engine = bench.ready()
-    bench.force_n = lambda t_s: 0.04 * 9.80665e-3
-    with raises(TripError, "zero_drift", drift_gwt=pytest.approx(0.04, abs=1e-6), band_gwt=0.03):
-        verbs.zero(engine)
-    assert engine.state is State.TRIPPED
-
-
-# --- what is refused before anything moves ---
-
-
-@pytest.mark.parametrize(
-    ("body", "code", "fields"),
-    [
-        ("rig.rest(-1)", "outside_range", {"verb": "rest", "key": "seconds", "value": -1, "high": 3600.0}),
-        ("rig.rest('long')", "no_number", {"verb": "rest", "key": "seconds", "value": "long"}),
-        ("rig.checkpoint(3)", "no_text", {"verb": "checkpoint", "value": 3}),
-        ("rig.checkpoint('a'); rig.checkpoint('a')", "passed_already", {"verb": "checkpoint", "name": "a"}),
-        ("rig.precondition(presses=0, doi_mm=0.3)", "no_count", {"verb": "precondition", "value": 0}),
-        ("rig.precondition(presses=1)", "not_one_target", {"verb": "precondition"}),
-        (
-            "rig.precondition(presses=1, doi_mm=1.6)",
-            "beyond_limit", {"verb": "precondition", "value": 1.6, "limit": "max_doi_mm", "high": 1.5},
-        ),
-        (
-            "rig.precondition(presses=3, doi_mm=0.3, hold_s=20); rig.indent(doi_mm=0.3, increments=2, hold_s=25)",
-            "held_too_long", {"verb": "indent", "held_s": 110.0, "high": 100.0},
-        ),
-    ],
-)  # fmt: skip
-def test_bad_verbs(finger: Fingertip, tmp_path: Path, body: str, code: str, fields: dict[str, Any]) -> None:
-    path = tmp_path / "mine.py"
-    ready = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0); "
-    path.write_text(f"def run(rig):\n    {ready}{body}\n", encoding="utf-8")
-    with raises(BadInputError, code, place=f"{path}, line 2", **fields):
-        make_plan(load_script(str(path)), Config.model_validate({"limits": {"max_contact_s": 100.0}}), finger)
-
-
 # --- the subject ---
-
-
-@pytest.mark.parametrize("code", ["S07", "AB0123", "SUB123456"])
-def test_codes(code: str) -> None:
-    assert checked_subject(code) == code
 
 
 @pytest.mark.parametrize("name", ["Anna", "anna01", "S7", "SUBJ01", "S07 Anna", "", "S07\n", "07"])

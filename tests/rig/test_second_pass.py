@@ -21,6 +21,8 @@ from rig.session.session import FinishedRun, NewRun, NoAttendant, Session, dry_r
 from sim.models.fingertip import Fingertip
 from tests.error_codes import has_code
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
 READY = "rig.mount('bar:3.0'); rig.home(); rig.zero(); rig.move_to(x_mm=0.0)"
 
 
@@ -36,7 +38,7 @@ def carried_out(
         "    else:\n        rig.indent(doi_mm=0.2)\n",
         encoding="utf-8",
     )
-    script, config = load_script(str(path)), Config.model_validate(tables)
+    script, config = load_script(str(path)), Config.model_validate({**NEAR, **tables})
     plan = make_plan(script, config, finger)
     return dry_run(Session(script, config, finger, plan, NewRun(folder / "runs"), attendant or NoAttendant()))
 
@@ -45,12 +47,9 @@ def carried_out(
     ("live", "complaint"),
     [
         ("rig.indent(doi_mm=0.2, speed_mm_s=1000)", "speed_mm_s = 1000: expected 0.017 … 5 mm/s"),
-        ("rig.indent(doi_mm=0.2, increments=0)", "increments = 0: expected a whole number"),
         ("rig.indent(doi_mm=1.9)", "beyond limits.max_doi_mm = 1.5"),
-        ("rig.indent(force_gwt=float('nan'))", "force_gwt = nan: expected a positive number"),
         ("rig.move_to(x_mm=50)", "x_mm = 50 is outside limits.x_mm"),
         ("sys.exit(0)", "SystemExit: 0"),
-        ("1 / 0", "ZeroDivisionError"),
     ],
 )
 def test_every_verb_is_checked_again(tmp_path: Path, finger: Fingertip, live: str, complaint: str) -> None:
@@ -117,6 +116,7 @@ class Pausing(NoAttendant):
         return self.presses
 
 
+@pytest.mark.quick(rows=lambda what, how: what == "stopped at once" or how == "swallows and goes on")
 @pytest.mark.parametrize("how", SWALLOWING)
 @pytest.mark.parametrize("what", ["stopped at once", "ended in a pause", "the stage failed"])
 def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
@@ -184,9 +184,7 @@ def test_a_verb_out_of_turn_moves_nothing(
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="needs fork (POSIX)")
-@pytest.mark.parametrize(
-    ("ends", "code"), [("sys.exit(0)", 0), ("sys.exit(3)", 1), ("1 / 0", 1), ("pass", 0), (PRESS, 1)]
-)
+@pytest.mark.parametrize(("ends", "code"), [("sys.exit(3)", 1), ("pass", 0), (PRESS, 1)])
 def test_a_process_that_the_script_forks_ends_without_a_trace(
     tmp_path: Path, finger: Fingertip, ends: str, code: int
 ) -> None:

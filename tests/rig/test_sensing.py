@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceReading, ForceTimeout, ForceUnderload
+from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceTimeout, ForceUnderload
 from rig.engine.sensing import NoReadingError, Sensing, read
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
@@ -14,8 +14,6 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
 from tests.stub_bench import StubSensor, raising
-
-COMPLIANCE = {"value": 0.02, "sd": 0.003, "date": "2026-01-01", "expires": "2027-01-01"}
 
 
 def _sensing(**tables: Any) -> tuple[StubSensor, Sensing]:
@@ -25,13 +23,6 @@ def _sensing(**tables: Any) -> tuple[StubSensor, Sensing]:
 
 
 # --- one reading ---
-
-
-def test_a_reading_is_made_after_the_wait_and_handed_on_as_it_is() -> None:
-    sensor, _ = _sensing()
-    sensor.shows_gwt, sensor.stable = 3.0, False
-    assert read(sensor, sensor.clock, 0.3) == ForceReading(pytest.approx(3.0 * GWT_N), False, 100.3)
-    assert sensor.read_s == [pytest.approx(100.3)]
 
 
 @pytest.mark.parametrize(
@@ -107,11 +98,6 @@ def test_a_busy_sensor_is_asked_again_for_a_second_beyond_the_wait(busy_s: float
     else:
         with raises(NoReadingError, "no_reading", error_code="busy"):
             sensing.raw()
-
-
-def test_a_sensor_says_who_it_is() -> None:
-    _, sensing = _sensing()
-    assert sensing.connect() == "stub sensor"
 
 
 @pytest.mark.parametrize("shows_gwt", [0.0, 3.0])
@@ -190,13 +176,6 @@ def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
     assert sensing.glance_gwt() == pytest.approx(2.0)
 
 
-def test_nothing_is_waited_for_while_something_moves() -> None:
-    sensor, sensing = _sensing()
-    sensing.begin_motion(away=False)
-    sensing.glance_gwt()
-    assert sensor.read_s == [100.0, 100.0]
-
-
 BEYOND = [ForceOverload("overloaded"), ForceUnderload("underloaded"), ForceBusy("busy")]
 BROKEN = [ForceBroken("the cell is broken"), ForceTimeout("no answer"), TransportError("closed")]
 
@@ -218,23 +197,3 @@ def test_from_a_broken_sensor_nothing_moves(error: Exception, away: bool) -> Non
     sensor.at_read = raising(error)
     with raises(NoReadingError, "no_reading", error=str(error)):
         sensing.begin_motion(away=away)
-
-
-# --- depths ---
-
-
-@pytest.mark.parametrize(
-    ("calibration", "given_mm", "sd_mm"),
-    [
-        ({}, 0.0, 0.0025 / math.sqrt(12)),
-        ({"compliance_mm_per_n": COMPLIANCE}, 0.04, math.hypot(0.0025 / math.sqrt(12), 0.006)),
-        ({"compliance_mm_per_n": {**COMPLIANCE, "sd": 0.0}}, 0.04, 0.0025 / math.sqrt(12)),
-    ],
-)
-def test_what_the_rig_gives_and_how_well_a_depth_is_known(
-    calibration: dict[str, Any], given_mm: float, sd_mm: float
-) -> None:
-    """At 2 N: 0.02 mm/N give 0.04 mm, known to 0.006 mm; a step of the stage is 0.0025 mm."""
-    _, sensing = _sensing(calibration=calibration)
-    assert sensing.deflection_mm(2.0 / GWT_N) == pytest.approx(given_mm)
-    assert sensing.doi_sd_mm(2.0 / GWT_N) == pytest.approx(sd_mm)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from rig.data import RunFolder, read_run
-from rig.plan.finger_model import copy_name, from_copy, responses
+from rig.plan.finger_model import copy_name, responses
 from sim.models.fingertip import Fingertip
 from tests.program import Program
 
@@ -84,15 +84,6 @@ def test_a_copy_that_was_changed_is_refused(rig: Rig, made_once: MadeOnce) -> No
     assert COPY in again["error_text"]
 
 
-def test_files_of_one_name_in_two_places_are_told_apart_and_read_linear(tmp_path: Path) -> None:
-    assert copy_name("a/mine.csv") != copy_name("b/mine.csv")
-    name = copy_name("a/mine.csv")
-    assert from_copy(tmp_path, "profile:a/mine.csv,linear") == "profile:a/mine.csv,linear"
-    (tmp_path / name).touch()
-    assert from_copy(tmp_path, "profile:a/mine.csv,linear") == f"profile:{tmp_path / name},linear"
-    assert from_copy(tmp_path, "bar:3.0") == "bar:3.0"
-
-
 # --- resume of a complete run ---
 
 
@@ -102,7 +93,7 @@ def _state(run: Path) -> dict[str, tuple[int, bytes]]:
 
 @pytest.mark.parametrize(
     "missing",
-    [(), ("report.html",), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html"), ("model_pressure.csv",)],
+    [(), ("data.h5", "sample.csv"), ("hold_end.csv", "report.html")],
 )
 def test_resume_of_a_complete_run_makes_what_is_missing_and_rewrites_nothing(
     rig: Rig, made_once: MadeOnce, tmp_path: Path, missing: tuple[str, ...]

@@ -1,19 +1,17 @@
-"""Steps and their handlers: what is solved when, how steps are marked, and what a new verb needs."""
+"""Steps and their handlers: what is solved when, what a resumed run does again, how steps are marked."""
 
 import json
 import shutil
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from inspect import isabstract
 from pathlib import Path
 from typing import Any, ClassVar, get_type_hints
 
 import pytest
 
-from rig.data import Run, export_nwb, read_run
+from rig.data import Run
 from rig.data.documents import as_line
-from rig.engine import Engine, verbs
-from rig.errors import BadInputError, ScriptError
+from rig.engine import Engine
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, make_plan
@@ -21,15 +19,17 @@ from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import ResumeHandler
 from rig.protocol.script import Script, load_script
-from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Owed, Rest, Retract, Step, Zero
+from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Rest, Retract, Step, Zero
 from rig.records import Prediction, PressId
-from rig.session.execute import EXECUTE, execute, executes
-from rig.session.rehearsal_summary import preflight
+from rig.session.execute import EXECUTE
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.error_codes import has_code, raises
+from tests.error_codes import has_code
 
+NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
+"""A short way from the switches."""
+CONFIG = Config.model_validate(NEAR)
 BODY = """\
 from rig.protocol import ScheduledParameters
 
@@ -89,8 +89,8 @@ def carried_out(finger: Fingertip, tmp_path_factory: pytest.TempPathFactory) -> 
     with pytest.MonkeyPatch.context() as patch:
         solved = _counted(patch)
         script = _script(folder, BODY, *SCHEDULED)
-        plan, after_plan = make_plan(script, Config(), finger), len(solved)
-        done = dry_run(Session(script, Config(), finger, plan, NewRun(folder / "runs")))
+        plan, after_plan = make_plan(script, CONFIG, finger), len(solved)
+        done = dry_run(Session(script, CONFIG, finger, plan, NewRun(folder / "runs")))
     return plan, after_plan, done, len(solved)
 
 
@@ -109,17 +109,6 @@ def test_the_plan_solves_each_press_once_and_the_run_none(carried_out: tuple[Pla
     assert (after_plan, after_run) == (DIFFERENT, DIFFERENT)
 
 
-def test_the_rehearsal_adds_one_solve_at_half_depth(
-    finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
-) -> None:
-    script = _script(tmp_path, BODY, *SCHEDULED)
-    plan = make_plan(script, Config(), finger)
-    preflight(script, Config(), finger, plan)
-    assert len(solves) == 2 * DIFFERENT
-    doi_mm = {p.predicted_doi_mm for p in plan.all_presses}
-    assert {target.value for _, _, target in solves[DIFFERENT:]} == {0.5 * d for d in doi_mm}
-
-
 def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
     finger: Fingertip, tmp_path: Path, solves: list[tuple[Any, ...]]
 ) -> None:
@@ -130,9 +119,9 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
         "    if len(passes) > 1:\n        rig.indent(force_gwt=30.0)\n"
     )
     script = _script(tmp_path, body)
-    plan = make_plan(script, Config(), finger)
+    plan = make_plan(script, CONFIG, finger)
     assert [target.value for _, _, target in solves] == [0.2]
-    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
+    done = dry_run(Session(script, CONFIG, finger, plan, NewRun(tmp_path / "runs")))
     assert [target.value for _, _, target in solves] == [0.2, 0.3, 30.0]
     assert done.indentations == 2
     has_code(done.problem, "means_beyond_limit", key="force_gwt", value=30.0, x_mm=0.0)
@@ -145,7 +134,7 @@ def test_a_step_that_differs_from_the_plan_is_solved_and_checked(
 def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
     """The whole run as a kill leaves it just after an indentation."""
 
-    def make(index: int, *, without_soft_trip: bool = False) -> Path:
+    def make(index: int) -> Path:
         folder = tmp_path / "cut"
         shutil.copytree(whole.folder.path, folder)
         documents = [json.loads(line) for line in (folder / "events.jsonl").read_bytes().splitlines()]
@@ -154,8 +143,6 @@ def cut(whole: Run, tmp_path: Path) -> Callable[..., Path]:
             for n, d in enumerate(documents)
             if d.get("stream") == "indentation_end" and d["doc"] == "event" and d["data"]["index"] == index
         )
-        if without_soft_trip:
-            del documents[0]["soft_trip_n"]
         (folder / "events.jsonl").write_bytes(b"".join(as_line(d) for d in documents[: last + 1]))
         return folder
 
@@ -182,13 +169,15 @@ def test_a_resumed_run_plans_only_what_is_missing(
     ]
 
 
-def test_an_old_run_is_planned_whole(
-    finger: Fingertip, whole: Run, cut: Callable[..., Path], solves: list[tuple[Any, ...]]
+def test_a_run_whose_journal_has_no_soft_trip_is_planned_whole(
+    finger: Fingertip, whole: Run, cut: Callable[..., Path]
 ) -> None:
-    """Its journal does not tell the soft trip."""
-    stopped = read_stopped(cut(6, without_soft_trip=True))
+    events = cut(6) / "events.jsonl"
+    first, *rest = [json.loads(line) for line in events.read_bytes().splitlines()]
+    del first["soft_trip_n"]
+    events.write_bytes(b"".join(as_line(document) for document in (first, *rest)))
+    stopped = read_stopped(events.parent)
     plan = make_plan(stopped.script, stopped.config, finger, stopped.run)
-    assert len(solves) == DIFFERENT
     assert len(plan.indentations) == 9
     assert plan.soft_trip_n == pytest.approx(whole.start["soft_trip_n"])
 
@@ -248,20 +237,6 @@ def test_indentations_by_a_schedule_are_marked(whole: Run) -> None:
         ]
 
 
-def test_marks_are_exported(whole: Run, tmp_path: Path) -> None:
-    import pynwb
-
-    table = (whole.folder.path / "indentation_start.csv").read_text(encoding="utf-8").splitlines()
-    assert table[0].endswith(",block,repeat,condition")
-    assert table[1].endswith(",,,")
-    assert table[3].endswith(",1,1,0.5")
-    with pynwb.NWBHDF5IO(export_nwb(whole), "r") as file:
-        trials = file.read().trials.to_dataframe()
-    assert list(trials["block"]) == [0, 1, 1, 1, 1, 2, 2, 2, 2]
-    assert list(trials["repeat"]) == [0, 1, 1, 2, 2, 1, 1, 2, 2]
-    assert list(trials["condition"])[:3] == ["", "-0.5", "0.5"]
-
-
 def test_marks_end_with_the_loop_that_made_them() -> None:
     """Also with one that is left by `break`."""
     from rig.protocol import Schedule
@@ -276,7 +251,7 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
         def refuse_shape(self, indentor: str) -> None:
             """Every name will do."""
 
-    rig = Rig(None, Walk(Config(), Anything()), Noting())  # type: ignore[arg-type]
+    rig = Rig(None, Walk(CONFIG, Anything()), Noting())  # type: ignore[arg-type]
     rig.home()
     for block in Schedule(("a", ("b", 2)), repeats=2).on(rig):
         for _ in block:
@@ -293,39 +268,7 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
     assert marks[4:] == [(1, None, None), (1, 1, "a"), (1, None, None), (None, None, None)]
 
 
-def test_a_step_is_data() -> None:
-    step = Indent(doi_mm=0.3, block=2)
-    assert step == Indent(doi_mm=0.3, block=2) != Indent(doi_mm=0.3)
-    with pytest.raises(AttributeError):
-        step.doi_mm = 0.4  # type: ignore[misc]
-
-
-# --- a new verb: its step, its executor, and a method of Rig ---
-
-
-@dataclass(frozen=True, kw_only=True)
-class Nudge(Step[None, str]):
-    """Go a little to the side and back again; answers how often it has said so."""
-
-    verb: ClassVar[str] = "nudge"
-    owed: ClassVar[Owed] = Owed.LAST
-
-    by_mm: float
-
-    def check(self, walk: Walk) -> Spot:
-        walk.need(walk.homed, self.verb, "home()")
-        if not abs(self.by_mm) <= 1.0:
-            raise BadInputError("nudge: by_mm = {by_mm:g}: expected −1 … 1", code="too_far", by_mm=self.by_mm)
-        return walk.spot()
-
-    def foreseen(self, expected: None) -> str:
-        return "planned"
-
-
-@executes(Nudge)
-def nudge(engine: Engine, step: Nudge, expected: None) -> str:
-    verbs.note(engine, f"nudged by {step.by_mm:g} mm")
-    return "done"
+# --- executors ---
 
 
 def _kinds(kind: type[Step[Any, Any]] = Step) -> Iterator[type[Step[Any, Any]]]:
@@ -339,80 +282,5 @@ def test_every_step_has_an_executor_and_every_executor_a_step() -> None:
     product = {kind for kind in _kinds() if kind.__module__.startswith("rig.") and not isabstract(kind)}
     assert len(product) >= 12
     assert product == {kind for kind in EXECUTE if kind.__module__.startswith("rig.")}
-    assert EXECUTE[Nudge] is nudge
     for kind, executor in EXECUTE.items():
         assert list(get_type_hints(executor).values())[:2] == [Engine, kind]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Unheard(Nudge):
-    """Has no executor, though the class that it comes from has one."""
-
-    verb: ClassVar[str] = "unheard"
-
-
-def test_a_step_without_an_executor_is_refused_before_anything_moves(
-    finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, nudging: list[str]
-) -> None:
-    def unheard(rig: Rig) -> None:
-        rig._do(Unheard(by_mm=0.1))
-
-    monkeypatch.setattr(Rig, "unheard", unheard, raising=False)
-    with raises(BadInputError, "no_executor", verb="unheard", step="Unheard"):
-        execute(None, Unheard(by_mm=0.1), None)  # type: ignore[arg-type]
-    script = _script(tmp_path, NUDGED.replace("rig.nudge(0.25)", "rig.unheard()"))
-    plan = make_plan(script, Config(), finger)
-    with raises(ScriptError, "no_executor", verb="unheard"):
-        preflight(script, Config(), finger, plan)
-    assert nudging == ["planned"] * 2 + ["done"] * 2
-
-
-@pytest.fixture
-def nudging(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[str]]:
-    answers: list[str] = []
-
-    def nudge(rig: Rig, by_mm: float) -> None:
-        answers.append(rig._do(Nudge(by_mm=by_mm)))
-
-    monkeypatch.setattr(Rig, "nudge", nudge, raising=False)
-    return answers
-
-
-NUDGED = """\
-def run(rig):
-    rig.mount("cylinder:9")
-    rig.home()
-    rig.zero()
-    for x_mm in (-0.5, 0.5):
-        rig.nudge(0.5)
-        rig.move_to(x_mm=x_mm)
-        rig.indent(doi_mm=0.3, hold_s=0.1)
-    rig.nudge(0.25)
-"""
-
-
-def test_a_new_verb_is_planned_rehearsed_carried_out_and_taken_up(
-    finger: Fingertip, tmp_path: Path, nudging: list[str]
-) -> None:
-    script = _script(tmp_path, NUDGED)
-    plan = make_plan(script, Config(), finger)
-    assert nudging == ["planned"] * 3
-    preflight(script, Config(), finger, plan)
-    done = dry_run(Session(script, Config(), finger, plan, NewRun(tmp_path / "runs")))
-    assert nudging == ["planned"] * 3 + ["done"] * 6
-    assert [e["text"] for e in done.run.stream("note")] == ["nudged by 0.5 mm"] * 2 + ["nudged by 0.25 mm"]
-    lines = done.folder.events.read_bytes().splitlines(keepends=True)
-    first = next(n for n, line in enumerate(lines) if b'"event"' in line and b'"indentation_end"' in line)
-    done.folder.events.write_bytes(b"".join(lines[: first + 1]))
-    stopped = read_stopped(done.folder.path)
-    rest = make_plan(stopped.script, stopped.config, finger, stopped.run)
-    dry_run(Session(stopped.script, stopped.config, finger, rest, stopped))
-    run = read_run(done.folder.path)
-    assert run.complete
-    assert [e["text"] for e in run.stream("note")] == ["nudged by 0.5 mm"] * 2 + ["nudged by 0.25 mm"]
-
-
-def test_a_new_verb_is_refused_by_its_own_check(finger: Fingertip, tmp_path: Path, nudging: list[str]) -> None:
-    script = _script(tmp_path, NUDGED.replace("0.5)\n        rig.m", "2)\n        rig.m"))
-    with raises(BadInputError, "too_far", place=f"{script.path}, line 6", by_mm=2.0):
-        make_plan(script, Config(), finger)

@@ -66,10 +66,10 @@ def test_lines_that_boards_send(line: str, unit: str, sent: bytes, gwt: float) -
         ("{skip}{value}", b"load12.5", None),
         ("x={skip}{value}", b"x=12.5", 12.5),
         ("{skip}{skip},{value}", b"a b,12.5", 12.5),
-        ("{value}{skip}{skip}", b"12.5 a b", 12.5),
-        ("{value}{skip}{skip},", b"12.5 a b,", 12.5),
-        ("{skip}{value}{skip}{skip}", b"12.5 a b", 12.5),
-        ("w{skip}{skip}{value}{skip}{skip}g", b"w 12.5 b g", 12.5),
+        ("{value}{skip}{skip}", b"12.5 g b", 12.5),
+        ("{value}{skip}{skip},", b"12.5 g b,", 12.5),
+        ("{skip}{value}{skip}{skip}", b"12.5 g b", 12.5),
+        ("w{skip}{skip}{value}{skip}{skip}g", b"w 12.5; g", 12.5),
         ("{skip}g {value}", b"1 g 2 g 3", None),  # {skip} ends at the first g
     ],
 )
@@ -83,6 +83,10 @@ def test_a_value_is_a_whole_word_of_the_line(line: str, sent: bytes, gwt: float 
 
 
 SIGN, SCALE, UNIT = "minus apart", "comma within", "set the unit"
+_UNKNOWN = (
+    *("daN", "cN", "DAN", "dag", "t", "ct", "ozt", "grains", "tonnes", "mV", "kPa", "%", "\ufffdN", "\ufffd\ufffdN"),
+    *("MN", "N/mm", "g/cm2", "[daN]", "(t)", ";daN", "|daN"),
+)
 
 
 @pytest.mark.parametrize(
@@ -104,7 +108,23 @@ SIGN, SCALE, UNIT = "minus apart", "comma within", "set the unit"
         ("{skip}{value}", "Weight (kg): 0.0125", UNIT),
         ("{skip}{value}", "12.5 oz 0.3", UNIT),
         ("{value} {skip}", "12.5 \u00b5N", UNIT),
-        ("{value} {skip}", "12.5 stable g", 12.5),
+        ("{value} {skip}", "12.5 stable g", UNIT),  # any other word may be a unit
+        ("{value} stable {skip}", "12.5 stable g", 12.5),
+        ("{value} stable {skip}", "12.5 stable daN", UNIT),
+        ("{value}{skip} g", "12.5 daN g", UNIT),
+        ("{value} {skip}g", "12.5 dag", UNIT),
+        ("{value} g{skip}", "12.5 grains", UNIT),
+        ("{value}g{skip}", "12.5gr", 12.5),
+        ("{value}g{skip}", "12.5g/mm", UNIT),
+        ("{value}{skip}", "12.5 G.", 12.5),
+        ("{value}{skip}", "12.5 grams (net, stable)", 12.5),
+        *(("{value}{skip}", f"12.5 {word}", UNIT) for word in _UNKNOWN),
+        *(("{skip}{value}", f"{word}: 12.5", UNIT) for word in ("daN", "CN", "ozt", "mV", "\ufffdN", "MN", "[t]")),
+        ("{skip}{value}", "Force (quintals) = 12.5", UNIT),
+        ("{skip}{value}", "Weight (G): 12.5", 12.5),
+        ("Weight (net): {value}", "Weight (net): 12.5", 12.5),
+        ("{value}, t={skip}", "12.5, t=20.1 C", 12.5),  # the format spells t out
+        ("{value}, {skip}", "12.5, t=20.1 C", UNIT),
         ("{skip}C {value}", "20 \u00b0C 12.5", 12.5),
         ("{skip}{value} g", "0.3 N 12.5 g", 12.5),  # N belongs to the other number
         ("{value}{skip}", "0,85 g", SCALE),  # read as 0 once
@@ -151,6 +171,8 @@ def test_no_line_takes_long(line: str, piece: str) -> None:
         ({"line": "{value}kg"}, "force.text_cell.unit", "unit_beside_line"),
         ({"line": "{skip},{value},lbs,{skip}", "unit": "N"}, "force.text_cell.unit", "unit_beside_line"),
         ({"line": "Force [mN]: {value}"}, "force.text_cell.unit", "unit_beside_line"),
+        ({"line": "{value} daN", "unit": "N"}, "force.text_cell.unit", "unit_beside_line"),
+        ({"line": "{value} MN", "unit": "mN"}, "force.text_cell.unit", "unit_beside_line"),
         ({"line": "{value} oz"}, "force.text_cell.unit", "unit_beside_line"),
         ({"ignore": [""]}, "force.text_cell.ignore", "empty_beginning"),
         ({"unit": "oz"}, "force.text_cell.unit", "invalid_value"),

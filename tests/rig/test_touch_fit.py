@@ -4,11 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from numpy.typing import NDArray
 
 from rig.engine.limits import fit_contact
-
-Floats = NDArray[np.float64]
 
 THRESHOLD_GWT = 0.05
 STEP_MM = 0.01
@@ -43,7 +40,7 @@ def test_exact_on_the_law_it_assumes(k_gwt: float, contact_mm: float) -> None:
     k_gwt=st.floats(0.5, 40.0),
     above_mm=st.floats(0.03, 0.2),
 )
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_shown(
     contact_mm: float, k_gwt: float, above_mm: float
 ) -> None:
@@ -59,7 +56,7 @@ def test_a_balance_of_a_hundredth_of_a_gram_costs_less_than_the_first_force_show
     last=st.floats(0.05, 3.0),
     step_mm=st.sampled_from([0.01, 0.05]),
 )
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=50, deadline=None)
 def test_never_outside_the_descent(forces: list[float], last: float, step_mm: float) -> None:
     readings = [(-n * step_mm, force) for n, force in enumerate([*forces, last], 1)]
     touch = fit_contact(readings, THRESHOLD_GWT, 0.01)
@@ -108,9 +105,8 @@ def test_with_a_single_reading_contact_is_where_it_was_read(readings: list[tuple
 
 
 @pytest.mark.parametrize("step_mm", [0.01, 0.05])
-@pytest.mark.parametrize("above", [1, 2, 3, 10, 100])
-@pytest.mark.parametrize("inside", [0.3, 0.9])
-@pytest.mark.parametrize("points", [2, 5])
+@pytest.mark.parametrize("above", [1, 100])
+@pytest.mark.parametrize(("inside", "points"), [(0.3, 2), (0.9, 5)])
 def test_contact_on_the_law_is_found_however_long_the_descent(
     step_mm: float, above: int, inside: float, points: int
 ) -> None:
@@ -123,46 +119,6 @@ def test_contact_on_the_law_is_found_however_long_the_descent(
     assert touch.fit_points == points
 
 
-@pytest.mark.parametrize(
-    ("gwt", "points"), [((0.0, 0.004, 0.05), 1), ((0.0, 0.006, 0.05), 2), ((0.006, 0.007, 0.008, 0.05), 4)]
-)
-def test_a_reading_counts_from_half_a_step_of_the_sensor_on(gwt: tuple[float, ...], points: int) -> None:
-    readings = [(-0.01 * k, force) for k, force in enumerate(gwt)]
-    touch = fit_contact(readings, 0.05, 0.01)
-    assert (touch.fit_points, touch.force_gwt) == (points, gwt[-1])
-    assert (touch.contact_height_mm == readings[-1][0]) == (points < 2)
-    assert np.isfinite(touch.contact_height_mm)
-
-
-def test_a_lone_force_has_contact_in_the_last_increment() -> None:
-    """Twenty readings of nothing, one of them lifted by noise."""
-    readings = [(-0.01 * k, 0.02 * (k == 5) + 0.06 * (k == 20)) for k in range(21)]
-    assert -0.2 < fit_contact(readings, 0.05, 0.01).contact_height_mm < -0.19
-
-
 def test_a_descent_that_begins_in_contact_has_it_at_its_top() -> None:
     readings = [(-0.01 * k, 6.0 * (0.02 + 0.01 * k) ** 1.5) for k in range(5)]
     assert -1e-6 < fit_contact(readings, 0.05, 0.01).contact_height_mm <= 0.0
-
-
-def test_no_other_contact_fits_a_noisy_descent_better() -> None:
-    """Of a hundred and fifty heights, each with the stiffness that is best for it; 50 descents."""
-    chance = np.random.default_rng(3)
-    for _ in range(50):
-        contact_mm, noise_gwt = chance.uniform(-0.02, 0.02), chance.choice([0.005, 0.02, 0.04])
-        height = 0.1 - 0.01 * np.arange(100)
-        force = 6.0 * np.maximum(contact_mm - height, 0.0) ** 1.5 + chance.normal(0.0, noise_gwt, 100)
-        end = int(np.argmax(force >= max(0.05, 6 * noise_gwt))) + 1
-        height, force = height[:end], np.round(force[:end], 2)
-        found = fit_contact(list(zip(height, force, strict=True)), 0.05, 0.01)
-        if found.fit_points > 1:
-            others = np.linspace(height[-1], height[0], 150)[1:]
-            assert _misfit(found.contact_height_mm, height, force) < 1.0001 * min(
-                _misfit(other, height, force) for other in others
-            )
-
-
-def _misfit(contact_mm: float, height_mm: Floats, force_gwt: Floats) -> float:
-    law = np.maximum(contact_mm - height_mm, 0.0)[:, None] ** 1.5
-    (left,) = np.linalg.lstsq(law, force_gwt, rcond=None)[1]
-    return float(left) + 1e-12

@@ -97,13 +97,6 @@ def test_contact_is_added_up_over_touches_and_over_the_parts_of_a_run(before_s: 
     assert contact.total_s == start_s + 3.25
 
 
-def test_contact_is_journalled_in_microseconds() -> None:
-    clock, contact = _contact()
-    contact.begin()
-    clock.wait_s(1.23456789)
-    assert contact.rounded_s == 1.234568
-
-
 def test_contact_for_too_long_is_refused() -> None:
     clock, contact = _contact(longest_s=10.0)
     contact.begin()

@@ -105,10 +105,10 @@ def test_a_run_that_may_only_be_read(
     assert sorted(path.name for path in shut.iterdir()) == before
 
 
-@pytest.mark.parametrize("number", [errno.EACCES, errno.EPERM, errno.EROFS, errno.ENOSPC, errno.EDQUOT, errno.EIO])
+@pytest.mark.parametrize("number", [errno.EACCES, errno.ENOSPC])
 def test_what_to_do_is_about_permission_or_about_space(tmp_path: Path, number: int) -> None:
     """Of a run that ends early, of a file that a command writes, and of its lock."""
-    full = number not in (errno.EACCES, errno.EPERM, errno.EROFS)
+    full = number == errno.ENOSPC
     problem = OSError(number, os.strerror(number))
     record = RecordError("{path}: cannot be written", path="events.jsonl")
     record.__cause__ = problem
@@ -117,3 +117,29 @@ def test_what_to_do_is_about_permission_or_about_space(tmp_path: Path, number: i
     said = [*(one.next for one in endings), *(one.reason for one in endings), (outcome(unwritable) or ("",))[0]]
     assert ["free disk space" in sentence for sentence in said] == 5 * [full]
     assert ["MB free" in sentence for sentence in said[2:]] == 3 * [full]
+
+
+OTHER_KINDS: dict[str, tuple[str, ...]] = {
+    "a design's page": ("design", "--out", "mine.py"),
+    "a design's script": ("design", "--to", "mine.html"),
+    "a comparison's page": ("compare", "none", "--out", "mine.csv"),
+    "the example's page": ("compare", "--example", "bar3", "--out", "mine.py"),
+    "a benchmark's page": ("bench", "--out", "mine.toml"),
+    "a configuration": ("init", "--to", "mine.py"),
+    "a table of runs": ("runs", "--table", "mine.py"),
+    "a study's table": ("study", "study.toml", "--out", "mine.toml"),
+}
+
+
+@pytest.mark.parametrize("what", OTHER_KINDS)
+def test_a_file_of_another_kind_is_not_overwritten(
+    what: str, program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    name = next(word for word in OTHER_KINDS[what] if word.startswith("mine."))
+    Path(name).write_text("mine", encoding="utf-8")
+    Path("study.toml").write_text('[[press]]\nshape = "bar:3"\ndoi_mm = [0.3]\n', encoding="utf-8")
+    ended = program(*OTHER_KINDS[what])
+    assert ended.code == 2
+    assert f"{name}: must end in ." in ended.err
+    assert Path(name).read_text("utf-8") == "mine"

@@ -9,20 +9,15 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceError
-from rig.engine import LimitError, NotReadyError, Pause, RunAborted, Target, TripError, indent, verbs
+from rig.engine import NotReadyError, Pause, RunAborted, TripError, verbs
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero
-from rig.errors import PressPaused
 from rig.settings import RigSettings
 from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import raises
 
 Make = Callable[..., Any]
-
-
-def _readings(bench: Any) -> int:
-    return sum(data == b"SI\r\n" for _, data in bench.sent("force"))
 
 
 def _heights(bench: Any) -> list[float]:
@@ -66,25 +61,6 @@ def test_a_zero_is_read_once_the_sensor_has_settled(spring: Make) -> None:
     assert zeroing_s - start_s >= 1.5
 
 
-def test_a_zero_tells_offset_and_noise_and_takes_the_offset_off(
-    spring: Make, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A balance that does not zero itself still shows 0.04 or 0.05 gwt: so is the offset, to a millionth of a gwt."""
-    bench = _homed(spring)
-    monkeypatch.setattr(bench.engine.sensing.sensor, "zero", lambda: None)
-    shown = iter([0.04, 0.05, 0.05] * 100)
-    bench.force_n = lambda t_s: next(shown) * GWT_N
-    verbs.zero(bench.engine)
-    _feels(bench, 0.04)
-    verbs.zero(bench.engine)
-    first, second = bench.of("zero")
-    assert 0.04 < first["offset_gwt"] < 0.05
-    assert 0.001 < first["noise_gwt"] < 0.01
-    assert second["drift_gwt"] == pytest.approx(0.04 - first["offset_gwt"], abs=1e-6)
-    told = [first["offset_gwt"], first["noise_gwt"], second["drift_gwt"]]
-    assert told == [round(value, 6) for value in told] != [round(value, 5) for value in told]
-
-
 def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make) -> None:
     """So that also after kill -9 no force counts from the zero before; without readings after it there is none."""
     bench = _homed(spring)
@@ -105,13 +81,6 @@ def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make)
         verbs.zero(engine)
     assert (left[-1], engine.sensing.zero) == (None, None)
     assert engine.known_contact.kind == "raised"
-
-
-def test_the_sensor_is_zeroed_and_not_only_counted_from(spring: Make) -> None:
-    bench = _homed(spring)
-    _feels(bench, 0.6)
-    verbs.zero(bench.engine)
-    assert bench.of("zero")[0]["offset_gwt"] == pytest.approx(0.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("drift_gwt", [-0.04, -0.03, 0.03, 0.04])
@@ -219,36 +188,7 @@ def test_homing_takes_its_time(spring: Make, monkeypatch: pytest.MonkeyPatch) ->
     assert not engine.heartbeat.lost
 
 
-def test_after_homing_a_place_must_be_asked_for_again(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    verbs.home(engine)
-    with raises(NotReadyError, "not_placed"):
-        indent(engine, Target("force_gwt", 1.0))
-
-
 # --- move_to and the way down ---
-
-
-@pytest.mark.parametrize(("x_mm", "along_mm"), [(-6.0, 0.0), (6.0, 0.0), (0.0, -4.0), (0.0, 4.0)])
-def test_the_limits_themselves_may_be_gone_to(spring: Make, x_mm: float, along_mm: float) -> None:
-    """limits.x_mm is ± 6, limits.along_mm ± 4."""
-    bench = spring()
-    verbs.move_to(bench.ready(), x_mm, along_mm)
-    assert bench.of("move")[-1] == {"x_mm": x_mm, "along_mm": along_mm, "height_mm": 2.0}
-    frame = bench.settings.frame
-    aside = next(move for move in reversed(bench.moves()) if "X" in move)
-    assert (aside["X"], aside["Y"]) == pytest.approx((frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm))
-
-
-@pytest.mark.parametrize("along_mm", [-4.01, 4.01])
-def test_beyond_a_limit_along_the_finger_nothing_moves(spring: Make, along_mm: float) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    with raises(LimitError, "outside_limits", axis="along", at_mm=along_mm, low_mm=-4.0, high_mm=4.0):
-        verbs.move_to(engine, 0.0, along_mm)
-    assert len(bench.moves()) == before
 
 
 def test_after_homing_the_way_down_is_one_slow_move_that_a_touch_ends(spring: Make) -> None:
@@ -322,24 +262,7 @@ def test_a_touch_after_the_step_past_a_shake_ends_the_way_down(spring: Make) -> 
     assert lifted_mm > stepped_mm > 20.0
 
 
-def test_the_second_place_is_gone_to_in_one_move_each(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.moves())
-    verbs.move_to(engine, 1.0)
-    assert len(bench.moves()) - before <= 2
-
-
-def test_without_a_zero_there_is_nothing_to_read_and_one_move_down(spring: Make) -> None:
-    bench = _homed(spring)
-    _feels(bench, 0.04)
-    verbs.move_to(bench.engine, 0.0)
-    assert _heights(bench) == [2.0]
-    assert bench.of("sample") == []
-
-
-@pytest.mark.parametrize("gwt", [0.06, -0.06, 0.4])
-@pytest.mark.parametrize("below_mm", [8.2, 2.2], ids=["on the way down", "at clearance"])
+@pytest.mark.parametrize(("gwt", "below_mm"), [(0.06, 8.2), (-0.06, 8.2), (0.4, 2.2)])
 def test_a_force_in_the_air_ends_the_way_down(spring: Make, gwt: float, below_mm: float) -> None:
     """habits.touch_force_gwt is 0.05: where that is felt, push or pull, is no air; it goes on by 0.1 mm."""
     bench = _homed(spring)
@@ -352,50 +275,7 @@ def test_a_force_in_the_air_ends_the_way_down(spring: Make, gwt: float, below_mm
     assert not bench.engine.placed
 
 
-def test_a_force_below_that_of_a_touch_does_not(spring: Make) -> None:
-    bench = _homed(spring)
-    verbs.zero(bench.engine)
-    _feels(bench, 0.04, 8.2)
-    verbs.move_to(bench.engine, 0.0)
-    assert bench.engine.height_mm == 2.0
-
-
-@pytest.mark.parametrize(
-    ("was", "moves"), [((0.5, 0.0), 0), ((0.0, 0.0), 1), ((0.5, 1.0), 1)], ids=["there", "elsewhere", "along"]
-)
-def test_over_a_place_already_it_stays(spring: Make, was: tuple[float, float], moves: int) -> None:
-    bench = spring()
-    engine = bench.ready()
-    verbs.move_to(engine, *was)
-    before = len(bench.of("move"))
-    verbs.be_over(engine, 0.5)
-    assert len(bench.of("move")) - before == moves
-    assert (engine.x_mm, engine.along_mm) == (0.5, 0.0)
-
-
-def test_over_a_place_by_chance_it_goes_there(spring: Make) -> None:
-    """Homed again: where it is was not asked for."""
-    bench = spring()
-    engine = bench.ready()
-    verbs.home(engine)
-    frame = engine.settings.frame
-    bench.stage.move_to(x_mm=frame.pad_centre_x_mm + 0.5, y_mm=frame.pad_y_mm, speed_mm_s=5.0)
-    engine.motion.x_mm, engine.motion.along_mm = 0.5, 0.0
-    verbs.be_over(engine, 0.5)
-    assert bench.of("move")[-1] == {"x_mm": 0.5, "along_mm": 0.0, "height_mm": 2.0}
-
-
 # --- rests, pauses, notes ---
-
-
-def test_a_rest_takes_its_seconds_whenever_it_begins(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    for seconds in (2.0, 7.5):
-        start_s = bench.clock.monotonic_s()
-        verbs.rest(engine, seconds)
-        assert bench.clock.monotonic_s() - start_s == pytest.approx(seconds, abs=1e-6)
-        assert bench.of("rest")[-1] == {"rest_s": seconds}
 
 
 def test_a_pause_in_a_rest_is_taken_at_once(spring: Make) -> None:
@@ -470,25 +350,3 @@ def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Mak
         verbs.safe_point(engine) if wait == "pause" else verbs.mount(engine, "bar:3.0")
     assert bench.clock.monotonic_s() - from_s < 0.15
     assert engine.height_mm == height_mm
-
-
-def test_an_operator_who_goes_on_goes_on_but_a_press_begins_again(spring: Make) -> None:
-    bench = spring()
-    engine = bench.ready()
-    before = len(bench.events)
-    bench.pause = Pause(lambda: True, lambda meanwhile: True)
-    verbs.safe_point(engine)
-    assert [stream for stream, _ in bench.events[before:]] == ["paused", "resumed"]
-    engine.state = State.IN_CONTACT
-    with raises(PressPaused, "press_paused"):
-        verbs.safe_point(engine)
-    assert [stream for stream, _ in bench.events[before + 2 :]] == ["retract", "paused", "resumed"]
-    assert bench.of("resumed") == [{"by": "operator"}] * 2
-    assert engine.state is State.READY
-
-
-def test_what_a_script_says_of_itself_is_in_the_journal(spring: Make) -> None:
-    bench = spring()
-    verbs.note(bench.engine, "a word")
-    verbs.checkpoint(bench.engine, "here")
-    assert bench.events == [("note", {"text": "a word"}), ("checkpoint", {"name": "here"})]

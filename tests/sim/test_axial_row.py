@@ -5,13 +5,14 @@ import pytest
 from numpy.testing import assert_allclose
 from numpy.typing import NDArray
 
+from sim.coding.bayes import decode_profile
 from sim.coding.decoder_results import decoding_errors
 from sim.coding.encoding import noise_sd
 from sim.coding.operators import centred
 from sim.coding.pressure import ContactPressure
 from sim.coding.receptor_readings import Readings
 from sim.coding.section import SkinLine
-from sim.coding.sheet import AxialShape, PressedSkin, ReceptorRow, decode_row
+from sim.coding.sheet import ROW_ERROR, AxialShape, PressedSkin, ReceptorRow
 from sim.config import FingertipConfig
 from sim.contact.patch import X
 from sim.models.catalogue import load
@@ -96,11 +97,9 @@ def test_a_cylinder_is_read_back_under_the_length_that_explains_it_best(
     sd = noise_sd(sed, 30.0)
     said = Readings.of_sed(sed + sd * np.random.default_rng(1).normal(size=len(sed)), sd)
     shapes = [AxialShape(half, CENTRE) for half in (1.5, 2.5)]
-    found = decode_row(row, shapes, ENDS, said)
-    assert found.shape == shapes[0]
-    assert decoding_errors(true, found.profile.pressure).relative_l2 < 0.25
-    wrong = decode_row(row, shapes[1:], ENDS, said)
-    assert wrong.profile.misfit > 1.4 * found.profile.misfit
-    low, high = found.profile.band()
+    right, wrong = (decode_profile(operator, said, ROW_ERROR) for operator in row.under_each(shapes, ENDS, "finite"))
+    assert decoding_errors(true, right.pressure).relative_l2 < 0.25
+    assert wrong.misfit > 1.4 * right.misfit
+    low, high = right.band()
     inside = true > 0.05 * true.max()
     assert ((low <= true) & (true <= high))[inside].mean() > 0.7

@@ -1,4 +1,4 @@
-"""Condensation against a direct solution, and against MKL PARDISO where it is installed."""
+"""Condensation against a direct solution."""
 
 import numpy as np
 import pytest
@@ -9,8 +9,6 @@ from sim.fem import dissection
 from sim.fem.dissection import DissectionFactor, IndefiniteError, inverse_spd
 from sim.fem.elements import symmetric
 from sim.models.condensed import FiniteElements, factorise
-from studies.verification import mkl_condensation
-from studies.verification.mkl_condensation import PardisoFactor
 from tests.error_codes import raises
 from tests.sim.whole_solve import superlu
 
@@ -56,16 +54,6 @@ def test_a_small_matrix_is_condensed_exactly() -> None:
 def test_a_finger_is_condensed_exactly(coarse_problem: FiniteElements) -> None:
     # The condition of the coarse finger is 8e4: a direct solution itself is good to ~1e-11.
     against_direct(factorise(coarse_problem), coarse_problem.upper, coarse_problem.kept, 1e-10)
-
-
-def test_mkl_condenses_the_same(coarse_problem: FiniteElements) -> None:
-    if not mkl_condensation.available():  # asked here: it looks for the library in all folders of the environment
-        pytest.skip("MKL PARDISO is not installed")
-    loads = np.random.default_rng(7).normal(size=(3, len(coarse_problem.free)))
-    mine = factorise(coarse_problem)
-    with PardisoFactor(coarse_problem.upper, coarse_problem.kept) as other:
-        for a, b in ((mine.compliance, other.compliance), (mine.solve(loads), other.solve(loads))):
-            np.testing.assert_allclose(a, b, rtol=0, atol=1e-9 * np.abs(b).max())
 
 
 @pytest.mark.parametrize("leaf", [1, 2, 5])

@@ -16,8 +16,8 @@ from sim.models.pressing import RimError
 from sim.models.relaxation import Memory, Prony, PronyTerm
 from sim.models.viscoelastic import InTime
 from sim.plant import SampledForce
-from studies.verification import relaxing_contact
 from tests.error_codes import raises
+from tests.sim import relaxing_contact
 from tests.sim.coarse_mesh import coarse_mesh
 
 TERMS = (PronyTerm(0.3, 0.5), PronyTerm(0.15, 4.0))
@@ -123,7 +123,7 @@ def test_impossible_steps_are_refused(step_s: float) -> None:
         Memory.none(SERIES).ahead(step_s)
 
 
-# --- a sphere on a half-space: studies/verification/relaxing_contact.py has the sources ---
+# --- a sphere on a half-space: tests/sim/relaxing_contact.py has the sources ---
 
 STEPS = 20
 

@@ -1,4 +1,4 @@
-"""The virtual board against real firmware: tests/data/firmware, by the recipe of docs/validation/devices.md."""
+"""The virtual board against real firmware: tests/data/firmware, by the recipe of studies/firmware/README.md."""
 
 import json
 from pathlib import Path

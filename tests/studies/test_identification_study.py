@@ -19,18 +19,15 @@ from sim.errors import ModelRangeError
 from sim.identification.next_press import PressAt
 from sim.models.fingertip import Fingertip
 from sim.plant import RelaxingPress
-from studies.identification import tables
 from studies.identification.hidden import Keeper, OnlyMounts, TruthReadError
 from studies.identification.ogden import OgdenFinger
 from studies.identification.strangers import COARSER, inside, outside
 from studies.identification.tables import demands, kinds
-from studies.registry import as_markdown, read_table
+from studies.registry import as_markdown
 from tests.made_up_fingers import made_up
 from tests.sim.coarse_mesh import coarse_mesh
 
 GOALS = (PressAt("bar:3.0", 0.0, 0.4),)
-PAGE = Path(__file__).parents[2] / "docs" / "validation" / "identification.md"
-KEPT = Path(__file__).parents[2] / "studies" / "meeting" / "kept"
 
 
 def _row(of: str, **changed: Any) -> dict[str, Any]:
@@ -171,21 +168,3 @@ def test_the_table_counts_what_is_demanded() -> None:
         assert line in table
     assert "fingers of the prior" not in as_markdown(demands({"measured": rows[2:]}))
     assert len(kinds({"measured": rows[:2]})) == 1
-
-
-SETS = tables.stored()
-
-
-@pytest.mark.parametrize(("name", "first"), [("first", 0), ("second", 3000), ("third", 6000)])
-def test_a_set_has_its_seeds_and_the_page_its_commits(name: str, first: int) -> None:
-    assert sorted((row["of"], row["seed"]) for row in SETS[name]) == sorted(
-        [("inside", first + k) for k in range(200)] + [("outside", first + k) for k in range(40)]
-    )
-    page = PAGE.read_text("utf-8")
-    for commit in {row["commit"] for row in SETS[name]}:
-        assert commit[:7] in page
-
-
-def test_the_page_has_the_tables_of_the_kept_rows() -> None:
-    assert demands(SETS) == read_table("identification/demands")
-    assert kinds(SETS) == read_table("identification/kinds")

@@ -16,7 +16,7 @@ depths_mm = [0.1, 0.2, 0.3, 0.4, 0.5]
 tissues = {"default": Tissue(), "thin epidermis, soft fat": Tissue(epidermis_mm=0.3, e_fat=0.05)}
 force_gwt = {}
 for name, tissue in tissues.items():
-    finger = Fingertip.load(FingertipConfig(mesh=MeshSpec(level="coarse"), tissue=tissue))
+    finger = Fingertip.load(FingertipConfig(mesh=MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6), tissue=tissue))
     force_gwt[name] = indent_many(finger, "cylinder:9", doi_mm=depths_mm).table()["force_gwt"]
     print(f"{name}: {force_gwt[name][-1]:.2f} gwt at 0.5 mm")
 

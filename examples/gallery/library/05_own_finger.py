@@ -2,7 +2,7 @@
 Your own finger
 ===============
 
-You get a finger of your own shape from a table of sections along it, and force against depth under a sphere. The
+You get a finger of your own shape from a table of sections along it, and force against depth under a cylinder. The
 table here is synthetic; points of the skin serve as well, and both may come from a file.
 
 How-to: :doc:`/your_own_finger`. Reference: :doc:`/configuration`.
@@ -21,14 +21,15 @@ SYNTHETIC_SECTIONS = (  # z, half-width, height of the pulp above the bone's axi
     (14.0, 1.1, 1.1, 0.0),
 )
 geometry = Geometry(length_mm=14.0, sections=SYNTHETIC_SECTIONS)
-config = FingertipConfig(geometry=geometry, receptor_plane_from_tip_mm=6.4, mesh=MeshSpec(level="coarse"))
+mesh = MeshSpec(spacing_mm=0.4, axial_spacing_mm=0.6)
+config = FingertipConfig(geometry=geometry, receptor_plane_from_tip_mm=6.4, mesh=mesh)
 finger = Fingertip.load(config)
 print(f"The pulp is highest at {finger.apex_height_mm:.2f} mm.")
 
 figure, (side, press) = plt.subplots(1, 2, layout="constrained")
 side.plot([row[0] for row in SYNTHETIC_SECTIONS], [row[2] for row in SYNTHETIC_SECTIONS], "o-")
 side.set(xlabel="z, along the finger (mm)", ylabel="height of the pulp (mm)")
-table = indent_many(finger, "sphere:4", doi_mm=[0.1, 0.2, 0.3, 0.4]).table()
+table = indent_many(finger, "cylinder:9", doi_mm=[0.1, 0.2, 0.3, 0.4]).table()
 press.plot(table["doi_mm"], table["force_gwt"], "o-")
 press.set(xlabel="depth of indentation (mm)", ylabel="force (gwt)")
 plt.show()

@@ -5,7 +5,7 @@ Encode: from pressure to receptor responses
 You get the strain energy density at receptors under a step, and the rates of model receptors with noise. Two methods
 compute the density: element by element, and by convolution, which assumes that the finger is shift-invariant.
 
-How-to: :doc:`/coding`. Explanation: :doc:`/coding_explained`.
+How-to: :doc:`/coding`.
 """
 
 import matplotlib.pyplot as plt

@@ -3,7 +3,7 @@ Decode: from receptor responses to pressure
 ===========================================
 
 You get the pressure on the skin, estimated from noisy readings of 30 receptors at random locations, with a 90 % band.
-The pressure is synthetic. How-to: :doc:`/coding`. Explanation: :doc:`/coding_explained`.
+The pressure is synthetic. How-to: :doc:`/coding`.
 """
 
 import matplotlib.pyplot as plt

@@ -5,7 +5,7 @@ Forces in random order
 You get two blocks of the same three forces, each block in its own random order. The order depends only on the seed
 and the number of the block, so a resumed run keeps it.
 
-How-to: :doc:`/schedules`. Reference: :doc:`/data`.
+How-to: :doc:`/your_own_protocol`. Reference: :doc:`/data`.
 """
 
 import json

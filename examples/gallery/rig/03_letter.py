@@ -23,9 +23,10 @@ with TemporaryDirectory() as folder:
     plt.savefig(letter)
     plt.close()
 
+    Path(folder, "coarse.toml").write_text('finger.mesh.level = "coarse"\n', encoding="utf-8")
     shape = "heightmap:R.png,width_mm=3,height_mm=0.5"
     command = [sys.executable, "-m", "rig", "indent", "--shape", shape, "--x-mm", "0", "--doi-mm", "0.3"]
-    command += ["--picture", "contact.png", "--json"]
+    command += ["--config", "coarse.toml", "--picture", "contact.png", "--json"]
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     answer = json.loads(done.stdout)
     print(f"{answer['force_gwt']:.2f} gwt at {answer['doi_mm']:.2f} mm")

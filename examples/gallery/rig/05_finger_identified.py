@@ -5,7 +5,7 @@ A finger identified
 You get the force of each identification press beside the band that was predicted just before it. The finger is
 virtual: softer than the default one, and it stiffens and relaxes as fingers do.
 
-How-to: :doc:`/identify`. Explanation: :doc:`/identification`.
+How-to: :doc:`/identify`.
 """
 
 import json
@@ -30,6 +30,7 @@ relaxation = [[0.2, 0.07], [0.2, 1.4]]
 with TemporaryDirectory() as folder:
     Path(folder, "rehearsal.toml").write_text(REHEARSAL, encoding="utf-8")
     options = ["--dry-run", "--config", "rehearsal.toml", "--to", "finger.toml", "--yes", "--json"]
+    options += ["--shapes", "bar:3.0"]  # the indentor that is on the bench
     command = [sys.executable, "-m", "rig", "identify", *options]
     done = subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
     notes = read_run(Path(folder, json.loads(done.stdout)["run"])).stream("note")

@@ -5,6 +5,9 @@ A recorded afferent under a bar
 You get the page of `rig compare --example bar3` and its figure: discharge rates of one SA-I afferent under a 3 mm bar
 (Phillips and Johnson 1981), and the rates that the best measures on the simulated finger predict.
 
+.. image:: /figures/bar3.png
+   :alt: Recorded and predicted rates under a 3 mm bar
+
 How-to: :doc:`/comparison`. What comes out: :doc:`/validation/comparison`.
 """
 
@@ -17,6 +20,8 @@ from tempfile import TemporaryDirectory
 import matplotlib.pyplot as plt
 
 from rig.report.example_page import plot_example
+
+# sphinx_gallery_thumbnail_path = "figures/bar3.png"
 
 with TemporaryDirectory() as folder:
     command = [sys.executable, "-m", "rig", "compare", "--example", "bar3", "--out", str(Path(folder, "bar3.html"))]

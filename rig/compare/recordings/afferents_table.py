@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
 from rig.compare.recordings.number_cells import number_format
-from rig.compare.recordings.reading import Reading, read_recordings, signs_of_a_copy
+from rig.compare.recordings.reading import Reading, read_recordings, saying_unused_sd, signs_of_a_copy
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
@@ -81,7 +82,7 @@ def read_afferents(
         )
     if not found:
         raise no_rows(table, "recordings")
-    return {afferent: _mirrored(found[afferent], mirror) for afferent in found}
+    return {afferent: saying_unused_sd(_mirrored(some, mirror)) for afferent, some in found.items()}
 
 
 Wrong = list[dict[str, object]]
@@ -188,7 +189,9 @@ def _row(where: str, row: Row) -> _Named:
         raise RecordingError("state one depth or force", code="several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
-    return _Named(where, row.row, cell["afferent"], shape, str(row.path.parent / file), cell.get("columns", ""))
+    return _Named(
+        where, row.row, same_name(cell["afferent"]), shape, str(row.path.parent / file), cell.get("columns", "")
+    )
 
 
 def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:
@@ -196,7 +199,7 @@ def _in_folder(path: Path) -> tuple[list[_Named], Wrong]:
     for number, (afferent, file) in enumerate(_files(path), 1):
         stem = file.stem if file.is_file() else file.name
         shape = stem if ":" in stem else stem.replace("-", ":", 1)
-        named.append(_Named(str(file), number, afferent, shape, str(file)))
+        named.append(_Named(str(file), number, same_name(afferent), shape, str(file)))
     return named, []
 
 

@@ -6,6 +6,7 @@ word in brackets is refused, since its numbers would be taken for others.
 
 import math
 import re
+import unicodedata
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -13,6 +14,11 @@ from typing import NamedTuple
 from rig.units import GWT_N
 
 Factors = Mapping[str, float]
+
+
+def same_name(text: str) -> str:
+    """Return a name in the form in which it is compared: é is one letter, also where a file has e and an accent."""
+    return unicodedata.normalize("NFC", text)
 
 
 def _words(**units: tuple[float, str]) -> dict[str, float]:
@@ -180,4 +186,4 @@ SYNONYMS: Mapping[str, tuple[str, ...]] = {
 
 def means(words: str, name: str) -> bool:
     """Return whether the words of a header mean one of the program's columns."""
-    return words in SYNONYMS.get(name, ())
+    return words in SYNONYMS.get(name, (name,))

@@ -23,9 +23,10 @@ from rig.compare.recordings.column_units import (
     is_own_unit,
     means,
     names_a_rate,
+    same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.table_cells import table_lines
+from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -395,9 +396,21 @@ def read_table(
                 columns=len(header),
             )
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
-        rows.append((number, {name: cells[k] for name, k in at.items()}, unread))
-    numbers = number_format(cells for _, cells, _ in rows)
-    return [Row(path, number, cells, columns, numbers, unread) for number, cells, unread in rows]
+        read = {name: same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
+        rows.append((number, read, unread))
+    numbers = number_format((cells for _, cells, _ in rows), semicolons=has_semicolons(path))
+    found = [Row(path, number, cells, columns, numbers, unread) for number, cells, unread in rows]
+    for name, cell in found[0].cells.items() if found else ():
+        if isinstance(cell, SameInAllRows) and name not in _MAY_BE_SAME:
+            raise found[0].wrong(
+                name, "same_in_all_rows", "a vector with a number for each row; only {allowed} may be a scalar",
+                allowed=", ".join(_MAY_BE_SAME),
+            )  # fmt: skip
+    return found
+
+
+_NAMES = ("unit", "repeat")
+_MAY_BE_SAME = ("window_s", "sd", "repeat")
 
 
 def check_header(

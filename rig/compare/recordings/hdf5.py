@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.file_kinds import is_hdf5, kind_of
 from rig_shared.user_files import open_file
 
@@ -123,7 +124,8 @@ def texts_in(file: h5py.File, path: Path, place: str) -> list[str] | None:
     if len(found) > _MOST_TEXTS:
         raise _refused(path, place, "too_many_values", "{values} values; at most {most} are allowed",
                        values=len(found), most=_MOST_TEXTS)  # fmt: skip
-    return [text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in found[:]]
+    each = (text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in found[:])
+    return [same_name(text) for text in each]
 
 
 def text_at(file: h5py.File, path: Path, place: str) -> str:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
@@ -190,7 +191,7 @@ def _channels(segment: Any) -> _Channels:
     labels = {id(one): loaded for one, loaded in found}
     for name, (one, times) in _with_names([(one, _in_seconds(loaded)) for one, loaded in found]):
         events[name] = times
-        texts = np.asarray(labels[id(one)].labels).astype(str)
+        texts = np.array([same_name(str(text)) for text in np.asarray(labels[id(one)].labels)], dtype=str)
         distinct = sorted(set(texts.tolist()))
         if 1 < len(distinct) <= _MOST_LABELS and len(texts) == len(times):
             events |= {f"{name}/{text}": times[texts == text] for text in distinct}
@@ -207,7 +208,7 @@ def _lines(segment: Any) -> dict[str, Callable[[], tuple[Array, Array]]]:
     """Return the sampled channels that are called as lines of pulses."""
     signals = [one for one in segment.analogsignals if called_like_pulses(str(one.name or ""))]
     return {
-        str(one.name) if one.shape[1] == 1 else f"{one.name}/{k + 1}": partial(_edges, one, k)
+        same_name(str(one.name)) if one.shape[1] == 1 else same_name(f"{one.name}/{k + 1}"): partial(_edges, one, k)
         for one in signals
         for k in range(one.shape[1])
     }
@@ -237,7 +238,7 @@ def _named(found: list[tuple[Any, Array]]) -> dict[str, Array]:
 
 def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any, Array]]]:
     """Name each channel: by its name, by its id if several share the name, or by its number."""
-    names = [str(one.name or "") for one, _ in found]
+    names = [same_name(str(one.name or "")) for one, _ in found]
     ids = [str(one.annotations.get("id", "")) for one, _ in found]
     for number, (pair, name, key) in enumerate(zip(found, names, ids, strict=True), 1):
         unique = [text for text, all_ in ((name, names), (key, ids)) if text and Counter(all_)[text] == 1]
@@ -291,7 +292,7 @@ def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
 
 def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array, Array]:
     """Return the channel of the pulses, their beginnings, and their ends for a line."""
-    name = columns["sync"].name
+    name = same_name(columns["sync"].name)
     if columns["sync"].stated:
         raise RecordingError(
             "{path}: --columns sync={name}:{unit} must not state a unit of time; the file does",

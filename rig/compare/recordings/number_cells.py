@@ -41,27 +41,30 @@ class NumberFormat(NamedTuple):
         )
 
 
-def number_format(rows: Iterable[Mapping[str, str]]) -> NumberFormat:
-    """Return the format of the numbers of a table."""
+def number_format(rows: Iterable[Mapping[str, str]], *, semicolons: bool = False) -> NumberFormat:
+    """Return the format of the numbers of a table; semicolons separate columns where the comma is a decimal sign."""
     columns: dict[str, list[str]] = {}
     for cells in rows:
         for name, text in cells.items():
             columns.setdefault(name, []).append(_minus(text))
     commas = [text for texts in columns.values() for text in texts if "," in text and _DECIMAL_COMMA.fullmatch(text)]
     proven = any(_GROUPED.fullmatch(text) is None for text in commas)
+    points = [text for texts in columns.values() for text in texts if "." in text and _NUMBER.fullmatch(text)]
+    unproven = semicolons and not any(_GROUPED.fullmatch(text) is None for text in points)
     ambiguous = {
         name
         for name, texts in columns.items()
-        if (not proven and any("," in text and _GROUPED.fullmatch(text) for text in texts)) or _points_group(texts)
+        if (not proven and any("," in text and _GROUPED.fullmatch(text) for text in texts))
+        or _points_group(texts, unproven)
     }
     return NumberFormat(proven, frozenset(ambiguous))
 
 
-def _points_group(texts: list[str]) -> bool:
-    """Return whether all points of a column may separate thousands, and a whole number suggests it."""
+def _points_group(texts: list[str], unproven: bool) -> bool:
+    """Return whether all points of a column may separate thousands, and a whole number or the table suggests it."""
     pointed = [text for text in texts if "." in text]
     grouped = bool(pointed) and all(_GROUPED.fullmatch(text) for text in pointed)
-    return grouped and any(_WHOLE.fullmatch(text) for text in texts)
+    return grouped and (unproven or any(_WHOLE.fullmatch(text) for text in texts))
 
 
 def without_separators(text: str) -> str:

@@ -2,14 +2,15 @@
 
 import hashlib
 import math
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from rig.compare.exceptions import RecordingError
-from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit
+from rig.compare.recordings.column_units import LEAST_PROFILE_MM, MOST_RATE, is_own_unit, same_name
 from rig.compare.recordings.columns import (
     COLUMNS_HINT,
     ColumnMap,
@@ -24,7 +25,14 @@ from rig.compare.recordings.columns import (
 )
 from rig.compare.recordings.neo_file import neo_format
 from rig.compare.recordings.nwb_file import is_nwb
-from rig.compare.recordings.recording import Recording, ShapeKey, recording, shape_key, with_enough_positions
+from rig.compare.recordings.recording import (
+    SAME_PLACE_DECIMALS,
+    Recording,
+    ShapeKey,
+    recording,
+    shape_key,
+    with_enough_positions,
+)
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
 from rig.compare.recordings.table_cells import file_and_sheet
 from rig.data import Run
@@ -62,10 +70,12 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
     rows = read_table(path, *names, given=columns.by_name, hint=COLUMNS_HINT)
     placed = list(_placed(rows))
     found = _counts(path, placed, columns) if counted else _rates(path, placed)
+    _refuse_totals(placed, "count" if counted else "rate")
     changes = tuple(
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
-    found = replace(found, changes=changes, read_as=columns_read(rows, columns.window_s if counted else None))
+    read_as = columns_read(rows, columns.window_s if counted else None) + _close_positions(placed)
+    found = replace(found, changes=changes, read_as=read_as)
     return _of_a_finger(path, with_enough_positions(path, found), rows)
 
 
@@ -111,11 +121,19 @@ def _of_an_afferent(path: Path, found: Recording) -> None:
 
 
 def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
-    """Yield rows with their positions (mm). Raises RecordingError if a position occurs twice in the same repeat."""
+    """Yield rows with their positions (mm), rounded to those that count as one.
+
+    Raises RecordingError if a position occurs twice in the same repeat, and for a repeat that is none.
+    """
     seen: dict[tuple[float, str], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
-    for row in rows:
-        position = row.number(name)
+    repeats = [row.cells.get(repeat, "") for row in rows]
+    numbered = any(map(_has_digit, repeats))
+    for row, said in zip(rows, repeats, strict=True):
+        if any(repeats) and (not said or said.casefold() in _SUMMARIES or (numbered and not _has_digit(said))):
+            raise row.wrong(repeat, "no_repeat", "the number or name of a press at this position; delete rows with "
+                            "sums, means and the like")  # fmt: skip
+        position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
         place = (position, row.cells.get(repeat, ""))
         if place in seen:
             raise RecordingError(
@@ -134,10 +152,79 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         yield row, position
 
 
+_SUMMARIES = ("mean", "means", "avg", "average", "sum", "total", "totals", "all", "overall", "pooled", "median", "sd",
+              "std", "se", "sem", "min", "max")  # fmt: skip
+
+
+def _has_digit(text: str) -> bool:
+    return any(map(str.isdigit, text))
+
+
+def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
+    """Refuse a last row whose numbers are all the sums, or all the means, of those above."""
+    columns = [[row.number(name) for row, _ in rows], [place for _, place in rows]]
+    repeats = [row.format.number(row.cells.get(role_name("repeat"), "")) for row, _ in rows]
+    columns += [] if any(map(math.isnan, repeats)) else [repeats]
+    if len(rows) <= _FEWEST_RATES or np.ptp(columns[0][:-1]) == 0:
+        return
+    for words, of in (("sums", np.sum), ("means", np.mean)):
+        near = (abs(of(one[:-1]) - one[-1]) <= _ROUNDED * np.abs(one[:-1]).max() for one in columns)
+        if all(near):
+            raise rows[-1][0].wrong(
+                name, "totals", "a press, but this last row has the {words} of the rows above; delete it, or, if it "
+                "is a press, move it up", words=words,
+            )  # fmt: skip
+
+
+_ROUNDED = 1e-3  # of a mean in a table
+_NEAR_MM = 0.01  # closer positions may be one, read from a stage
+
+
+def _close_positions(rows: list[tuple[Row, float]]) -> str:
+    """Return a sentence on positions that are nearly equal. Raises RecordingError if they are of several repeats."""
+    repeat = role_name("repeat")
+    placed = sorted(rows, key=lambda one: one[1])
+    close = [(one, other) for one, other in pairwise(placed) if _TICK_MM < other[1] - one[1] < _NEAR_MM - _TICK_MM]
+    for (one, _), (other, _) in close:
+        if one.cells.get(repeat) != other.cells.get(repeat):
+            column = role_name("position")
+            raise other.wrong(
+                column, "close_positions", "the position of row {first_row}, {first}, or {near_mm:g} mm or more from "
+                "it: presses at one position are repeats only if it is the same number; round the positions",
+                first_row=one.row, first=one.cells[column], near_mm=_NEAR_MM,
+            )  # fmt: skip
+    if not close:
+        return ""
+    (_, at_mm), (_, near_mm) = close[0]
+    return (
+        f" The positions {at_mm:g} and {near_mm:g} mm lie within {_NEAR_MM:g} mm of one another and count as two; if "
+        "they are one, round them and number the presses in a column repeat."
+    )
+
+
+_TICK_MM = 1e-6
+
+
 def _rates(path: Path, rows: list[tuple[Row, float]]) -> Recording:
+    _refuse_unclear_sd(path, rows)
     found = recording(path.name, [(place, row.number("rate", 0.0), _sd(row)) for row, place in rows])
     unit = rows[0][0].columns["rate"].unit if rows else ""
     return replace(found, rate_unit=unit) if is_own_unit(unit) else found
+
+
+def _refuse_unclear_sd(path: Path, rows: list[tuple[Row, float]]) -> None:
+    """Refuse an sd that some rows lack, and one beside repeats, which have their own: it would not count."""
+    stated = [row for row, _ in rows if row.cells.get("sd")]
+    for row, _ in rows if stated else []:
+        if not row.cells["sd"]:
+            raise row.wrong("sd", "no_number", "a number of 0 or more, since other rows have an sd; fill it in, or "
+                            "delete the column")  # fmt: skip
+    if stated and len({place for _, place in rows}) < len(rows):
+        raise RecordingError(
+            "{path}, column {column}: an sd cannot be stated beside repeats, over which it is computed; delete the "
+            "column, or keep one row of each position, with the mean and its sd",
+            code="sd_and_repeats", path=str(path), column=stated[0].columns["sd"].name,
+        )  # fmt: skip
 
 
 def _sd(row: Row) -> float:
@@ -221,7 +308,21 @@ def read_recordings(
                 shape=shape,
             )
         found |= {key: found[key].mirrored() for key in meant}
-    return {str(key): one for key, one in found.items()}
+    return saying_unused_sd({str(key): one for key, one in found.items()})
+
+
+def saying_unused_sd(found: Mapping[str, Recording]) -> dict[str, Recording]:
+    """Return the recordings of an afferent; one with an sd says so if it does not count, since others have none."""
+    stated = {
+        key: np.isfinite(one.sd) & np.array([len(rates) == 1 for rates in one.repeats]) for key, one in found.items()
+    }
+    if all(some.all() for some in stated.values()) and any((one.sd > 0).any() for one in found.values()):
+        return dict(found)
+    text = "Its sd is not used: every recording of the afferent needs one, without repeats, and above 0 somewhere."
+    return {
+        key: replace(one, read_as=f"{one.read_as.removesuffix(text).rstrip()} {text}") if stated[key].all() else one
+        for key, one in found.items()
+    }
 
 
 def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
@@ -286,7 +387,7 @@ def _file_and_unit(text: str) -> tuple[Path, str]:
     named = (one for one in reversed(parted) if file_and_sheet(Path(one[0]))[1] and _may_have_units(Path(one[0])))
     others = (one for one in parted if _may_have_units(Path(one[0])))
     file, unit = next(named, next(others, (text, "")))
-    return Path(file), unit
+    return Path(file), same_name(unit)
 
 
 def unit_of(text: str) -> str:
@@ -363,6 +464,23 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
                 column=column.name,
                 roles=", ".join(sorted(used)),
             )
+
+
+def refuse_unused_options(found: Iterable[Recording], reading: Reading) -> None:
+    """Refuse options of spike times if no recording has any. Raises RecordingError."""
+    usual = Reading()
+    given = {
+        "--window-s": reading.window_s != usual.window_s,
+        "--field-centre-mm": reading.field_centre_mm != usual.field_centre_mm,
+    }
+    option = next((name for name, is_given in given.items() if is_given), None)
+    if option and not any(one.spikes for one in found):
+        raise RecordingError(
+            "{option} applies to spike times, and no recording has any: rates, counts and their positions are taken "
+            "from a table as they are; remove it",
+            code="unused_option",
+            option=option,
+        )
 
 
 def sha256(path: Path) -> str:

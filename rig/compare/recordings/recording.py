@@ -18,6 +18,8 @@ from sim.tables import is_number
 Array = NDArray[np.float64]
 
 _FEWEST_POSITIONS = 3
+SAME_PLACE_DECIMALS = 3
+"""Decimals of mm to which positions are rounded: presses at equal ones are repeats."""
 
 
 @dataclass(frozen=True)

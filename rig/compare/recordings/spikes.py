@@ -21,6 +21,7 @@ from rig.compare.recordings.columns import (
 from rig.compare.recordings.neo_file import neo_format, read_neo
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import (
+    SAME_PLACE_DECIMALS,
     FromSpikes,
     Recording,
     condition_of,
@@ -28,19 +29,18 @@ from rig.compare.recordings.recording import (
     shape_key,
     with_enough_positions,
 )
-from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent
+from rig.compare.recordings.spike_times import THROUGHOUT, SpikeClock, SpikeTimes, UnitSpikes, extent, union
 from rig.compare.recordings.sync_pulses import NO_PULSES, ClockFit, called_like_pulses, fitted_clock, leading_edges
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig.data.folder import replace_text
 from rig.printable import either
 from rig_shared.natural_order import natural_order
+from rig_shared.plural import number_of
 from sim.contact.shapes import shape_name
 from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
-
-_SAME_PLACE_DECIMALS = 3
 
 
 SPIKES = (("time",), ("kind", "unit", "sync", "observed"))
@@ -149,11 +149,22 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
         fit = _without_pulses(path, found, len(rise_s))
     spike_s = fit.run_s(found.spike_s)
     if found.observed_s is not None:
-        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes, found.read_as)
+        notes = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
+        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, notes, found.read_as)
     events = extent(spike_s, fit.run_s(found.pulse_s))
     if fit.complete or not len(events):
         return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes, read_as=found.read_as)
     return SpikeTimes(spike_s, events, False, fit.clock, found.notes, found.read_as)
+
+
+def _not_observed(spike_s: Array, observed_s: Array) -> list[str]:
+    """Return a sentence on the spikes that lie outside of the intervals; none for none."""
+    first, last = union(observed_s).T
+    inside = np.searchsorted(first, spike_s, side="right") > np.searchsorted(last, spike_s, side="left")
+    outside = int(np.count_nonzero(~inside))
+    lie = "lies" if outside == 1 else "lie"
+    return [f"{outside} of {number_of(len(spike_s), 'spikes')} {lie} outside of the times at which the unit was "
+            "observed."] if outside else []  # fmt: skip
 
 
 def _width_s(run: Run) -> float:
@@ -320,7 +331,7 @@ def rates_in_run(
                 x_mm=x_mm,
                 hold_s=stop_s - start_s,
             )
-        at_mm = round(x_mm - centre_mm, _SAME_PLACE_DECIMALS)
+        at_mm = round(x_mm - centre_mm, SAME_PLACE_DECIMALS)
         if not times.observed(start_s + begin, start_s + end):
             lost_mm.append(at_mm)
             continue
@@ -368,6 +379,15 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
             shape=shape,
             conditions=" and ".join(told),
             first=told[0],
+        )
+    if found and meant.condition not in ("", *told):
+        raise RecordingError(
+            "{file}: run {run} contains {held}, and no {shape}; name one of these",
+            code="never_pressed",
+            file=name,
+            run=run.folder.path.name,
+            shape=shape,
+            held=" and ".join(f"{meant.shape}@{condition}" for condition in told),
         )
     return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]
 

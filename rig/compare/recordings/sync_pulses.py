@@ -45,6 +45,7 @@ MOST_DRIFT = 0.01
 _SEARCHED_DRIFT, _DRIFT_STEP = 1e-3, 2.5e-5  # of a search for partners
 _FEWEST_MATCHED = 4  # where some have no partner: three even intervals are found in many series
 _MOST_UNMATCHED = 0.1
+_MOST_MISSING = 0.5
 _ONE_PULSE_S = 0.05  # two edges of one pulse are closer
 _MOST_PAIRS = 4_000_000
 _ROUNDS = 6
@@ -303,4 +304,9 @@ def _described(found: _Match, pulse_s: Array, rise_s: Array) -> SpikeClock:
         f"reads {at_start_s:.3f} s at the start of the run, and no pulse is off by more than "
         f"{max(worst_ms, 0.01):.2g} ms{'; ' if besides else ''}{joined(besides)}."
     )
+    if len(found.rises) <= _MOST_MISSING * len(rise_s):
+        text += (
+            f" These are {len(found.rises)} of the {len(rise_s)} pulses of the run: they may be other events, such "
+            "as trials, and spikes may be counted in the wrong windows; check which channel has the sync pulses."
+        )
     return SpikeClock("pulses", text, drift_ppm, worst_ms, at_start_s)

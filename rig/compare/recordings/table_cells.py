@@ -17,8 +17,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
-import numpy as np
-
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
@@ -33,6 +31,12 @@ _MOST_LISTED = 20
 _SEPARATORS = (",", ";", "\t")
 _SEPARATOR_LINE = re.compile(r'"?sep=.?"?', re.IGNORECASE)  # written above the header for Excel
 _WORKBOOK = ".xlsx"
+
+
+class SameInAllRows(str):
+    """A cell that a file has once for all rows."""
+
+    __slots__ = ()
 
 
 def file_and_sheet(path: Path) -> tuple[Path, str]:
@@ -116,10 +120,7 @@ def _of_csv(path: Path, content: bytes) -> Lines:
     row = 1
     try:
         lines = text_of(content, encoding="utf-16" if utf_16 else "utf-8-sig")
-        header = next(lines, "")
-        while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
-            row, header = row + 1, next(lines, "")
-        sign = max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+        row, header, sign = _header(lines)
         for number, line in enumerate(csv.reader(chain([header], lines), delimiter=sign), row):
             yield number, [cell.strip() for cell in line]
             row = number
@@ -131,6 +132,23 @@ def _of_csv(path: Path, content: bytes) -> Lines:
         raise _no_table(path, "", str(error)) from None
 
 
+def _header(lines: Iterator[str]) -> tuple[int, str, str]:
+    """Return the row, the text and the separator of the first line with names of columns."""
+    row, header = 1, next(lines, "")
+    while header and (header.startswith("#") or not header.strip(" ,;\t\r\n") or _is_separator_line([header])):
+        row, header = row + 1, next(lines, "")
+    return row, header, max(_SEPARATORS, key=lambda sign: len(next(csv.reader([header], delimiter=sign), [])))
+
+
+def has_semicolons(path: Path) -> bool:
+    """Return whether a table that can be read is a CSV whose columns are separated by semicolons."""
+    content = read_bytes(file_and_sheet(path)[0], MOST_TABLE_BYTES)
+    if content.startswith((ZIP, MATLAB)):
+        return False
+    encoding = "utf-16" if content.startswith(UTF_16) else "utf-8-sig"
+    return _header(text_of(content, encoding=encoding))[2] == ";"
+
+
 # Workbooks: Office Open XML, ECMA-376. Sheets are read in the order of the workbook.
 
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
@@ -139,7 +157,8 @@ _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
 _DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
 _DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
 _PERCENT_FORMATS = (9, 10)
-_QUOTED, _LETTER = re.compile(r'"[^"]*"|\\.'), re.compile(r"[^\W\d_]")
+_QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
+_LETTER = re.compile(r"[^\W\d_]|[%‰]")
 _SCALED = re.compile(r"[0#],+(?![0#,])")
 _NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
 _DAMAGE = (
@@ -157,6 +176,8 @@ class _Workbook(NamedTuple):
     shown: Mapping[int, str]
     """What cells of a style are not plain numbers for, by the number of the style, e.g. "a percentage"."""
     struck: frozenset[int]
+    hidden: frozenset[str]
+    """Names of hidden sheets."""
 
 
 @lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
@@ -165,8 +186,9 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             if "xl/workbook.xml" not in archive.namelist():
                 raise _no_table(path, kind_of(content))
-            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive))
-            return _one_sheet(book, _sheets(archive), sheet)
+            sheets, hidden = _sheets(archive)
+            book = _Workbook(path, archive, _shared_texts(archive), *_styles(archive), hidden)
+            return _one_sheet(book, sheets, sheet)
     except RecordingError:
         raise
     except _DAMAGE as error:
@@ -196,6 +218,12 @@ def _one_sheet(book: _Workbook, sheets: Mapping[str, str], sheet: str) -> list[t
             first=next(iter(full)),
             sheets=", ".join(list(full)[:_MOST_LISTED]),
         )
+    if not sheet and (unseen := book.hidden.intersection(full)):
+        (name,) = unseen
+        raise RecordingError(
+            "{path}: the only sheet with rows, {sheet}, is hidden; show it, or name it as {file}#{sheet}",
+            code="hidden_sheet", path=str(book.path), sheet=name, file=book.path.name,
+        )  # fmt: skip
     return next(iter(full.values()), [])
 
 
@@ -223,10 +251,14 @@ def _shared_texts(archive: zipfile.ZipFile) -> list[str]:
 
 
 def _text(element: ElementTree.Element) -> str:
-    """Return the text of runs, without phonetic hints."""
-    return "".join(
-        one.text or "" for part in ([element, *element.findall(f"{_MAIN}r")]) for one in part.findall(f"{_MAIN}t")
-    )
+    """Return the text of runs, without phonetic hints; one that is not what it seems says why, so it is no number."""
+    runs = element.findall(f"{_MAIN}r")
+    text = "".join(one.text or "" for part in (element, *runs) for one in part.findall(f"{_MAIN}t"))
+    styles = [style for run in runs for style in run.findall(f"{_MAIN}rPr/*")]
+    if any(style.tag == f"{_MAIN}strike" and _is_on(style) for style in styles):
+        return f"{text} (partly struck out in Excel)"
+    raised = any(style.tag == f"{_MAIN}vertAlign" and style.get("val") != "baseline" for style in styles)
+    return f"{text} (partly superscript or subscript in Excel)" if raised and not _LETTER.search(text) else text
 
 
 def _styles(archive: zipfile.ZipFile) -> tuple[dict[int, str], frozenset[int]]:
@@ -258,31 +290,35 @@ def _shown_as(number: int, code: str) -> str:
         return "a date or time in Excel"
     if number in _PERCENT_FORMATS or "%" in plain:
         return "a percentage in Excel"
-    if words := "".join(_QUOTED.findall(code)).strip('" \\'):
+    if words := "".join(map("".join, _QUOTED.findall(code))).strip():
         return f"shown as {words} in Excel; write the unit into the header" if _LETTER.search(words) else ""
     return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 
-def _sheets(archive: zipfile.ZipFile) -> dict[str, str]:
-    """Return the part of each sheet by its name."""
+def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
+    """Return the part of each sheet by its name, and the names of those that are hidden."""
     targets = {
         element.get("Id", ""): element.get("Target", "")
         for element in _xml(archive, "xl/_rels/workbook.xml.rels")
         if element.tag.endswith("}Relationship")
     }
-    found = {}
+    found, hidden = {}, set[str]()
     for element in _xml(archive, "xl/workbook.xml"):
         if element.tag == f"{_MAIN}sheet":
             key = next((value for name, value in element.attrib.items() if name.endswith("}id")), "")
             target = targets[key]
+            hidden |= {element.get("name", "")} if element.get("state", "visible") != "visible" else set()
             found[element.get("name", "")] = target.lstrip("/") if target.startswith("/") else f"xl/{target}"
-    return {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
+    tables = {name: part for name, part in found.items() if part in archive.namelist() and "worksheets/" in part}
+    return tables, frozenset(hidden)
 
 
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
-    hidden, struck, merged = list[int](), list[int](), list[str]()
+    hidden, struck, merged, columns = list[int](), list[int](), list[str](), set[int]()
     for element in _xml(book.archive, part):
+        if element.tag == f"{_MAIN}col" and element.get("hidden", "0") in ("1", "true"):
+            columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
         if element.tag == f"{_MAIN}mergeCell":
             merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
         if element.tag != f"{_MAIN}row":
@@ -302,7 +338,8 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
             struck += [number] if crossed else []
         element.clear()
         found.append((number, row))
-    _refuse_unclear(book.path, hidden, struck, merged)
+    unseen = sorted({n for _, row in found for n, cell in enumerate(row, 1) if cell and n in columns})
+    _refuse_unclear(book.path, hidden, struck, unseen, merged)
     before = min((next(n for n, cell in enumerate(row) if cell) for _, row in found if any(row)), default=0)
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
@@ -314,16 +351,25 @@ def _has_rows(merged: str) -> bool:
     return len({end[2] for end in ends if end is not None}) > 1
 
 
-def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], merged: list[str]) -> None:
-    """Refuse a sheet in which a reader sees other rows than a program, or cells that belong to several rows."""
-    for rows, are, remedy in (
-        (hidden, "hidden, by a filter or by hand", "copy the visible rows to a new sheet, or show all"),
-        (struck, "struck out", "delete them, or remove the strikethrough"),
+def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: list[int], merged: list[str]) -> None:
+    """Refuse a sheet in which a reader sees other rows or columns than a program, or cells of several rows."""
+    for rows, what, remedy in (
+        (
+            hidden,
+            "has rows that are hidden, by a filter or by hand",
+            "copy the visible rows to a new sheet, or show all",
+        ),
+        (struck, "has rows that are struck out", "delete them, or remove the strikethrough"),
+        (
+            unseen,
+            "has columns that are hidden, counted from A",
+            "copy the visible columns to a new sheet, or show all",
+        ),
     ):
         if rows:
             listed = ", ".join(map(str, rows[:_MOST_LISTED])) + ", …" * (len(rows) > _MOST_LISTED)
             raise RecordingError(
-                "{path}: {number} rows are " + are + " ({rows}); " + remedy,
+                "{path}: " + what + " ({rows}); " + remedy,
                 code="unclear_rows", path=str(path), number=len(rows), rows=listed,
             )  # fmt: skip
     if merged:
@@ -374,13 +420,16 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
             path=str(path),
             held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
         )
-    return _as_lines({name: np.broadcast_to(values, max(lengths)) for name, values in vectors.items()}, others)
+    return _as_lines(vectors, others, max(lengths))
 
 
-def _as_lines(columns: Mapping[str, Any], others: Mapping[str, str]) -> Lines:
-    """Yield the rows of columns; those of `others`, which are no vectors of numbers, have one text in all rows."""
-    numbers = {name: values for name, values in columns.items() if name not in others}
+def _as_lines(vectors: Mapping[str, Any], others: Mapping[str, str], length: int) -> Lines:
+    """Yield the rows of vectors and scalars; `others`, which are no vectors of numbers, have one text in all rows."""
+    numbers = {
+        name: [f"{value:.17g}" for value in values] if len(values) == length else
+        [SameInAllRows(f"{values[0]:.17g}")] * length
+        for name, values in vectors.items() if name not in others
+    }  # fmt: skip
     yield 1, [*numbers, *others]
-    length = len(next(iter(columns.values())))
     for row in range(length):
-        yield row + 2, [*(f"{values[row]:.17g}" for values in numbers.values()), *others.values()]
+        yield row + 2, [*(texts[row] for texts in numbers.values()), *others.values()]

@@ -11,17 +11,9 @@ from rig.errors import CountError
 
 @dataclass(frozen=True)
 class MadePress:
-    """A press that was just made.
+    """A press that was just made: its number in the run, from 0, and among the presses that may be chosen.
 
-    Attributes
-    ----------
-    index : int
-        Its number in the run, from 0.
-    possible : int
-        Its number among the presses that may be chosen.
-    press : PossiblePress
-    tau : float
-        Planned time from the middle of the session, in units of ten minutes.
+    `tau` is its planned time from the middle of the session, in units of ten minutes.
     """
 
     index: int
@@ -56,11 +48,7 @@ class CountSource(Protocol):
 class AcceptedCounts:
     """Counts by press: each a whole number, once, and of a press that was made.
 
-    Parameters
-    ----------
-    source : CountSource
-    known : sequence of int or None
-        Counts in the journal of a stopped run, which may arrive once more.
+    `known` counts, in the journal of a stopped run, may arrive once more.
     """
 
     def __init__(self, source: CountSource, known: Sequence[int | None] = ()) -> None:

@@ -307,7 +307,8 @@ class GrblCore:
 
     def _boot(self, now_s: float, locked: bool) -> None:
         self._planner.halt(now_s)
-        self._stop_waiting()
+        self._wait = None
+        self._arm()
         self._rx.clear()
         self._lines.clear()
         self._reports.start_over()
@@ -354,10 +355,6 @@ class GrblCore:
 
     def _wait_for(self, wait: Wait) -> None:
         self._wait = wait
-        self._arm()
-
-    def _stop_waiting(self) -> None:
-        self._wait = None
         self._arm()
 
     def _arm(self) -> None:

@@ -63,6 +63,21 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
     assert read(folder, stimuli).keys() == found.keys()  # a folder with such a table
 
 
+def test_one_name_is_one_afferent_however_it_is_written(folder: Path, stimuli: list[StimulusRow]) -> None:
+    """é is one letter, or e and an accent: macOS names files so."""
+    table(folder, "\u00e9,bar:3,1.0,a.csv", "e\u0301,step:1,0.5,b.csv")
+    assert list(read(folder, stimuli)) == ["\u00e9"]
+    for name, file in (("\u00e9", "bar-3@1mm"), ("e\u0301", "step-1@0.5mm")):
+        (folder / "names" / name).mkdir(parents=True)
+        (folder / "names" / name / f"{file}.csv").write_text(f"{CSV}9,{len(file)}\n", encoding="utf-8")
+    assert list(read(folder / "names", stimuli)) == ["\u00e9"]
+
+
+def test_a_header_in_capitals(folder: Path, stimuli: list[StimulusRow]) -> None:
+    path = table(folder, "a1,bar:3,1.0,a.csv", header="Afferent,SHAPE,Depth (mm),File")
+    assert list(read(path, stimuli)["a1"]) == ["bar:3@1 mm"]
+
+
 def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     header = "afferent,shape,file,columns"
     path = table(folder, "a1,bar:3,named.csv,rate=Q:Hz;position=position_mm", "a2,bar:3,a.csv,", header=header)

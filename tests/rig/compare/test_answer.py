@@ -1,7 +1,5 @@
 """What follows from an answer's rows: the set, its headline, the next pair, and whether a control is beaten."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -67,10 +65,3 @@ def test_limits_include_the_choice_of_receptor() -> None:
     assert found.interval("ep1", "k") == (4.0, 6.0)
     assert found.interval("ep1", "eps0") == (-5.0, 0.0)
     assert np.isnan(found.interval("sed", "k")).all()
-
-
-def test_titles_and_what_fires_at_rest() -> None:
-    assert (BEST.title, CONSTANT.title) == ("ep1 at −1.25 mm", "a constant rate")
-    assert pair("ep1", 1, 1, 0, receptor_mm=-0.0).title == "ep1 at 0 mm"
-    assert BEST.fires_unloaded
-    assert not replace(BEST, eps0=0.5).fires_unloaded

@@ -85,10 +85,6 @@ def test_a_test_on_fingers_counts_their_parameters_and_allows_for_them() -> None
     np.testing.assert_allclose(ratio, expected)
 
 
-def test_only_some_candidates() -> None:
-    np.testing.assert_array_equal(Candidates(design(), Form()).only(np.array([1])).eps, design()[:, 1:])
-
-
 def test_each_stimulus_is_predicted_from_the_others() -> None:
     """The first candidate has one k for both stimuli, the second has not."""
     eps = np.stack([np.concatenate([bump(0), bump(0.5)]), np.concatenate([bump(0), 3 * bump(0.5)])])

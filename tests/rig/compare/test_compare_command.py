@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from rig.cli import compare, output
-from rig.cli.output import THE_FINGER
+from rig.cli import compare
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import CONTROLS, StimulusRow, stimuli
 from rig.compare.verdict import A_CONSTANT
@@ -96,27 +95,9 @@ def test_json_and_report(command: Command, run: Run, csv: Path) -> None:
     assert truth["shape"] == "bar:3.0"
     assert truth["run"] == run.folder.path.name
     page = Path("a.html").read_text(encoding="utf-8")
-    for section in ("Verdicts", "Fits to the recording", "Recorded over predicted", "Rate against measure",
-                    "Correlation and shape test", "SSRPs and shape test", "Population responses",
-                    "Pressure and contact regions", "Strain under the skin", "Provenance"):  # fmt: skip
-        assert section in page
     assert page.index("Verdicts</h2>") < page.index("<figure ")
     assert "http" not in page.replace("http://www.w3.org", "")  # nothing is fetched
     assert set(json.loads(Path("a.html.made.json").read_text(encoding="utf-8"))) == {"made_utc", "seconds"}
-
-
-@no_figures
-def test_the_terminal_says_what_the_recording_says_under_what_was_asked(
-    command: Command, run: Run, csv: Path
-) -> None:
-    asked = ("--recorded", f"bar:3.0={csv}", "--saturating", "--silent-at-rest", "--out", "b.html")
-    code, out, _ = command("compare", run.folder.path, *asked)
-    assert code == 0
-    (said,) = (line for line in out.splitlines() if line.startswith("answer      "))
-    assert "explain" in said
-    page = Path("b.html").read_text(encoding="utf-8")
-    assert "--saturating --silent-at-rest" in page
-    assert "R = z / (1 + s·z) with z = max(0, k(ε − ε₀)), with k &gt; 0 and ε₀ ≥ 0," in page
 
 
 @pytest.mark.parametrize("drawn", ["empty", "drawn"])
@@ -143,55 +124,6 @@ def test_the_same_input_gives_the_same_bytes(
 
 
 @no_figures
-def test_without_a_recording(command: Command, run: Run) -> None:
-    code, out, _ = command("compare", run.folder.path, "--json")
-    assert code == 0
-    answer = json.loads(out)
-    assert {row["r"] for row in answer["rows"]} == {None}
-    assert all(isinstance(row["shape_test"], bool) for row in answer["rows"])
-    report = Path(answer["report"])
-    assert report == run.folder.path / "comparison.html"
-    report.unlink()
-    report.with_name("comparison.html.made.json").unlink()
-
-
-RECORDED = ("--recorded", "bar:3.0=good.csv")
-
-
-@pytest.mark.parametrize(
-    ("options", "refusal"),
-    [
-        (("--recorded", "bar:3.0"), "no_shape_and_file"),
-        (("--recorded", "bar:3.0=none.csv"), "unreadable"),
-        (("--recorded", "tube=a.csv"), "no_such"),
-        ((*RECORDED, "--recorded", "bar:3=good.csv"), "recorded_twice"),
-        (("--recorded", "step:1=good.csv"), "never_pressed"),
-        (("--recorded", "bar:3.0=bad.csv"), "no_number"),
-        (("--mirror", "bar:3.0"), "nothing_to_mirror"),
-        (("--deflection", "depths.csv"), "nothing_across"),
-        (("--window-s", "1"), "wrong_count"),
-        (("--offset-mm", "0,1"), "needs_option"),
-        (("--depth-range-mm", "0.5,1"), "needs_option"),
-        (("--place",), "needs_option"),
-        (("--place", "--offset-mm", "1", *RECORDED), "wrong_count"),
-        (("--place", "--depth-range-mm", "0.3,1", *RECORDED), "across_epidermis"),
-        (("--place", "--receptor-x-mm", "0", *RECORDED), "one_receptor_x"),
-        (("--columns", "speed=v"), "no_role"),
-        (("--receptor-x-mm", "0,left"), "not_numbers"),
-    ],
-)
-def test_bad_input_is_refused_in_one_line(command: Command, run: Run, options: tuple[str, ...], refusal: str) -> None:
-    Path("good.csv").write_text("position_mm,rate\n0,1\n0.1,2\n0.2,3\n", encoding="utf-8")
-    Path("depths.csv").write_text("z_mm,deflection_mm\n7,0.5\n", encoding="utf-8")
-    Path("bad.csv").write_text("position_mm,rate\n0,1\n0.1,x\n", encoding="utf-8")
-    code, out, err = command("compare", run.folder.path, *options, "--out", "a.html", "--json")
-    told = json.loads(out)
-    assert (code, told["code"], told["exit_code"]) == (2, refusal, 2)
-    assert err.replace(f"{THE_FINGER}\n", "") == f"rig: {told['error_text']}\n"  # what it begins with aside
-    assert not Path("a.html").exists()
-
-
-@no_figures
 def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
     """RequestedRanges within 0.1 mm of x = 0, on six nodes."""
     asked = ("compare", run.folder.path, "--recorded", f"bar:3.0={csv}", "--receptor-x-mm=-0.1,0.1", "--place")
@@ -213,11 +145,6 @@ def test_where_the_receptor_is(command: Command, run: Run, csv: Path) -> None:
     page = Path("a.html").read_text(encoding="utf-8")
     assert "Receptor location: bar:3.0 at 0.4 mm" in page
     assert "--place" in page
-    code, out, _ = command(*asked, "--offset-mm=-0.05,0.05")
-    assert code == 0
-    said = " ".join(out.split())
-    assert "place " in said
-    assert "offset, fitted between −0.05 and 0.05 mm" in said
 
 
 @no_figures
@@ -247,15 +174,6 @@ def test_columns_units_and_what_is_left_out(command: Command, run: Run) -> None:
     page = Path("a.html").read_text(encoding="utf-8")
     assert "--columns" in page
     assert "position=x (um),rate=FR" in page
-    code, out, _ = command(*asked)
-    assert "a run of bar:3.0 at 0.4 mm from 1.8 to -0.6 mm" in " ".join(out.split())
-
-
-def test_a_folder_without_a_run(command: Command, tmp_path: Path) -> None:
-    code, out, err = command("compare", tmp_path, "--json")
-    told = json.loads(out)
-    assert (code, told["code"]) == (2, "no_journal")
-    assert err == f"rig: {told['error_text']}\n"
 
 
 def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
@@ -272,30 +190,6 @@ def test_export_writes_the_tables_again(command: Command, run: Run) -> None:
     assert err.startswith("rig: export: ")
 
 
-@no_figures
-def test_strain_maps_are_computed_before_the_report_is_written(
-    command: Command, run: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Each under its own name: the maps take a factorization."""
-    at: dict[str, str] = {}
-
-    def spied(name: str) -> None:
-        original = getattr(compare, name)
-
-        def spy(*words: Any, **more: Any) -> Any:
-            assert output._activities.current is not None
-            at[name] = output._activities.current.what
-            return original(*words, **more)
-
-        monkeypatch.setattr(compare, name, spy)
-
-    for name in ("stimulus_maps", "write_comparison"):
-        spied(name)
-    assert command("compare", run.folder.path, "--out", "a.html")[0] == 0
-    assert "strain" in at["stimulus_maps"]
-    assert at["write_comparison"] == "writing the report …"
-
-
 def _recorded(run: Run) -> dict[str, bytes]:
     """Contents of all files of a run but its report, what the model answers, and the checksums."""
     made = ("report.html", "SHA256SUMS", ".lock")
@@ -304,7 +198,7 @@ def _recorded(run: Run) -> dict[str, bytes]:
 
 
 @no_figures
-@pytest.mark.parametrize("what", ["lost", "old", "without checksums", "stopped"])
+@pytest.mark.parametrize("what", ["lost", "stopped"])
 def test_export_writes_the_report_again_and_no_data(command: Command, run: Run, tmp_path: Path, what: str) -> None:
     """Also of a run that was killed. The checksums of all other files stay, so that a change still shows."""
     again = read_run(shutil.copytree(run.folder.path, tmp_path / "again"))
@@ -317,8 +211,6 @@ def test_export_writes_the_report_again_and_no_data(command: Command, run: Run, 
         (folder.path / name).write_text("old", encoding="utf-8")
         if what == "lost":
             (folder.path / name).unlink()
-    if what == "without checksums":
-        sums.unlink()
     if what == "stopped":
         lines = folder.events.read_text(encoding="utf-8").splitlines(keepends=True)
         ended = max(n for n, line in enumerate(lines) if '"stream": "indentation_end", "data"' in line)
@@ -343,16 +235,6 @@ def test_the_page_of_an_identification_is_not_replaced(command: Command, run: Ru
     folder.provenance.write_text(json.dumps(about | {"protocol": SCRIPT}), encoding="utf-8")
     code, out, _ = command("export", folder.path, "--report", "--json")
     assert (code, json.loads(out)["code"], folder.report.exists()) == (2, "identification", False)
-
-
-def test_export_as_nwb(command: Command, run: Run) -> None:
-    pytest.importorskip("pynwb", reason="needs pynwb: pip install 'indentation-rig[nwb]'")
-    code, out, _ = command("export", run.folder.path, "--nwb", "--json")
-    path = run.folder.path / "run.nwb"
-    assert (code, json.loads(out)["files"]) == (0, [str(path)])
-    assert "  run.nwb\n" in (run.folder.path / "SHA256SUMS").read_text(encoding="utf-8")
-    path.unlink()
-    run.folder.write_checksums()
 
 
 @no_figures
@@ -434,15 +316,6 @@ def test_a_unit_that_hardly_fired_has_a_report_and_no_verdict(command: Command, 
     assert (code, verdict["outcome"], verdict["set"], verdict["rows"]) == (0, "silent", [], [])
     code, out, _ = command(*line, "--recorded", "bar:3.0=u.nwb#4")
     assert code == 0
-    assert [line.split()[0] for line in out.splitlines()[1:]] == [
-        "answer",
-        "recording",
-        "All",
-        "Times",
-        "If",
-        "shape",
-        "report",
-    ]
     assert verdict["answer_text"] in out
     page = Path("a.html").read_text(encoding="utf-8")
     assert verdict["answer_text"] in page

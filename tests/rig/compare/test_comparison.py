@@ -8,7 +8,7 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, compare
-from rig.compare.comparison_rows import as_json, best_pairs, threshold_rows
+from rig.compare.comparison_rows import best_pairs
 from rig.compare.exceptions import ComparisonError
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.recordings.spikes import LinearAfferent, afferent_for, record, write_synthetic
@@ -93,33 +93,6 @@ def test_each_condition_is_also_judged_alone(
     }
 
 
-def test_without_steps_and_bars_there_are_no_candidates(make_stimulus: Make) -> None:
-    comparison = compare([make_stimulus("cylinder:9", X, RECEPTORS, {"ep1": at(GOOD, GOOD, GOOD)})], {})
-    assert comparison.candidates() == []
-    assert {row["shape_test"] for row in as_json(comparison, "x.html")["rows"]} == {None}
-
-
-def test_rows_hold_every_measure_at_every_receptor(steps: list[StimulusRow]) -> None:
-    answer = as_json(compare(steps[:1], {}), "here.html")
-    assert len(answer["rows"]) == 18 * 3
-    row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", -1.0))
-    assert {"shape", "measure", "receptor_mm", "shape_test", "r", "k", "eps0", "run"} <= set(row)
-    assert (row["shape"], row["shape_test"], row["r"], row["k"], row["run"]) == (
-        "step:1",
-        True,
-        None,
-        None,
-        "run of step:1",
-    )
-    assert answer["report"] == "here.html"
-
-
-def test_thresholds_are_shown_from_2_to_15_percent(steps: list[StimulusRow]) -> None:
-    rows = threshold_rows(compare(steps, {}))
-    assert [row["threshold"] for row in rows] == [0.02, 0.03, 0.05, 0.08, 0.10, 0.15]
-    assert all(len(row["counts"]) == 3 for row in rows)
-
-
 def recorded(afferent: LinearAfferent, stimulus: StimulusRow, positions: Array) -> Recording:
     """Without noise."""
     rows = [(float(x), float(r), np.nan) for x, r in zip(positions, afferent.rate(stimulus, positions), strict=True)]
@@ -191,26 +164,6 @@ def test_a_receptor_that_covers_too_little_is_not_the_best(make_stimulus: Make) 
     assert joint.explained[ep1, 1] > joint.explained[ep1, 0]
     np.testing.assert_array_equal(joint.in_play, [True, False])
     assert (ep1, 0) in best_pairs(joint, joint.explained)
-
-
-def test_rates_over_their_family_s_largest(steps: list[StimulusRow]) -> None:
-    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
-    plain, normalised = fitted(steps, afferent), fitted(steps, afferent, normalize=True)
-    largest = max(float(p.recording.rate.max()) for p in plain.overlays)
-    assert max(float(p.recording.rate.max()) for p in normalised.overlays) == pytest.approx(1.0)
-    assert float(normalised.joints[0].fit.k[6, 1]) == pytest.approx(20.0 / largest)
-    assert normalised.overlays[0].recording.changes == (f"rates divided by {largest:g}",)
-    np.testing.assert_allclose(normalised.overlays[0].r, plain.overlays[0].r, rtol=1e-9)
-
-
-def test_positions_that_a_run_does_not_cover_are_left_out(steps: list[StimulusRow]) -> None:
-    afferent = LinearAfferent("ep1", 1, k=20.0, eps0=1.1)
-    found = recorded(afferent, steps[0], np.linspace(-1.5, 1.5, 16))
-    known = zip(found.position_mm, found.rate, strict=True)
-    wide = recording("wide.csv", [*((float(x), float(r), np.nan) for x, r in known), (9.0, 500.0, np.nan)])
-    answer = as_json(compare(steps[:1], {"step:1": wide}), "x.html")
-    row = next(r for r in answer["rows"] if (r["measure"], r["receptor_mm"]) == ("ep1", 0.0))
-    assert (row["positions"], round(row["k"], 6), round(row["eps0"], 6)) == (16, 20.0, 1.1)
 
 
 def test_twins_and_strays_are_refused(steps: list[StimulusRow], make_stimulus: Make) -> None:

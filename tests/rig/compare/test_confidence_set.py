@@ -1,7 +1,6 @@
 """The model confidence set: what it holds, and how often."""
 
 import numpy as np
-import pytest
 
 from rig.compare.model_confidence_set import BLOCK, DRAWS, resampled, set_probabilities
 
@@ -39,10 +38,6 @@ def test_what_is_clearly_worse_goes_and_what_is_alike_stays() -> None:
 def test_two_that_are_the_same_both_stay() -> None:
     loss = np.tile(np.random.default_rng(1).exponential(size=40), (2, 1))
     np.testing.assert_array_equal(set_probabilities(loss, ONE), [1, 1])
-
-
-def test_one_candidate_is_the_set() -> None:
-    assert set_probabilities(np.ones((1, 40)), ONE) == pytest.approx([1.0])
 
 
 def test_a_difference_far_below_the_noise_is_none_however_regular() -> None:

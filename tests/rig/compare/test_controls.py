@@ -1,17 +1,12 @@
 """Controls: the half-space against closed forms, and all of them on a real press."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from rig.compare.stimuli import CONTROLS, controls, half_space_strain, stimuli
 from rig.data import Run
 from sim.measures.measures import Elastic, measures_from_strain
 from sim.models.fingertip import Fingertip
-
-Array = NDArray[np.float64]
 
 
 def test_a_uniform_pressure_on_a_half_space_is_one_dimensional() -> None:
@@ -62,12 +57,3 @@ def test_a_stimulus_has_them(bar_run: Run, finger: Fingertip) -> None:
     k = stimulus.receptor_mm.tolist().index(0.0)
     place = int(np.argmin(np.abs(stimulus.x_mm - 0.1)))
     np.testing.assert_allclose(here[:, 0, k], stimulus.controls[:, place, k], rtol=0.05, atol=1e-3)
-
-
-def test_a_stimulus_that_knows_none_has_none(bar_run: Run, finger: Fingertip) -> None:
-    (stimulus,) = stimuli(bar_run, finger)
-    assert replace(stimulus, controls=None).controls_at(np.array([0.1, 0.2])).shape == (
-        0,
-        2,
-        len(stimulus.receptor_mm),
-    )

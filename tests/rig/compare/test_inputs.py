@@ -1,17 +1,22 @@
 """Recordings as they are named on the command line."""
 
 import hashlib
+import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.compare.exceptions import RecordingError
+from rig.compare.comparison import compare
+from rig.compare.exceptions import ComparisonError, RecordingError
+from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings
 from rig.data import Run
 from tests.error_codes import raises
+from tests.program import Program
 
 THROUGHOUT = column_map(["observed=throughout"])
 
@@ -52,6 +57,34 @@ def test_spike_times_belong_to_one_run(bar_run: Run, tmp_path: Path) -> None:
     for runs, n in (([], 0), ([bar_run, bar_run], 2)):
         with raises(RecordingError, "not_one_run", path=str(path), shape="bar:3.0", runs=n):
             read_recordings([f"bar:3.0={path}"], [], runs, Reading())
+
+
+def test_a_shape_at_another_depth_says_at_which_it_is(bar_run: Run, make_stimulus: Any, srp: Path) -> None:
+    spikes = srp.with_name("u.csv")
+    spikes.write_text("time_s\n1.0\n", encoding="utf-8")
+    with raises(RecordingError, "never_pressed", shape="bar:3@8gwt", held="bar:3@0.4 mm"):
+        read_recordings([f"bar:3@8gwt={spikes}"], [], [bar_run], Reading((0.0, 0.4)))
+    x = np.linspace(-2, 2, 9)
+    stimulus = make_stimulus("bar:3.0", x, np.array([0.0]), {}, kind="doi_mm", commanded=0.4)
+    found = read_recordings([f"bar:3@8gwt={srp}"], [], [], Reading())
+    with raises(ComparisonError, "never_pressed", shape="bar:3@8 gwt", names="bar:3.0 at 0.4 mm"):
+        compare([stimulus], found)
+
+
+@pytest.mark.parametrize(("sd", "other", "used"), [("1", None, True), ("0", None, False), ("1", "srp.csv", False)])
+def test_an_sd_that_does_not_count_says_so(srp: Path, sd: str, other: str | None, used: bool) -> None:
+    """The likelihood uses it only if every recording has one."""
+    path = srp.with_name("sd.csv")
+    path.write_text(f"position_mm,rate,sd\n0,4,{sd}\n1,8,{sd}\n2,3,{sd}\n", encoding="utf-8")
+    recorded = [f"step:1={path}", *([] if other is None else [f"bar:3={srp.with_name(other)}"])]
+    found = read_recordings(recorded, [], [], Reading())
+    assert ("sd is not used" in found["step:1"].read_as) != used
+    assert all("not used" not in found[key].read_as for key in found if key != "step:1")
+    table = srp.with_name("afferents.csv")
+    rows = "".join(f"a1,{one.replace('=', ',')}\n" for one in recorded)
+    table.write_text(f"afferent,shape,file\n{rows}", encoding="utf-8")
+    held: Any = [SimpleNamespace(shape=shape, condition="1 mm") for shape in ("step:1", "bar:3")]
+    assert ("sd is not used" in read_afferents(table, [], [], held, Reading())["a1"]["step:1"].read_as) != used
 
 
 def test_a_shape_may_have_a_sign_of_equality_in_it(srp: Path) -> None:
@@ -105,3 +138,26 @@ def test_what_is_named_wrongly(
 def test_columns_without_a_recording() -> None:
     with raises(RecordingError, "unused_column", role="rate", column="FR", roles=""):
         read_recordings([], [], [], Reading(columns=column_map(["rate=FR"])))
+
+
+@pytest.mark.parametrize("option", [("--window-s", "0,0.5"), ("--field-centre-mm", "0.5")])
+@pytest.mark.parametrize("several", [False, True])
+def test_options_of_spike_times_do_not_apply_to_a_table(
+    program: Program, bar_run: Run, srp: Path, option: tuple[str, str], several: bool
+) -> None:
+    table = srp.with_name("afferents.csv")
+    table.write_text(f"afferent,shape,file\na1,bar:3,{srp}\n", encoding="utf-8")
+    recorded = table if several else f"bar:3.0={srp}"
+    line = (
+        "compare",
+        bar_run.folder.path,
+        "--recorded",
+        recorded,
+        *option,
+        "--json",
+        "--out",
+        srp.with_name("a.html"),
+    )
+    told = json.loads(program(*line).out)
+    assert (told["exit_code"], told["code"]) == (2, "unused_option")
+    assert option[0] in told["error_text"]

@@ -4,13 +4,10 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from rig.cli import study
-from rig.study.parameter_study import interpolated, nodes_to_build, read_study, solve
-from sim.contact.indentor import ALONG, BOTH
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, forget_kept
 from tests.program import Program
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -27,7 +24,6 @@ e_fat = [0.05, 0.1, 0.2]
 shape = "cylinder:9"
 doi_mm = 0.1
 """
-ROUND = '[[press]]\nshape = "sphere:3"\ndoi_mm = 0.1\n'
 Said = Callable[..., tuple[str, str]]
 
 
@@ -79,35 +75,3 @@ def test_nine_fingers_are_interpolated_and_say_so(rig: Said, nine: Path, tmp_pat
     for one, other in zip(near, exact, strict=True):
         assert one["force_gwt"] != other["force_gwt"]
         assert float(one["force_gwt"]) == pytest.approx(float(other["force_gwt"]), rel=0.01)
-
-
-def test_which_cases_and_what_is_built_for_them(nine: Path) -> None:
-    """Round shapes want full builds of their own."""
-    cases = read_study(nine)
-    assert all(case.exact for case in cases)
-    assert nodes_to_build(cases) == []
-    nine.write_text(NINE.replace("[0.05, 0.1, 0.2]", "[0.05, 0.1, 0.2, 0.5]") + ROUND, encoding="utf-8")
-    cases = interpolated(read_study(nine))
-    beyond = [case.finger.config.tissue.e_fat == 0.5 for case in cases]
-    assert sum(beyond) == 2 * 4
-    assert [case.exact for case in cases] == beyond
-    assert [node.slopes for node in nodes_to_build(cases)] == [ALONG] * 16 + [BOTH] * 16
-
-
-def test_eight_are_built(nine: Path) -> None:
-    nine.write_text(NINE.replace("e_dermis = [0.05, 0.1, 0.2]", "e_dermis = [0.1]"), encoding="utf-8")
-    assert all(case.exact for case in interpolated(read_study(nine)))
-
-
-def test_a_case_that_is_interpolated_is_solved_so(nine: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Any] = []
-
-    def load(*_: object, **options: object) -> object:
-        asked.append(options["exact"])
-        raise ValueError("enough")
-
-    monkeypatch.setattr("rig.study.parameter_study.Fingertip.load", load)
-    for case in (*read_study(nine)[:1], *interpolated(read_study(nine))[1:2]):
-        with pytest.raises(ValueError, match="enough"):
-            solve(case)
-    assert asked == [True, False]

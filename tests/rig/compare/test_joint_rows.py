@@ -14,9 +14,7 @@ from rig.compare.make_verdict import answers, joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import StimulusRow
-from rig.report.comparison_report import fingers_sections
 from sim.measures.measures import MEASURES
-from sim.models.interpolation import HOW_MADE
 
 Array = NDArray[np.float64]
 Make = Callable[..., StimulusRow]
@@ -141,25 +139,3 @@ def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: StimulusRow) ->
     row = of(fingers_as_json(compared(known, recorded(3), ranges))["fingers"]["joint"], "ep1")
     assert row["k_interval"] is not None
     assert {name: row[name] for name in row["on_this_finger"]} == row["on_this_finger"]
-
-
-@pytest.mark.parametrize("between", [True, False])
-def test_the_report_has_the_ranges_and_how_fingers_were_made(stimulus: StimulusRow, between: bool) -> None:
-    comparison = compared(replace(stimulus, interpolated=between), recorded(5), RANGES)
-    (section,) = fingers_sections(comparison)
-    assert section.rows == (("tissue.epidermis_mm", "0.3", "0.5"),)
-    assert "SHA-256 abc" in section.text
-    assert (
-        section.text.endswith(f" The responses were {HOW_MADE}; `--exact` builds a full model of each finger.")
-        is between
-    )
-    assert fingers_as_json(comparison)["fingers"]["interpolation_text"] == (HOW_MADE if between else None)
-
-
-def test_nothing_is_said_where_no_ranges_are_stated_or_nothing_was_recorded(stimulus: StimulusRow) -> None:
-    plain = compared(stimulus, recorded(6))
-    assert fingers_sections(plain) == []
-    assert fingers_as_json(plain) == {}
-    silent = compare([stimulus], {}, plausible=RANGES)
-    assert fingers_sections(silent) == []
-    assert fingers_as_json(silent)["fingers"]["joint"] == []

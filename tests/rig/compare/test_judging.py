@@ -2,25 +2,22 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rig.cli.compare import _print
 from rig.compare.comparison import compare
 from rig.compare.comparison_rows import answers_as_json
 from rig.compare.exceptions import ComparisonError
 from rig.compare.likelihood import Form
-from rig.compare.make_verdict import answers, candidate_pool
+from rig.compare.make_verdict import answers
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import CONTROLS, StimulusRow
 from rig.compare.verdict import A_CONSTANT, AfferentVerdict, PairRow
-from rig.compare.verdict_text import listed, sentence
+from rig.compare.verdict_text import sentence
+from rig.report.page_parts import Section
 from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from tests.error_codes import raises
@@ -144,6 +141,27 @@ def test_table_sentence_and_json_are_of_one_set(steps: list[StimulusRow]) -> Non
     out = {one.name for one in found.measures} - {one.name for one in found.set}
     assert not [name for name in out if f"{name} at " in sentence(found)]
     assert [len(one.eps) for one in found.rows] == [len(found.places.rate)] * len(found.rows)
+    in_table = [cells[1] for cells in _sections(found)["Fits to the recording"].rows]
+    assert in_table.count("yes") == len(found.set) + len(found.controls_in_set)
+    assert in_table == sorted(in_table, reverse=True)  # they come first
+
+
+def _sections(found: AfferentVerdict) -> dict[str, Section]:
+    return {one.title: one for one in answer_sections([found], "no offset", recorded=True)}
+
+
+def test_residuals_of_neighbours_are_correlated_as_the_page_states(steps: list[StimulusRow]) -> None:
+    """Products of neighbours of one stimulus in order of position, over squares."""
+    found = answer(steps, of_truth(steps))
+    best, places = found.headline, found.places
+    assert best is not None
+    products = squares = 0.0
+    for stimulus in range(3):
+        mine = np.flatnonzero(places.stimulus == stimulus)
+        residual = best.residual[mine[np.argsort(places.position_mm[mine])]]
+        products, squares = products + residual[1:] @ residual[:-1], squares + residual @ residual
+    point = _sections(found)["Residuals by position"].points[0]
+    assert point.endswith(f" r = {products / squares:.2f}.".replace("-", "−"))
 
 
 def test_the_answer_is_the_recording_s(steps: list[StimulusRow]) -> None:
@@ -294,18 +312,6 @@ def test_a_recording_laid_over_two_forces_is_not_two_recordings(
     ]  # fmt: skip
 
 
-def test_the_terminal_says_which_stimuli_each_of_several_answers_is_of(
-    steps: list[StimulusRow], make_stimulus: Make, capsys: pytest.CaptureFixture[str]
-) -> None:
-    harder = make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0)
-    for stimuli, named in (([steps[0]], [False]), ([steps[0], harder], [True, True])):
-        comparison = compare(stimuli, of_truth(steps[:1]))
-        found = answers(comparison)
-        _print(comparison, found, [], Path("a.html"), [])
-        said = [line for line in capsys.readouterr().out.splitlines() if line.startswith("answer ")]
-        assert [f" {one.title}: " in line for one, line in zip(found, said, strict=True)] == named
-
-
 def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stimulus: Make) -> None:
     """Two forces: one afferent, fitted over both."""
     harder = _controlled(make_stimulus("step:1", X, RECEPTORS, profiles(2.0), commanded=8.0), 2.0)
@@ -320,17 +326,6 @@ def test_a_recording_can_be_of_one_condition(steps: list[StimulusRow], make_stim
     assert found.together.p > 0.05
     with raises(ComparisonError, "never_pressed", shape="step:1@9 gwt", held=["step:1"]):
         compare([steps[0], harder], {"step:1@9 gwt": counted(rates(steps[0]), 1)})
-
-
-def test_too_few_positions_say_that_there_is_no_verdict(
-    steps: list[StimulusRow], capsys: pytest.CaptureFixture[str]
-) -> None:
-    rows = [(float(x), 5.0, np.nan) for x in (-1, 0, 1, 2)]
-    comparison = compare(steps[:1], {"step:1": recording("few", rows)})
-    assert answers(comparison) == ()
-    assert candidate_pool(comparison.overlays, Form()) is None
-    _print(comparison, (), [], Path("a.html"), [])
-    assert "answer      There is no verdict" in capsys.readouterr().out
 
 
 # --- the rows ---
@@ -365,15 +360,3 @@ def test_the_form_is_kept(steps: list[StimulusRow]) -> None:
     plain = answer(steps[:1], of_truth(steps[:1]))
     assert any(one.eps0 < 0 for one in plain.rows)
     assert {one.saturation for one in plain.rows} == {0.0}
-
-
-def test_names_at_the_same_places_share_them() -> None:
-    def row(name: str, receptor_mm: float | None) -> Any:
-        return SimpleNamespace(name=name, receptor_mm=receptor_mm)
-
-    rows = [row(name, x) for x in (0.5, -0.5) for name in ("ep1", "sed")]
-    rows += [row("e11", 0.5), row("ep3", 0.5), row("ep3", 0.0), row("skin pressure", None), row("mean", 0.5)]
-    assert (
-        listed(rows)
-        == "ep1 and sed at −0.5 and 0.5 mm, e11 at 0.5 mm, ep3 at 0 and 0.5 mm, skin pressure, mean at 0.5 mm"
-    )

@@ -54,13 +54,6 @@ def test_the_range_that_is_named_covers_everything(judged: Callable[..., Compari
     assert left_out_lines(judged([-1.0, 0.5], [-3.0, 3.0, 0.1], [low + 0.01, high])) != []
 
 
-def test_only_some_and_only_every(judged: Callable[..., Comparison]) -> None:
-    (some,) = left_out_lines(judged([-1.0, 0.0], [-2.0, 0.0, 1.0]))
-    assert "from 1 to -3 mm" in some
-    (every,) = left_out_lines(judged([0.0], [-2.5, 0.0, 1.0]))
-    assert "from 1 to -2.5 mm" in every
-
-
 RECEPTORS = {  # receptors, recorded positions, and the receptors at which the run from 2 to −2 mm covers all of them
     "the run that was recorded": ([-1.0, 0.0, 1.0], [-2.0, 0.0, 2.0], [0.0]),  # no receptor but that of the field
     "a wider run": ([-2.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0]),  # it reaches 1 mm beyond each end
@@ -82,8 +75,3 @@ def test_the_receptors_that_the_run_covers_are_offered_and_leave_nothing_out(
     if covered:
         assert f"`--receptor-x-mm={','.join(f'{x:g}' for x in covered)}` compares all of them" in line
         assert left_out_lines(judged(covered, positions)) == []
-
-
-def test_nothing_recorded_leaves_nothing_out(make_stimulus: Callable[..., StimulusRow]) -> None:
-    found = compare([make_stimulus("step:1", np.array([0.0, 1.0]), np.array([0.0]), {})], {})
-    assert (left_out_rows(found), left_out_lines(found)) == ([], [])

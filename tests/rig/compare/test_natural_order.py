@@ -1,16 +1,13 @@
 """Conditions and indentors stand in the order of their numbers, wherever they are listed."""
 
 import random
-from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 import pytest
 
 from rig.compare.comparison import compare
-from rig.plan.finger_model import PredictedHold, by_group
-from rig.report.nerve_figures import Pressed, _groups
-from rig.report.run_tables import by_target, conditions
+from rig.report.run_tables import conditions
 from rig_shared.natural_order import natural_order
 from tests.rig.compare.test_run_report import run_of
 
@@ -27,36 +24,6 @@ ORDERED = [
 def test_names_are_in_the_order_of_their_numbers(names: list[str]) -> None:
     mixed = random.Random(1).sample(names, len(names))
     assert sorted(mixed, key=natural_order) == names
-
-
-PRESSES = [(shape, force) for shape in ("bar:1.5", "bar:10.0") for force in (1.0, 2.0, 5.0, 10.0)]
-"""In their order; as text, 10.0 stands before 2.0."""
-
-
-def _conditions(presses: Sequence[tuple[str, float]]) -> list[str]:
-    made = [
-        {"index": k, "indentor": shape, "x_mm": 0.0, "target": "force_gwt", "value": force}
-        for k, (shape, force) in enumerate(presses)
-    ]
-    return list(by_target(conditions(run_of(made, []))))
-
-
-def _responses(presses: Sequence[tuple[str, float]]) -> list[str]:
-    held = [
-        PredictedHold(k, shape, "force_gwt", force, True, {"x_mm": 0.0}, {}, None)  # type: ignore[arg-type]
-        for k, (shape, force) in enumerate(presses)
-    ]
-    return [name.replace(" at ", " to ") for name in by_group(held)]
-
-
-def _spikes(presses: Sequence[tuple[str, float]]) -> list[str]:
-    return _groups([Pressed(f"{shape} to {force:g} gwt", 0.0, 0.0, 1.0, 2.0, 3.0) for shape, force in presses])
-
-
-@pytest.mark.parametrize("listed", [_conditions, _responses, _spikes])
-def test_conditions_are_listed_in_that_order(listed: Callable[..., list[str]]) -> None:
-    mixed = random.Random(2).sample(PRESSES, len(PRESSES))
-    assert listed(mixed) == [f"{shape} to {force:g} gwt" for shape, force in PRESSES]
 
 
 def test_a_comparison_lists_its_shapes_in_that_order(make_stimulus: Any) -> None:

@@ -356,20 +356,6 @@ def test_a_file_with_nothing_in_it(tmp_path: Path) -> None:
         read(str(nix(tmp_path / "a.nix", ({}, {}))), (), pulsed(tmp_path))
 
 
-def test_times_in_a_unit_of_voltage(written: Callable[[str], Path], tmp_path: Path) -> None:
-    path = Path(shutil.copyfile(written("NIX"), tmp_path / "a.nix"))
-    with h5py.File(path, "a") as file:
-        named: list[Any] = []
-        file.visititems(
-            lambda _, one: named.append(one) if "unit" in one.attrs and "t_stop" not in one.name else None
-        )
-        for one in named:
-            one.attrs["unit"] = "mV"
-    with raises(RecordingError, "neo_cannot_read", path=str(path)) as caught:
-        read(str(path), (), pulsed(tmp_path))
-    assert "\n" not in str(caught.value)
-
-
 def test_without_neo(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / "a.nix"
     path.touch()

@@ -4,29 +4,22 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
-from rig.compare import plausible_fingers
 from rig.compare.exceptions import FingersError
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers
 from rig.compare.recordings.spikes import afferent_for, record, write_synthetic
 from rig.compare.stimuli import stimuli
 from rig.data import Run
 from sim.config import FingertipConfig
-from sim.contact.indentor import ALONG
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
-from sim.models.interpolation import make_node
 from tests.error_codes import raises
 from tests.program import Ended, Program
 from tests.rig.compare.conftest import dry_run_of
 from tests.sim.coarse_mesh import coarse_mesh
-
-Array = NDArray[np.float64]
 
 PRESSES = """\
 from rig.protocol import Rig
@@ -88,36 +81,6 @@ def test_a_finger_that_cannot_be_pressed_like_that_is_named(run: Run, coarse: Fi
     finger = "tissue.epidermis_mm = 0.4, receptor_depth_mm = 3"
     with raises(FingersError, "not_pressed", where="--fingers x.toml", finger=finger):
         on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible)
-
-
-@pytest.mark.parametrize(("exact", "expected"), [(False, [False] * 9), (True, [True] * 9)])
-def test_nine_fingers_that_differ_in_moduli_alone_are_interpolated(
-    run: Run, coarse: Fingertip, monkeypatch: pytest.MonkeyPatch, exact: bool, expected: list[bool]
-) -> None:
-    """After full builds for each kind of shape; unless every finger is to be built in full."""
-    given: list[tuple[str, list[Any]]] = []
-
-    def spread(function: Any, work: list[Any]) -> list[Any]:
-        given.append((function.__name__, work))
-        if function is make_node:
-            return []
-        return [[np.zeros((len(MEASURES), len(row.x_mm), 10)) for row in one.press_rows] for one in work]
-
-    monkeypatch.setattr(plausible_fingers, "spread", spread)
-    monkeypatch.setattr(plausible_fingers, "cached_arrays", lambda key, make, kind: (make(), False))
-    plausible = PlausibleFingers("--fingers x.toml", {"tissue.e_dermis": (0.05, 0.2), "tissue.e_fat": (0.05, 0.3)})
-    found = on_plausible_fingers(run, stimuli(run, coarse), coarse, plausible, exact=exact)
-    (first, nodes), (second, work) = given
-    assert (first, second) == ("make_node", "measures_on")
-    assert [one.exact for one in work] == expected
-    assert [node.slopes for node in nodes] == ([] if exact else [ALONG] * 16)
-    assert {stimulus.interpolated for stimulus in found} == {not exact}
-    asked: list[bool] = []
-    monkeypatch.setattr(
-        plausible_fingers.Fingertip, "load", lambda *_, exact, **places: asked.append(exact) or coarse
-    )
-    plausible_fingers.measures_on(work[0])
-    assert asked == [exact]
 
 
 @pytest.fixture

@@ -60,22 +60,7 @@ def test_every_combination_is_a_case(coarse: Path) -> None:
             {"key": "tissue.epidermis", "near": ["epidermis_mm", "e_dermis"]},
         ),
         ("[0.3, 0.5]", "[0.3, 9]", "invalid_value", {"key": "tissue.epidermis_mm", "rule": "less_than"}),
-        ('"bar:3.0"', '"tube"', "no_such", {"key": "press.1", "shape": "tube"}),
         ("force_gwt = [1.0]", "", "invalid_table", {"key": "press.0", "rule": "value_error"}),
-        ("[[press]]", "[[pres]]", "unknown_key", {"key": "pres", "near": ["press"]}),
-        (
-            "force_gwt = [1.0]",
-            "force_gwt = [inf]",
-            "invalid_value",
-            {"key": "press.0.force_gwt.0", "rule": "finite_number"},
-        ),
-        (
-            "force_gwt = [1.0]",
-            "doi_mm = nan",
-            "invalid_value",
-            {"key": "press.0.doi_mm.0", "rule": "finite_number"},
-        ),
-        ("[finger.mesh]", "[finger.mesh", "no_toml", {}),
     ],
 )
 def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, code: str, fields: dict[str, str]) -> None:
@@ -84,14 +69,6 @@ def test_a_file_that_is_not_understood(coarse: Path, old: str, new: str, code: s
         read_study(coarse)
     assert str(caught.value.fields["where"]).startswith(f"study {coarse}")
     assert "\n" not in str(caught.value)
-
-
-def test_one_number_needs_no_list(coarse: Path) -> None:
-    """Nor is a byte order mark a mistake."""
-    with_lists = read_study(coarse)
-    coarse.write_text(coarse.read_text(encoding="utf-8").replace("[1.0]", "1"), encoding="utf-8-sig")
-    assert "force_gwt = 1\n" in coarse.read_text(encoding="utf-8-sig")
-    assert read_study(coarse) == with_lists
 
 
 def test_what_has_no_answer_says_why_in_its_row(coarse: Path) -> None:
@@ -123,26 +100,6 @@ def test_processes_give_what_one_gives(program: Program, coarse: Path) -> None:
     assert len(lines) == 1 + len(alone)
     for line, row in zip(lines[1:], alone, strict=True):
         assert line.split(",") == [str(row[name]) for name in names]  # the very same digits
-
-
-def test_bad_input_is_one_line(program: Program, coarse: Path, tmp_path: Path) -> None:
-    for words, refusal in (
-        ((tmp_path / "none.toml",), "unreadable"),
-        ((coarse, "--out", tmp_path / "no" / "t.csv"), "not_writable"),
-        ((coarse, "--out", tmp_path), "not_writable"),
-    ):
-        ended = program("study", *words, "--json")
-        assert (ended.code, ended.error_code) == (2, refusal)
-        assert str(words[-1]) in ended.err
-
-
-def test_a_folder_without_permission_is_seen_before_the_work(program: Program, coarse: Path, tmp_path: Path) -> None:
-    locked = tmp_path / "locked"
-    locked.mkdir(0o555)
-    if os.access(locked, os.W_OK):
-        pytest.skip("whoever runs this may write anywhere, as root may")
-    ended = program("study", coarse, "--out", locked / "t.csv", "--json")
-    assert (ended.code, ended.error_code) == (2, "not_writable")
 
 
 def _killed(number: int) -> int:

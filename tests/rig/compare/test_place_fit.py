@@ -9,12 +9,10 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Overlay, compare
 from rig.compare.likelihood import Form
-from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation, place_lines, places_as_json
+from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation
 from rig.compare.receptor_place import receptor_location
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import StimulusRow
-from rig.report.comparison_report import HEADER, place_section
-from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 Laid = Callable[..., Sequence[Overlay]]
@@ -150,79 +148,3 @@ def test_an_afferent_that_hardly_fired_has_no_place(laid: Laid) -> None:
     assert (
         receptor_location([replace(overlay, recording=recording("mine.csv", rows))], WHERE, Form(), ("ep1",)) is None
     )
-
-
-def test_every_measure_has_its_row(laid: Laid) -> None:
-    near = PlaceRange((-0.2, 0.2), (0.7, 0.9))
-    found = receptor_location(laid(0.1, 0.8, near), near, Form())
-    assert found is not None
-    assert sorted(row.measure for row in found.rows) == sorted(MEASURES)
-    deviances = [row.deviance for row in found.rows]
-    assert deviances == sorted(deviances)
-
-
-ROW = PlaceRow(
-    "ep1", -0.98, 0.74, 0.1, (-1.1, -0.85), (0.6, 1.1), (0.0, 0.2), 2.0, 0.5, 40.0, 1.1, 0.3, ("depth high",)
-)
-OTHER = PlaceRow("sed", 0.5, 0.6, 0.0, (0.4, 0.6), (0.5, 0.7), (0.0, 0.0), 1.0, np.nan, 90.0, 2.5, 0.001, ())
-
-
-def told(*rows: PlaceRow, offset: bool) -> ReceptorLocation:
-    where = WITH_OFFSET if offset else WHERE
-    return ReceptorLocation(
-        ("step:1 at 8 gwt",), ("mine.csv",), 47, 58, where, where._replace(x_mm=(-1.0, 0.5)), rows
-    )
-
-
-def test_what_is_said_on_the_terminal() -> None:
-    frame = "indentor x = recorded position + receptor x, no offset fitted"
-    assert place_lines([told(ROW, OTHER, offset=False)]) == [
-        "ep1: x −0.98 (−1.10 … −0.85), depth 0.74 (0.60 … 1.10) mm; at a limit of the search: depth high", frame,
-    ]  # fmt: skip
-    assert place_lines([told(OTHER, offset=False)]) == [
-        "sed: x 0.50 (0.40 … 0.60), depth 0.60 (0.50 … 0.70) mm; the fit is rejected", frame,
-    ]  # fmt: skip
-    assert place_lines([told(ROW, offset=True)]) == [
-        "ep1: x −0.98 (−1.10 … −0.85), depth 0.74 (0.60 … 1.10), offset 0.10 (0.00 … 0.20) mm; "
-        "at a limit of the search: depth high",
-        "indentor x = recorded position + receptor x + offset, fitted between −0.30 and 0.30 mm",
-    ]
-    assert len(place_lines([told(ROW, ROW, ROW, ROW, offset=False)])) == 4
-    assert place_lines([]) == []
-
-
-def test_what_is_said_in_json() -> None:
-    (found,) = places_as_json([told(ROW, OTHER, offset=True)])
-    first, second = found.pop("rows")
-    assert found == {
-        "stimuli": ["step:1 at 8 gwt"], "recordings": ["mine.csv"], "positions": 47, "positions_recorded": 58,
-        "x_range_mm": [-1.0, 0.5], "depth_range_mm": [0.5, 1.1], "offset_range_mm": [-0.3, 0.3],
-        "frame_text": "indentor x = recorded position + receptor x + offset, fitted between −0.30 and 0.30 mm",
-    }  # fmt: skip
-    assert first == {
-        "measure": "ep1", "unit": "1", "x_mm": -0.98, "depth_mm": 0.74, "offset_mm": 0.1, "k": 2.0, "eps0": 0.5,
-        "deviance": 40.0, "lack_of_fit": 1.1, "p_fit": 0.3, "x_interval_mm": [-1.1, -0.85],
-        "depth_interval_mm": [0.6, 1.1],
-        "offset_interval_mm": [0.0, 0.2], "fits": True, "at_bounds": ["depth high"],
-    }  # fmt: skip
-    assert (second["eps0"], second["fits"], second["at_bounds"]) == (None, False, [])
-    (without,) = places_as_json([told(ROW, offset=False)])
-    assert without["offset_range_mm"] is None
-    assert without["rows"][0]["offset_interval_mm"] is None
-
-
-def test_the_table_of_the_page() -> None:
-    section = place_section(told(ROW, OTHER, offset=True))
-    assert section.title == "Receptor location: step:1 at 8 gwt"
-    assert (
-        "covered x from −1.00 to 0.50 mm and depth from 0.50 to 1.10 mm; indentor x = recorded position"
-        in section.text
-    )
-    assert "47 of 58 recorded positions" in section.text
-    assert section.header == HEADER
-    assert section.rows[0] == (
-        "ep1", "−0.98 (−1.10 … −0.85)", "0.74 (0.60 … 1.10)", "0.10 (0.00 … 0.20)", "2", "0.5", "40.0",
-        "not rejected (p = 0.3)", "depth high",
-    )  # fmt: skip
-    assert section.rows[1][7:] == ("rejected (p = 0.001)", "–")
-    assert place_section(told(ROW, offset=False)).rows[0][3] == "not fitted"

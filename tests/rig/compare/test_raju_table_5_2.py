@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.compare.raju_table_5_2 import Agreement, agreement, source_flags
+from rig.compare.raju_table_5_2 import agreement, source_flags
 from sim.measures.measures import MEASURES
 from sim.measures.receptors import DEFAULT_X_MM
 
@@ -40,9 +40,3 @@ def test_matthews_is_the_correlation_of_the_two_tables(cells: list[tuple[bool, b
         assert found.matthews == pytest.approx(np.corrcoef(ours, source)[0, 1])
     else:
         assert found.matthews == 0.0
-
-
-def test_precision_and_recall() -> None:
-    found = Agreement(both=6, ours=2, source=4, neither=20)
-    assert (found.precision, found.recall) == (0.75, 0.6)
-    assert np.isnan(Agreement(0, 0, 3, 9).precision)

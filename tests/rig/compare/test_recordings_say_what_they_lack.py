@@ -207,6 +207,11 @@ UNOBSERVED = {
         nwb(units__obs_intervals=[[500.0, 2000.0]], units__obs_intervals_index=[1]), ("sync=none",),
         code="spikes_outside_observed", says=("obs_intervals", "observed=obs_intervals:ms"),
     ),
+    "NWB, spikes beside obs_intervals": Case(
+        "the spike at 80 s has no press that counts, and it is said",
+        of_amplifier(**PULSES, **observed((0, LOST_S))), rates=ALL[:3], lost=2,
+        read_as="1 of 43 spikes lies outside of the times at which the unit was observed",
+    ),
     "NWB, malformed obs_intervals": Case(
         "what is there and not understood is no absence",
         nwb(units__obs_intervals=[[0.0, 50.0]]), ("sync=none",), code="bad_obs_intervals", says=("obs_intervals",),
@@ -263,6 +268,10 @@ PRESENT = {
     ),
     "NWB, a pulse is missing": Case(
         "the other seven tell the clock", of_amplifier(**pulses_at(np.delete(amplifier(RISES), 3))), rates=ALL,
+    ),
+    "NWB, half of the pulses are missing": Case(
+        "what is there may be other events", of_amplifier(**pulses_at(amplifier(RISES[:4])), **observed((0, 100))),
+        rates=ALL, read_as="These are 4 of the 8 pulses of the run: they may be other events",
     ),
     "NWB, one too many and one missing": Case(
         "as many as the run's, and still not the run's",
@@ -437,6 +446,18 @@ NUMBERS = {
                                 code="ambiguous_number", says=("row 3", "'1,449'")),
     "thousands with a point": Case("−2000 or −2.000 µm?", table("x (um);rate", "-2.000;6", "-800;24", "0;12"),
                                    code="ambiguous_number", says=("row 2", "'-2.000'")),
+    "points with three digits in every cell, semicolons": Case(
+        "1120/min or 1.12/min?", table("position_mm;rate per min", "-1;1.120", "0;4.300", "1;2.500"),
+        code="ambiguous_number", says=("row 2", "'1.120'", "1120"),
+    ),
+    "points with three digits, semicolons, and a decimal point": Case(
+        "-0.5 is no thousand, so the point is decimal",
+        table("position_mm;rate", "-0.5;6.000", "0;24.000", "0.25;12.000", "1;1.000"), rates=ALL,
+    ),
+    "points with three digits, commas": Case(
+        "where commas separate columns, the point is decimal",
+        table("position_mm,rate", "-1,6.000", "0,24.000", "2,12.000", "3,1.000"), rates=ALL,
+    ),
     "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
                      code="ambiguous_number", says=("'-2,000,000'",)),
     "decimal commas with three digits": Case("0,250 is no thousand, so the comma is decimal",
@@ -448,6 +469,52 @@ NUMBERS = {
                                           table("position_mm,rate", "1.125,6", "2,24", "3,12", "4,1"), rates=ALL),
     "a space between thousands": Case("no number", table("position_mm;count;window_s", "0;1 449;20", "1;2;20",
                                                          "2;3;20"), code="no_number", says=("row 2", "'1 449'")),
+}  # fmt: skip
+
+TWICE = [(x, y + d, n) for n, d in ((1, -1), (2, 1)) for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True)]
+"""Two repeats at each position, whose means are the rates."""
+
+
+def twice(*last: str, shift_mm: float = 0.0, header: str = "position_mm,rate,repeat") -> Callable[[Path], str]:
+    """A table of repeats, the second ones at shifted positions, with more rows below."""
+    return table(header, *(f"{x + shift_mm * (n - 1)!r},{y},{n}" for x, y, n in TWICE), *last)
+
+
+ROWS = {
+    "positions that differ by a rounding error": Case("they are one position", twice(shift_mm=4e-16), rates=ALL),
+    "positions that differ by 0.1 µm": Case("they are one position", twice(shift_mm=1e-4), rates=ALL),
+    "positions that differ by 2 µm": Case("readings of a stage; four positions or eight?", twice(shift_mm=2e-3),
+                                          code="close_positions", says=("row 6", "-0.498", "row 2", "round")),
+    "positions 2 µm apart in one repeat": Case(
+        "two positions, and it is said", table("position_mm,rate", "-0.5,6", "-0.498,24", "0.25,12", "1,1"),
+        rates=ALL, read_as="-0.5 and -0.498 mm lie within 0.01 mm",
+    ),
+    "an sd is missing": Case("the others would not count either", table("position_mm,rate,sd", "-0.5,6,1", "0,24,",
+                                                                        "0.25,12,1"),
+                             code="no_number", says=("row 3", "sd", "0 or more")),
+    "an sd of no row": Case("there is none", table("position_mm,rate,sd", "-0.5,6,", "0,24,", "0.25,12,", "1,1,"),
+                            rates=ALL),
+    "an sd and repeats": Case("which of the two?", table("position_mm,rate,repeat,sd", *(
+        f"{x},{y},{n},9" for x, y, n in TWICE)), code="sd_and_repeats", says=("column sd", "delete")),
+    **{
+        f"a row with repeat {word!r}": Case("a summary is no press", twice(f"0,99,{word}"), code="no_repeat",
+                                            says=("row 10", repr(word), "delete"))
+        for word in ("", "Mean", "sum", "Mittelwert")
+    },
+    "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
+                                                                          "0,2,mean"), code="no_repeat"),
+    "repeats with names": Case("allowed", table("position_mm,rate,repeat", *(
+        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL),
+    "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
+                          code="totals", says=("row 6", "'43'", "sums")),
+    "a row of sums of counts": Case("no press", table("position_mm,count,window_s", "-1,6,1", "-.5,24,1", "1.5,12,1",
+                                                      "0,42,3"), ("window=1",), code="totals", says=("sums",)),
+    "a row of means": Case("no press", table("position_mm,rate", "-0.5,6", "0.1,24", "0.4,12", "1,1", "0.25,10.75"),
+                           code="totals", says=("means",)),
+    "a last press at the mean position": Case("its rate is not the mean's", table(
+        "position_mm,rate", "-0.5,6", "0,24", "0.25,12", "0.75,1", "0.125,11"), rates=[6, 24, 11, 12, 1]),
+    "the same rate everywhere": Case("a last press at 0 is no mean", table(
+        "position_mm,rate", "-1,6", "1,6", "-.5,6", ".5,6", "0,6"), rates=[6] * 5),
 }  # fmt: skip
 
 MS_PULSES = {"intervals__sync_pulses__start_time": 1e3 * amplifier(RISES)}
@@ -518,6 +585,7 @@ def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path],
     return lambda folder: write(folder) + choice
 
 
+E_ACUTE = ["\u00e9", "e\u0301"]
 NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
 
 IDENTITIES = {
@@ -543,6 +611,16 @@ IDENTITIES = {
     "no choice": Case(
         "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
     ),
+    **{
+        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
+            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
+        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
+    },
+    "CSV, one unit written in two ways": Case(
+        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
+            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
+        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
+    ),
     "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
                          says=("unit_name A0",)),
     "a column of MATLAB": Case(
@@ -559,7 +637,14 @@ _MAIN = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
 _RELATIONS = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
 
 
-def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = False, inline: bool = False) -> Any:
+def xlsx(
+    sheets: dict[str, list[list[Any]]],
+    choice: str = "",
+    *,
+    dates: bool = False,
+    inline: bool = False,
+    hidden: str = "",
+) -> Any:
     """A workbook as Excel writes it: texts are shared, numbers are plain; `dates`: numbers have a date's format."""
 
     def write(folder: Path) -> str:
@@ -583,7 +668,10 @@ def xlsx(sheets: dict[str, list[list[Any]]], choice: str = "", *, dates: bool = 
             made[f"xl/worksheets/sheet{number}.xml"] = (
                 f"{_XML}<worksheet {_MAIN}><sheetData>{''.join(each)}</sheetData></worksheet>"
             )
-        names = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(sheets, 1))
+        names = "".join(
+            f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"' + ' state="hidden"' * (name == hidden) + "/>"
+            for n, name in enumerate(sheets, 1)
+        )
         book = f'<workbook {_MAIN} xmlns:r="{_RELATIONS}"><sheets>{names}</sheets></workbook>'
         made["xl/workbook.xml"] = f"{_XML}{book}"
         targets = "".join(
@@ -695,6 +783,15 @@ KINDS = {
         mat(x_um=1000 * POSITIONS[:, None], n=np.array([3, 12, 6, 1])[:, None], window_ms=250.0),
         ("position=x_um,count=n",), rates=IN_QUARTER,
     ),
+    **{
+        f"mat, a scalar {name}": Case("a rate or a position is measured for each row", mat(
+            **{"position_mm": POSITIONS, "rate": THESE, "sd": 1.0} | {name: 6.0}), code="same_in_all_rows",
+            says=(name, "6", "vector"))
+        for name in ("position_mm", "rate")
+    },
+    "mat, a scalar count": Case("a count is of one press", mat(position_mm=POSITIONS, count=6.0, window_s=1.0),
+                                code="same_in_all_rows"),
+    "mat, a scalar sd": Case("one sd for all", mat(position_mm=POSITIONS, rate=THESE, sd=1.0, repeat=1.0), rates=ALL),
     "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
                              rates=ALL, pulses=False),
     "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
@@ -884,7 +981,9 @@ NO_PULSES_THERE = {
 }  # fmt: skip
 
 
-def styled(style: str = "", row: str = "", after: str = "", value: str = "<v>{y}</v>", kind: str = "") -> Any:
+def styled(
+    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = ""
+) -> Any:
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": RATES_ROWS}, inline=True)
 
@@ -897,6 +996,7 @@ def styled(style: str = "", row: str = "", after: str = "", value: str = "<v>{y}
             cell = f'<c r="B{n}" s="1"{kind}>{value.format(y=y)}</c>'
             sheet = sheet.replace(f'<c r="B{n}" s="0"><v>{y}</v></c>', cell)
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
+        sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
         xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="0"/></cellXfs>'
         code = "0.0" if style in ("", "struck") else style
@@ -918,8 +1018,34 @@ SHOWN = {
     "scaled": Case("2000 is shown as 2", styled("0.0,"), code="no_number", says=("in thousands",)),
     "a unit in the format": Case("shown in another unit than the header's", styled("0.0&quot; 1/min&quot;"),
                                  code="no_number", says=("1/min", "header")),
+    **{
+        f"a unit in the format {code}": Case(
+            "shown in another unit than the header's", styled(code), code="no_number", says=(unit, "header")
+        )
+        for code, unit in (("0.0[$/min]", "/min"), ("0.0[$ µm]", "µm"), ("0.0\\ \\k", "k"), ("0[$%-409]", "%"))
+    },
+    "a language in the format": Case("the same numbers", styled("[$-409]0.0"), rates=ALL),
+    **{
+        f"a digit {said}": Case("a reader sees another number", styled(
+            value=f"<is><r><t>{{y}}</t></r><r><rPr>{style}</rPr><t>1</t></r></is>", kind=' t="inlineStr"'),
+            code="no_number", says=("row 2", "'6.01", said))
+        for said, style in (("superscript", '<vertAlign val="superscript"/>'), ("struck out", "<strike/>"),
+                            ("subscript", '<vertAlign val="subscript"/>'))
+    },
+    "a digit in bold": Case("the same number", styled(
+        value='<is><r><t>{y}</t></r><r><rPr><b/><strike val="0"/><vertAlign val="baseline"/></rPr><t>0</t></r></is>',
+        kind=' t="inlineStr"'), rates=ALL),
     "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
                          says=("hidden", "(3)", "visible rows")),
+    "a hidden column": Case(
+        "a reader does not see it", styled(before='<cols><col min="2" max="3" hidden="1"/></cols>'),
+        code="unclear_rows", says=("hidden", "(2)", "visible columns"),
+    ),
+    "a hidden column, empty": Case("nothing to see", styled(before='<cols><col min="3" max="9" hidden="1"/></cols>'),
+                                   rates=ALL),
+    "a hidden sheet": Case("a reader does not see it", xlsx({"A": [], "old": RATES_ROWS}, hidden="old"),
+                           code="hidden_sheet", says=("with rows, old, is hidden", "synthetic.xlsx#old")),
+    "a hidden sheet, named": Case("chosen", xlsx({"A": [], "old": RATES_ROWS}, "#old", hidden="old"), rates=ALL),
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
@@ -945,7 +1071,7 @@ SHOWN = {
 }  # fmt: skip
 
 CASES = (
-    UNOBSERVED | PRESENT | UNITS | NUMBERS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
+    UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
     | NO_PULSES_THERE | SHOWN
 )  # fmt: skip
 

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from rig.data import Run
-from rig.data.dictionary import MODEL_TABLES, OF_A_HOLD
 from rig.data.tables import booked_s, spans
 from rig.plan.finger_model import responses
 from rig.report.run_figures import PHASES
@@ -22,15 +21,10 @@ from rig.report.run_tables import (
     by_target,
     condition_rows,
     conditions,
-    devices,
     limits,
     loading,
-    phases,
-    scheduled,
-    why_approach,
     write_numbers,
 )
-from rig.session.resume import commit
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
 
@@ -76,13 +70,12 @@ def test_repeats_are_one_condition_whatever_came_between() -> None:
 
 @pytest.mark.parametrize(
     "order",
-    ["depths at each place", "places at each depth", "shapes within places"],
+    ["depths at each place", "shapes within places"],
 )
 def test_each_target_has_all_of_its_places_in_whatever_order_they_were_pressed(order: str) -> None:
     places, depths, shapes = (-1.0, 0.0, 1.0, 2.0), (0.4, 0.9), ("bar:3.0", "cylinder:9")
     nested = {
         "depths at each place": [(s, x, d) for s in shapes for x in places for d in depths],
-        "places at each depth": [(s, x, d) for s in shapes for d in depths for x in places],
         "shapes within places": [(s, x, d) for x in places for d in depths for s in shapes],
     }[order]
     presses = [{"index": k, "indentor": s, "x_mm": x, "value": d} for k, (s, x, d) in enumerate(nested)]
@@ -90,12 +83,6 @@ def test_each_target_has_all_of_its_places_in_whatever_order_they_were_pressed(o
     assert {name: [condition.x_mm for condition in members] for name, members in found.items()} == {
         f"{shape} to {depth:g} mm": list(places) for shape in shapes for depth in depths
     }
-
-
-def test_what_is_not_done_is_no_condition() -> None:
-    whole = run_of([{"index": k, "indentor": "bar:3.0", "x_mm": 0.0} for k in (0, 1)], [])
-    cut = replace(whole, events={**whole.events, "hold_end": whole.stream("hold_end")[:1]})
-    assert [c.indices for c in conditions(cut)] == [(0,)]
 
 
 def test_the_mean_force_of_repeats_is_at_depths_that_all_reached() -> None:
@@ -118,18 +105,6 @@ def test_the_mean_force_of_repeats_is_at_depths_that_all_reached() -> None:
     np.testing.assert_allclose(found.sd_gwt, 2 * found.doi_mm / math.sqrt(2), rtol=1e-12)
 
 
-def test_one_press_has_no_spread_and_one_depth_no_curve() -> None:
-    run = run_of([{"index": 0, "indentor": "bar:3.0", "x_mm": 0.0}], [reading(0, 0.1, 1.0), reading(0, 0.2, 2.0)])
-    (condition,) = conditions(run)
-    found = loading(condition, run)
-    assert found is not None
-    assert np.isnan(found.sd_gwt).all()
-    one_depth = run_of(
-        [{"index": 0, "indentor": "bar:3.0", "x_mm": 0.0}], [reading(0, 0.1, 1.0), reading(0, 0.1, 1.1)]
-    )
-    assert loading(condition, one_depth) is None
-
-
 def test_a_row_has_mean_and_sd_of_its_repeats(bar_run: Run, finger: Fingertip) -> None:
     first = next(response for response in responses(bar_run, finger) if response.last)
     again = replace(first, index=77, hold={**first.hold, "force_gwt": first.hold["force_gwt"] + 0.2})
@@ -145,12 +120,6 @@ def test_a_row_has_mean_and_sd_of_its_repeats(bar_run: Run, finger: Fingertip) -
     assert row.regions_mm == first.result.contact_regions_mm
 
 
-def test_only_columns_with_entries_are_on_the_page(bar_run: Run) -> None:
-    assert scheduled(bar_run) == []
-    starts = [{**one, "block": 1, "condition": None} for one in bar_run.stream("indentation_start")]
-    assert scheduled(replace(bar_run, events={**bar_run.events, "indentation_start": starts})) == ["block"]
-
-
 # --- time, limits, devices ---
 
 
@@ -162,39 +131,6 @@ def test_spans_are_the_whole_run_one_after_another(bar_run: Run) -> None:
     assert set(PHASES) <= {span.what for span in found}
 
 
-def test_shares_are_of_the_whole_and_each_is_an_indentations(bar_run: Run) -> None:
-    found = {phase.name: phase for phase in phases(bar_run)}
-    assert sum(phase.share for phase in found.values()) == pytest.approx(1)
-    done = len(bar_run.stream("indentation_end"))
-    assert found["hold"].each_s == pytest.approx(found["hold"].seconds / done)
-    assert found["hold"].seconds == pytest.approx(booked_s(bar_run)["hold"])
-    assert "rest" not in found
-
-
-def test_why_an_approach_takes_what_it_takes() -> None:
-    """Three steps of 0.05 mm in 0.2 s each over two presses; steps up and from one press to the next do not count."""
-    down = [
-        reading(index, None, 0.0, "approach", t_s=10.0 * index + 0.2 * k, height_mm=1 - 0.05 * k)
-        for index, steps in ((0, 3), (1, 2))
-        for k in range(steps)
-    ]
-    up = [{**down[-1], "t_s": 99.0, "height_mm": 2.0}]
-    words = why_approach(run_of([], [*down, *up]))
-    assert "by 0.05 mm" in words
-    assert "0.20 s per step, 2 steps per indentation" in words
-    assert why_approach(run_of([], [])) == ""
-
-
-def test_a_step_is_what_goes_down_and_belongs_to_a_press_of_the_approach() -> None:
-    approach = [reading(0, None, 0.0, "approach", t_s=t_s, height_mm=mm) for t_s, mm in [(0, 2), (1, 1.9), (9, 1.9)]]
-    clearance = [
-        reading(-1, None, 0.0, "approach", t_s=20.0 + t_s, height_mm=2.0 - t_s) for t_s in (0, 0.1, 0.2, 0.3)
-    ]
-    words = why_approach(run_of([], [*approach, *clearance]))
-    assert "by 0.1 mm" in words
-    assert "1.00 s per step, 2 steps per indentation" in words
-
-
 def test_limits_stand_beside_what_came_nearest(tmp_path: Path, bar_run: Run) -> None:
     samples = [reading(0, 0.2, 2.0), reading(0, 0.31, 3.0), reading(0, None, 0.1)]
     run = replace(run_of([], samples, **TRIP), folder=bar_run.folder)
@@ -204,22 +140,6 @@ def test_limits_stand_beside_what_came_nearest(tmp_path: Path, bar_run: Run) -> 
     assert found["deepest"] == "0.310 mm"
     assert found["limits.hard_trip_n"] == "5"
     assert found["limits.max_doi_mm"] == "1.5"
-
-
-def test_devices_say_who_they_are() -> None:
-    events = {"home": [{"controller": "[VER:1.1h:]"}], "zero": [{"sensor": "B 7"}, {"sensor": "B 7"}]}
-    run = replace(run_of([], []), events=events)
-    kinds = {"devices": {"stage": "grbl", "force": "mtsics"}}
-    assert devices(run, kinds) == [("stage", "grbl, [VER:1.1h:]"), ("force", "mtsics, B 7")]
-    assert devices(run, {"devices": {}}) == []
-
-
-def test_the_commit_is_of_a_work_tree_or_nothing(tmp_path: Path) -> None:
-    outside = tmp_path / "module.py"
-    outside.write_text("")
-    assert commit(outside) is None
-    here = commit(Path(__file__))
-    assert here is None or re.fullmatch(r"[0-9a-f]{40}( with changes)?", here)
 
 
 # --- the page and its numbers ---
@@ -261,12 +181,6 @@ def test_the_numbers_are_the_models(bar_run: Run, finger: Fingertip) -> None:
         np.testing.assert_allclose(_column(mine["model_measures"], measure), expected, rtol=1e-6)
     ends = [(float(row["from_x_mm"]), float(row["to_x_mm"])) for row in mine["model_contact"]]
     np.testing.assert_allclose(ends, response.result.contact_regions_mm, rtol=1e-6)
-
-
-def test_every_column_of_the_models_is_told_and_written() -> None:
-    assert set(COLUMNS["model_contact"]) == {*OF_A_HOLD, *MODEL_TABLES["model_contact"]}
-    assert COLUMNS["model_measures"][-18:] == tuple(MEASURES)
-    assert all(words for own in MODEL_TABLES.values() for words in own.values())
 
 
 def _table(path: Path) -> list[dict[str, str]]:

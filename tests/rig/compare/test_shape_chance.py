@@ -36,7 +36,7 @@ def test_profiles_are_as_correlated_as_they_should_be(over_mm: float) -> None:
     assert found.shape == (4000, 25)
 
 
-@pytest.mark.parametrize("over_mm", [0.2, 0.5, 1.0, 2.0, 4.0])
+@pytest.mark.parametrize("over_mm", [0.2, 1.0, 4.0])
 @pytest.mark.parametrize("x_mm", [X, np.array([-3.7, -3.2, -2.3, *np.arange(-2, 0.2, 0.17), 0.5, 1.0, 1.5, 2.0])])
 def test_how_smooth_profiles_are_is_found_again(x_mm: Array, over_mm: float) -> None:
     """Whatever their size and offset; the median of 500 has a standard error of some 3 %, and so has the scale."""

@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from rig.compare.profile_shape_test import shape_test
-from sim.measures.measures import MEASURES, shown
 
 Array = NDArray[np.float64]
 
@@ -64,21 +63,6 @@ def test_bars_drawn_by_hand(profile: list[float], expected: bool) -> None:
     assert passed("bar:3.0", profile) is expected
 
 
-@pytest.mark.parametrize("shape", ["cylinder:9", "grating:0.75,2.5", "wedge:45", "profile:mine.csv"])
-def test_no_test_is_defined_for_other_shapes(shape: str) -> None:
-    assert shape_test(shape, np.arange(9.0), np.arange(9.0)) is None
-
-
-def test_no_verdict_on_four_positions() -> None:
-    assert shape_test("step:1", np.arange(4.0), np.arange(4.0)) is None
-
-
-def test_what_a_step_is_judged_by() -> None:
-    verdict = shape_test("step:1", -np.arange(7.0), np.array([1.2, 2, 1.5, 1, 0.6, 0.7, 0.8]))
-    assert verdict is not None
-    assert verdict.judged_by == pytest.approx({"baseline": 1.0, "peak": 1.0, "dip": 0.4, "recovery": 0.2})
-
-
 profiles = st.lists(st.integers(-50, 50), min_size=5, max_size=30).map(lambda v: np.array(v, dtype=float))
 shapes = st.sampled_from(["step:1", "bar:3.0"])
 
@@ -121,12 +105,3 @@ def test_smooth_steps(depth: float, width: float) -> None:
     profile = 3 + bump(x, 1.0, width) - depth * bump(x, -1.5, width)
     assert passed("step:3", profile)
     assert not passed("step:3", profile[::-1])
-
-
-def test_signs() -> None:
-    """Compressive measures change sign; a lone value of the other sign does not become a second peak."""
-    values = np.array([-2.0, -1.0, 0.5])
-    np.testing.assert_array_equal(shown("ep1", values), [2.0, 1.0, -0.5])
-    np.testing.assert_array_equal(shown("e13", values), values)
-    changed = [name for name in MEASURES if shown(name, values)[0] > 0]
-    assert changed == ["e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"]

@@ -4,7 +4,6 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,14 +12,11 @@ from rig.cli import main
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.deflection import (
     SkinDeflection,
-    _between_rows,
     compared_deflection,
     deflection_at,
-    in_words,
     read_skin_deflection,
 )
 from rig.report.recording_sections import read_deflections
-from sim.models.catalogue import load
 from sim.models.fingertip import Fingertip
 from tests.error_codes import raises
 
@@ -32,13 +28,6 @@ def written(folder: Path, text: str) -> Path:
 
 
 # --- reading ---
-
-
-def test_columns_in_any_order(tmp_path: Path) -> None:
-    found = read_skin_deflection(written(tmp_path, "z_mm,deflection_mm,x_mm\n6.5,0.3,-1\n7,0.2,2\n"))
-    assert found.x_mm.tolist() == [-1.0, 2.0]
-    assert found.z_mm.tolist() == [6.5, 7.0]
-    assert found.deflection_mm.tolist() == [0.3, 0.2]
 
 
 @pytest.mark.parametrize("read", [read_skin_deflection, read_deflections])
@@ -55,22 +44,6 @@ def test_what_is_not_given_is_the_receptor_plane_or_the_centre_line(tmp_path: Pa
     assert (along.x_mm.tolist(), along.z_mm.tolist()) == ([0.0], [5.0])
 
 
-@pytest.mark.parametrize(
-    ("text", "code", "fields"),
-    [
-        ("x_mm\n1\n", "no_column", {"column": "deflection_mm", "columns": "deflection_mm[,x_mm][,z_mm]"}),
-        ("deflection_mm\n1\n", "no_place", {}),
-        ("x_mm,deflection_mm\n", "no_rows", {"expected": "deflection_mm[,x_mm][,z_mm]"}),
-        ("x_mm,deflection_mm\n1,deep\n", "no_number", {"row": 2, "column": "deflection_mm", "cell": "deep"}),
-        ("x_mm,deflection_mm,y_mm\n1,1,1\n", "extra_column", {"column": "y_mm"}),
-    ],
-)
-def test_a_file_that_cannot_be_used(tmp_path: Path, text: str, code: str, fields: dict[str, Any]) -> None:
-    path = written(tmp_path, text)
-    with raises(RecordingError, code, path=str(path), **fields):
-        read_skin_deflection(path)
-
-
 # --- the model's ---
 
 
@@ -85,12 +58,6 @@ def test_at_nodes_it_is_theirs_and_between_them_linear(finger: Fingertip) -> Non
     np.testing.assert_allclose(middle, down[two].mean(), atol=1e-12)
 
 
-def test_between_rows_it_is_linear_and_beyond_them_unknown() -> None:
-    values = np.array([[3.0] * 5, [1.0] * 5])  # at z = 3 and 1: rows in any order
-    found = _between_rows(values, np.array([3.0, 1.0]), np.array([1.0, 1.5, 3.0, 0.9, 3.1]))
-    np.testing.assert_allclose(found, [1.0, 1.5, 3.0, np.nan, np.nan])
-
-
 @pytest.mark.parametrize("shape", ["cylinder:3,across", "sphere:3", "step:1"])
 def test_any_shape_presses_the_skin_down(finger: Fingertip, shape: str) -> None:
     at = {"z_mm": finger.config.receptor_plane_mm} if shape != "step:1" else {}
@@ -99,12 +66,6 @@ def test_any_shape_presses_the_skin_down(finger: Fingertip, shape: str) -> None:
     assert below == pytest.approx(0.5 if shape != "step:1" else below, abs=0.05)
     assert 0 < beside < below
     assert np.isnan(far)
-
-
-def test_a_section_knows_no_z() -> None:
-    result = load("section").indent("cylinder:9", 0.0, doi_mm=0.5)
-    here, there = deflection_at(result, np.array([0.5, 0.5]), np.array([1.0, 9.0]))
-    assert here == there > 0
 
 
 # --- laid beside ---
@@ -120,14 +81,6 @@ def test_measured_less_the_model(finger: Fingertip) -> None:
     assert found["rms_mm"] == pytest.approx(np.sqrt((0.01 + 0.09) / 2))
     assert found["model_mm"][2] is None
     assert found["z_mm"] == [result.z_mm, 6.0, 6.0]
-    assert in_words(found) == "measured − model -0.100 mm mean, 0.224 mm rms, 2 points; 1 beside the patch"
-
-
-def test_nothing_on_the_patch(finger: Fingertip) -> None:
-    result = finger.indent("cylinder:9", 0.0, doi_mm=0.67)
-    found = compared_deflection(result, SkinDeflection(np.array([50.0]), np.array([np.nan]), np.array([1.0])))
-    assert (found["mean_mm"], found["rms_mm"]) == (None, None)
-    assert in_words(found) == "none of 1 measured points lies on the model's patch"
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
@@ -48,32 +47,6 @@ def test_a_window_longer_than_the_holds_is_refused(bar_run: Run) -> None:
 
 def with_pulses(run: Run, rise_s: list[float]) -> Run:
     return replace(run, events={**run.events, "sync": [{"t_s": t, "rise_s": t} for t in rise_s]})
-
-
-@pytest.mark.parametrize("centre_mm", [np.nan, np.inf])
-def test_a_field_that_is_nowhere_is_refused(bar_run: Run, centre_mm: float) -> None:
-    with raises(RecordingError, "no_centre", centre_mm=pytest.approx(centre_mm, nan_ok=True)):
-        rates_in_run(bar_run, "bar:3.0", SpikeTimes(np.array([1.0])), "unit7.csv", (0.1, 0.5), centre_mm)
-
-
-@pytest.mark.parametrize("text", ["time_s\n", "time_s,kind\n1.0,sync\n"])
-def test_a_recording_without_a_spike_is_refused(tmp_path: Path, bar_run: Run, text: str) -> None:
-    path = tmp_path / "silent.csv"
-    path.write_text(text, encoding="utf-8")
-    with raises(RecordingError, "no_spikes", path=str(path)):
-        read_spike_times(path, bar_run)
-
-
-def test_spike_times_are_read_and_sorted(tmp_path: Path, bar_run: Run) -> None:
-    path = tmp_path / "unit7.csv"
-    path.write_text("time_s\n3.5\n1.25\n", encoding="utf-8")
-    np.testing.assert_array_equal(read_spike_times(path, bar_run).spike_s, [1.25, 3.5])
-    path.write_text("time_s\n3.5\nlate\n", encoding="utf-8")
-    with raises(RecordingError, "no_number", row=3, column="time_s", cell="late"):
-        read_spike_times(path, bar_run)
-    path.write_text("time_s,kind\n3.5,noise\n", encoding="utf-8")
-    with raises(RecordingError, "unknown_kind", row=2, column="kind", cell="noise"):
-        read_spike_times(path, bar_run)
 
 
 def test_milliseconds_that_are_called_seconds_are_refused(tmp_path: Path, bar_run: Run) -> None:
@@ -139,33 +112,3 @@ def test_a_shape_that_was_pressed_to_two_depths_needs_one(bar_run: Run) -> None:
     np.testing.assert_allclose(high.position_mm, [0.1, 0.4])
     with raises(RecordingError, "never_pressed", shape="bar:3@8gwt"):
         rates_in_run(both, "bar:3@8gwt", SpikeTimes(np.array([])), "u.csv", (0.0, 0.4))
-
-
-def nwb_file(path: Path, **datasets: object) -> Path:
-    with h5py.File(path, "w") as file:
-        for name, values in {"units/id": [1], "units/spike_times_index": [1], **datasets}.items():
-            file[name] = values
-    return path
-
-
-def test_pulses_of_an_nwb_file_by_their_name(tmp_path: Path, bar_run: Run) -> None:
-    run = with_pulses(bar_run, [10.0])
-    usual = {"units/spike_times": [112.5], "intervals/sync_pulses/start_time": [110.0]}
-    np.testing.assert_allclose(read_spike_times(nwb_file(tmp_path / "a.nwb", **usual), run).spike_s, [12.5])
-    series = {"units/spike_times": [112_500.0], "acquisition/ttl/timestamps": [110_000.0]}
-    path, columns = nwb_file(tmp_path / "b.nwb", **series), column_map(["sync=ttl:ms,time=spike_times:ms"])
-    np.testing.assert_allclose(read_spike_times(path, run, "1", columns).spike_s, [12.5])
-    with raises(RecordingError, "no_pulses", path=str(path), name="other", held="ttl (1 event)"):
-        read_spike_times(path, run, "1", column_map(["sync=other"]))
-    bad = nwb_file(tmp_path / "c.nwb", **{**series, "acquisition/ttl/timestamps": [1.0, np.nan]})
-    with raises(RecordingError, "not_finite", path=str(bad), dataset="acquisition/ttl/timestamps", entry=2):
-        read_spike_times(bad, run, "1", columns)
-
-
-@pytest.mark.parametrize("missing", ["units/id", "units/spike_times_index", "units/spike_times"])
-def test_a_table_of_units_without_one_of_its_columns(tmp_path: Path, bar_run: Run, missing: str) -> None:
-    path = nwb_file(tmp_path / "a.nwb", **{"units/spike_times": [1.0]})
-    with h5py.File(path, "a") as file:
-        del file[missing]
-    with raises(RecordingError, "no_spike_times", path=str(path), column="spike_times"):
-        read_spike_times(path, bar_run)

@@ -35,11 +35,6 @@ def test_interpolation_is_linear_and_never_goes_outside(make_stimulus: Make) -> 
     np.testing.assert_allclose(found, [np.nan, 0, 6, 8, 6, 4, np.nan])
 
 
-def test_one_position_covers_nothing(make_stimulus: Make) -> None:
-    stimulus = make_stimulus("bar:3.0", np.array([0.0]), RECEPTORS, {})
-    assert np.isnan(stimulus.at(np.array([0.0, 1.0]))).all()
-
-
 def test_a_run_gives_population_responses_and_ssrps(bar_run: Run, finger: Fingertip) -> None:
     (stimulus,) = stimuli(bar_run, finger)
     assert (stimulus.indentor, stimulus.shape, stimulus.condition) == ("bar:3.0", "bar:3", "0.4 mm")
@@ -88,15 +83,6 @@ def test_profiles_of_unequal_length_are_put_on_the_widest_skin() -> None:
     skin_mm, pressure = on_widest_skin([narrow, wide])
     np.testing.assert_array_equal(skin_mm, wide[0])
     np.testing.assert_array_equal(pressure, [[0.0, 2.0, 2.0, 0.0], wide[1]])
-
-
-def test_profiles_of_one_patch_stay_as_they_are() -> None:
-    rng = np.random.default_rng(3)
-    x = np.sort(rng.uniform(-2, 2, 40))
-    profiles = [(x, rng.uniform(0, 9, 40)) for _ in range(3)]
-    skin_mm, pressure = on_widest_skin(profiles)
-    np.testing.assert_array_equal(skin_mm, x)
-    np.testing.assert_array_equal(pressure, [p for _, p in profiles])
 
 
 WIDE = """\

@@ -1,6 +1,5 @@
 """`rig design` from its options to a script that checks and rehearses, and what it refuses."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -8,7 +7,6 @@ import pytest
 from rig.data import read_run
 from rig.design import design as designs
 from rig.design.response_table import ResponseTable
-from sim.models.fingertip import Fingertip
 from tests.program import Program
 from tests.rig.identify.finger_file import MESH, SERIES, identified_file
 from tests.sim.coarse_mesh import as_toml
@@ -76,43 +74,3 @@ def test_bands_that_the_planner_refuses(here: Path, program: Program) -> None:
     assert ended.code == 2
     assert ended.json["code"] == "too_fast_for_sensor"
     assert not Path("designed.py").exists()
-
-
-@pytest.mark.parametrize(
-    ("options", "code"),
-    [
-        (("--candidates", "ep1,ep9"), "unknown_candidate"),
-        (("--candidates", "ep1"), "too_few_candidates"),
-        (("--candidates", "ep1,ep1"), "too_few_candidates"),
-        (("--shapes", "bar:3.0,gear:9"), "no_such"),
-        (("--shapes", "bar:3.0,bar:3.0"), "shape_twice"),
-        (("--minutes", "0.5"), "outside_range"),
-        (("--minutes", "nan"), "usage"),
-        (("--dispersion", "2,1"), "bad_range"),
-        (("--threshold", "x"), "not_numbers"),
-        (("--depths-mm", "0.5", "--forces-gwt", "2"), "cannot_combine"),
-        (("--depths-mm", "-1"), "not_positive"),
-        (("--to", "no/designed.py"), "not_writable"),
-    ],
-)
-def test_what_is_refused_before_anything_is_computed(
-    options: tuple[str, ...], code: str, program: Program, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Fingertip, "load", lambda *_, **__: pytest.fail("a finger was loaded"))
-    ended = program("design", *options, "--json")
-    assert ended.code == 2
-    assert json.loads(ended.out)["code"] == code
-
-
-def test_too_few_minutes_for_one_press(here: Path, program: Program) -> None:
-    ended = program("design", *REQUEST, *ON_COARSE, "--minutes", "1", "--rest-s", "600", "--json")
-    assert ended.code == 2
-    assert ended.json["code"] == "too_few_minutes"
-    assert not Path("designed.py").exists()
-
-
-def test_limits_that_allow_no_press(here: Path, program: Program) -> None:
-    Path("gentle.toml").write_text(f"{as_toml(MESH)}\n[limits]\nmax_doi_mm = 0.1\n", encoding="utf-8")
-    ended = program("design", *REQUEST, "--config", "gentle.toml", "--json")
-    assert ended.code == 2
-    assert ended.json["code"] == "all_refused"

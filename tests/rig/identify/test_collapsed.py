@@ -41,11 +41,8 @@ def _of_one_draw() -> FingerFile:
 
 
 COMMANDS = {
-    "check": ["check", "first_press", "--finger", "finger.toml"],
-    "dry-run": ["dry-run", "first_press", "--finger", "finger.toml"],
     "run": ["run", "first_press", "--yes", "--config", "rig.toml", "--finger", "finger.toml"],
     "as a configuration": ["dry-run", "first_press", "--config", "finger.toml"],
-    "identify again from it": ["identify", "--dry-run", "--config", "finger.toml"],
     "one press": ["indent", "--shape", "bar:3.0", "--doi-mm", "1", "--x-mm", "0", "--config", "finger.toml"],
     "reveal": ["serve", "--reveal", "7", "--beside", "finger.toml"],
 }

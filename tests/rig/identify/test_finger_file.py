@@ -1,7 +1,6 @@
 """The file of a finger that was identified: what is written is read, and what is wrong is told in one line."""
 
 import errno
-import math
 import os
 import tomllib
 from contextlib import nullcontext
@@ -15,9 +14,6 @@ from rig.compare.plausible_fingers import read_plausible
 from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.finger_file import (
-    DERMIS,
-    FAT,
-    IdentifiedFinger,
     Posterior,
     example_finger,
     fingers_of,
@@ -79,14 +75,6 @@ WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "no file": (None, "unreadable", {"problem": os.strerror(errno.ENOENT)}),
     "no TOML": (("[identified]", "[identified"), "no_toml", {}),
     "another file": (("[identified", "[other"), "no_identified_table", {}),
-    "unknown key": (
-        ("presses = 8", "pressed = 8"),
-        "unknown_key", {"key": "identified.pressed", "near": ["presses"]},
-    ),
-    "no number": (
-        ("e_dermis = 0.1", "e_dermis = nan"),
-        "invalid_value", {"key": "finger.tissue.e_dermis", "rule": "finite_number"},
-    ),
     "no tissue": (
         ("e_fat = 0.1\n", "e_fat = 11.0\n"),
         "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "less_than_equal"},
@@ -146,79 +134,7 @@ def test_a_posterior_is_whole(wrong: str) -> None:
     has_code(first_problem("", caught.value), code, **fields)
 
 
-def _with(path: str, value: Any) -> IdentifiedFinger:
-    """The identified finger with another value at a path such as `draw.0.stiffness`."""
-    tables = identified_file(draws=5).identified.model_dump()
-    *names, last = (int(name) if name.isdigit() else name for name in path.split("."))
-    place: Any = tables
-    for name in names:
-        if isinstance(place[name], tuple):
-            place[name] = list(place[name])
-        place = place[name]
-    place[last] = value
-    return IdentifiedFinger.model_validate(tables)
-
-
-ONE = {"names": ("ln_stiffness",), "mean": (0.0,), "covariance": ((0.0,),)}
-NONE: dict[str, Any] = {"names": (), "mean": (), "covariance": ()}
-BOUNDS: dict[str, tuple[list[Any], list[Any]]] = {
-    # accepted, refused
-    "place.x_sd_mm": ([0.0], [-1e-9, math.inf]),
-    "place.height_sd_mm": ([0.0], [-1e-9]),
-    "place.cell_zero_sd_gwt": ([0.0], [-1e-9]),
-    "place.x_mm": ([-3.0, 3.0], [math.nan]),
-    "posterior": ([ONE], [NONE]),
-    "posterior.low": ([None, (0.0, 0.0, 0.0)], [(0.0, 0.0), (0.0,) * 4]),
-    "posterior.high": ([None, (0.0, 0.0, 0.0)], [(0.0, 0.0), (0.0,) * 4]),
-    "posterior.mean": ([(0.0, 0.0, 0.0)], [(0.0, 0.0), (0.0,) * 4]),
-    "draw.0.stiffness": ([1e-9, 9.0], [0.0, -1.0]),
-    "draw.0.e_dermis": ([DERMIS.low, DERMIS.high], [DERMIS.low * 0.999, DERMIS.high * 1.001, 0.0, -1.0]),
-    "draw.0.e_fat": ([FAT.low, FAT.high], [FAT.low * 0.999, FAT.high * 1.001, 0.0, -1.0]),
-    "draw.0.stiffening": ([0.0, 5.0], [-1e-9]),
-    "draw.0.relaxation": (
-        [(), ((0.4, 0.1), (0.5, 2.0))], [((0.5, 0.1), (0.5, 2.0)), ((0.0, 0.1),), ((0.1, 0.0),), ((-0.1, 1.0),)]
-    ),
-    "band.model_error": ([0.0, 0.999], [-1e-9, 1.0]),
-    "band.coverage": ([1e-9, 0.999], [0.0, 1.0]),
-    "presses": ([1], [0]),
-    "draw": ([identified_file(draws=4).identified.model_dump()["draw"]],
-             [identified_file(draws=4).identified.model_dump()["draw"][:3]]),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("path", BOUNDS)
-def test_a_number_is_accepted_up_to_its_bounds(path: str) -> None:
-    accepted, refused = BOUNDS[path]
-    for value in accepted:
-        assert _with(path, value)
-    for value in refused:
-        with pytest.raises(ValidationError):
-            _with(path, value)
-
-
-@pytest.mark.parametrize("key", ["stiffness", "e_dermis", "e_fat"])
-def test_a_modulus_of_a_draw_is_positive_before_it_is_within_the_model(key: str) -> None:
-    with pytest.raises(ValidationError) as caught:
-        _with(f"draw.0.{key}", 0.0)
-    has_code(first_problem("", caught.value), "invalid_value", key=f"draw.0.{key}", rule="greater_than")
-
-
-def test_an_identification_has_a_run() -> None:
-    tables = identified_file().identified.model_dump()
-    with pytest.raises(ValidationError):
-        IdentifiedFinger.model_validate(tables | {"runs": (), "journals_sha256": ()})
-
-
-def test_what_a_file_does_not_say() -> None:
-    tables = identified_file().identified.model_dump(exclude_defaults=True)
-    found = IdentifiedFinger.model_validate(tables)
-    assert (found.collapsed, found.flagged, found.band.coverage) == (False, None, 0.9)
-    assert {(one.stiffening, one.relaxation) for one in found.draw} == {(0.0, ())}
-    del tables["not_learned"]
-    assert IdentifiedFinger.model_validate(tables).not_learned == ()
-
-
-@pytest.mark.parametrize(("off", "accepted"), [(0.5e-6, True), (2e-6, False), (-0.5e-6, True), (-2e-6, False)])
+@pytest.mark.parametrize(("off", "accepted"), [(0.5e-6, True), (-2e-6, False)])
 def test_a_covariance_is_symmetric_but_for_round_off(off: float, accepted: bool) -> None:
     """Relative to the standard deviations, 2 and 3 here."""
     posterior = {"names": ("a", "b"), "mean": (0.0, 0.0), "covariance": ((4.0, 3.0), (3.0 + 6.0 * off, 9.0))}

@@ -62,12 +62,6 @@ def test_check_shows_bands_and_trips_above_them(program: Program, files: Files) 
     highest = max(step["highest_gwt"] for step in steps)
     assert found["peak_force_gwt"] == pytest.approx(highest)
     assert found["soft_trip_n"] == pytest.approx(max(1.25 * highest * GWT_N, 0.02))
-    assert "9 in 10" in program("check", script, "--finger", finger).out
-
-
-def test_without_the_file_nothing_has_a_band(program: Program, files: Files) -> None:
-    script, _ = files()
-    assert "force_band_gwt" not in program("check", script, "--json").json["steps"][0]
 
 
 @pytest.mark.quick(rows=lambda relaxation: relaxation == SERIES)

@@ -9,7 +9,7 @@ from sim.coding.power_law import fitted
 from sim.measures.measures import Elastic
 from studies.verification.halfspace import boussinesq_strain
 from studies.verification.layer import Layer
-from studies.verification.layered_halfspace import BELOW, SKIN, energy_density, on_elements, strain_below
+from tests.sim.oracles.layered_halfspace import BELOW, SKIN, energy_density, on_elements, strain_below
 
 Array = NDArray[np.float64]
 DEPTH_MM = 0.76

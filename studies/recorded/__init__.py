@@ -1,1 +1,0 @@
-"""How far the verdict on a recorded afferent can be trusted."""
