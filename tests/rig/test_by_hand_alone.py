@@ -5,22 +5,18 @@ finger is F = 6 gwt/mm^1.5 below the nominal apex.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from rig.devices.base import ForceOverload, ForceReading, ForceTimeout, StageError, StageOverridden, StageStatus
+from rig.devices.base import ForceReading, StageError, StageStatus
 from rig.engine.contact import KnownContact
 from rig.engine.dead_man import DOWN, UP, Direction
 from rig.engine.sensing import ForceZero, Sensing
-from rig.errors import LimitError
 from rig.manual.guard import Guard
-from rig.manual.jog import ByHand, HeldDirection, Moved
+from rig.manual.jog import ByHand, Moved
 from rig.settings import RigSettings
-from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
-from tests.error_codes import raises
 from tests.stub_bench import StubSensor, StubStage
 
 ZERO = ForceZero(0.0, 0.0)
@@ -28,14 +24,11 @@ LEFT, RIGHT = Direction("x", -1), Direction("x", +1)
 
 
 class Sensor(StubSensor):
-    """Shows what `felt` says; fails with what `fails` is."""
+    """Shows what `felt` says."""
 
     felt: Callable[[], float]
-    fails: Exception | None = None
 
     def read(self) -> ForceReading:
-        if self.fails is not None:
-            raise self.fails
         self.shows_gwt = self.felt()
         return super().read()
 
@@ -108,65 +101,6 @@ class Hand:
 
 
 @pytest.mark.parametrize(
-    ("above_mm", "by_mm", "steps_mm"),
-    [
-        (3.1, 1.22, [0.5, 0.5, 0.1, 0.05, 0.05, 0.02]),
-        (3.0, 0.3, [0.3]),
-        (3.0, 1.0, [0.5, 0.5]),
-        (2.0, 0.12, [0.05, 0.05, 0.02]),
-        (0.5, 0.03, [0.03]),
-    ],
-)
-@pytest.mark.parametrize("speed_mm_s", [1.0, 20.0])
-def test_down_goes_in_steps_each_from_a_reading_at_rest(
-    above_mm: float, by_mm: float, steps_mm: list[float], speed_mm_s: float
-) -> None:
-    """In slices of a tenth of a second, at limits.max_press_speed_mm_s at most."""
-    bench = Hand(above_mm)
-    begun_s = bench.clock.monotonic_s()
-    moved = bench.jog("z", -by_mm, speed_mm_s)
-    assert (moved.ended_by, moved.force_gwt) == (None, 0.0)
-    rests = [at.z_mm - bench.settings.frame.apex_z_mm for at, _ in bench.shown]
-    ends, height_mm = [], above_mm
-    for step_mm in steps_mm:
-        ends.append(height_mm := height_mm - step_mm)
-    assert [mm for mm in ends if not any(mm == pytest.approx(rest, abs=1e-4) for rest in rests)] == []
-    fastest_mm_s = min(speed_mm_s, bench.settings.limits.max_press_speed_mm_s)
-    assert max(map(abs, bench.steps_mm)) <= max(fastest_mm_s * 0.1 + 1e-9, 0.0025)
-    assert sum(bench.steps_mm) == pytest.approx(-by_mm, abs=1e-4)
-    assert bench.clock.monotonic_s() - begun_s > by_mm / fastest_mm_s
-    assert set(bench.speeds_mm_s) == {fastest_mm_s}
-    assert moved.at == bench.stage.status()
-
-
-@pytest.mark.parametrize("speed_mm_s", [0.1, 2.0])
-def test_down_ends_at_the_first_touch_and_goes_on_in_a_new_motion(speed_mm_s: float) -> None:
-    bench = Hand(0.22)
-    moved = bench.jog("z", -1.0, speed_mm_s)
-    assert moved.problem is not None
-    assert moved.problem.code == "touched"
-    assert moved.force_gwt == pytest.approx(bench.law())
-    first_mm = bench.height_mm
-    assert -0.041 - 0.05 <= first_mm <= -0.041
-    assert bench.jog("z", -0.1).ended_by is None
-    assert bench.height_mm == pytest.approx(first_mm - 0.1, abs=1e-4)
-    bench.hand.set_placed(placed=True)  # homed: what was touched is forgotten
-    moved = bench.jog("z", -0.2)
-    assert moved.problem is not None
-    assert moved.problem.code == "touched"
-
-
-def test_down_ends_where_the_next_step_would_pass_nine_tenths_of_the_trip() -> None:
-    bench = Hand(0.1, soft_trip_n=0.05)
-    codes = []
-    for _ in range(3):
-        problem = bench.hand.go(lambda: DOWN, 2.0).problem
-        codes.append(None if problem is None else problem.code)
-    assert codes == ["touched", *["next_step_past_soft_trip"] * 2]
-    assert 0.895 * 0.05 / GWT_N < bench.law() < 0.92 * 0.05 / GWT_N
-
-
-@pytest.mark.parametrize(
     ("room_mm", "steps_mm", "code"),
     [(0.02, [0.02, 0.02, 0.01], None), (0.0026, [0.0026] * 3, None), (0.0024, [], "next_step_past_soft_trip")],
 )
@@ -179,48 +113,6 @@ def test_a_step_down_is_no_longer_than_the_room_that_is_left(
     problem = bench.jog("z", -sum(steps_mm or [0.05]), 2.0).problem
     assert bench.steps_mm == pytest.approx([-mm for mm in steps_mm], abs=1e-4)
     assert (None if problem is None else problem.code) == code
-
-
-@pytest.mark.parametrize("above_mm", [0.22, 0.2])
-def test_down_goes_as_deep_as_the_limit(above_mm: float) -> None:
-    """By a distance exactly, with a key by whole steps; without a known height nothing says how deep it is."""
-    bench = Hand(above_mm, guarded=False)
-    with raises(LimitError, "too_deep", depth_mm=pytest.approx(1.500002), limit_mm=1.5, apex_z_mm=-25.0):
-        bench.jog("z", -above_mm - 1.500002)
-    assert bench.steps_mm == []
-    assert bench.jog("z", -above_mm - 1.5 - 5e-7).ended_by is None
-    assert bench.height_mm == pytest.approx(-1.5, abs=1e-4)
-    key = Hand(above_mm, guarded=False)
-    problem = key.hand.go(lambda: DOWN, 2.0).problem
-    assert problem is not None
-    assert (problem.code, problem.fields["limit_mm"]) == ("too_deep", 1.5)
-    assert -1.5 - 1e-4 <= key.height_mm < -1.45
-    unknown = Hand(above_mm, guarded=False, placed=False)
-    assert unknown.jog("z", -above_mm - 1.6).ended_by is None
-    assert max(map(abs, unknown.steps_mm)) <= 0.05 + 1e-9
-
-
-@pytest.mark.parametrize(
-    ("on_trip", "above_mm", "lifted_mm"),
-    [("retract", 0.52, 0.57), ("park", 0.52, 0.57), ("stop", 0.52, None), ("retract", 3.0, 2.0)],
-)
-def test_above_a_trip_it_is_lifted_to_where_it_began_or_by_clearance(
-    on_trip: str, above_mm: float, lifted_mm: float | None
-) -> None:
-    """A block, met by one increment."""
-    bench = Hand(above_mm, soft_trip_n=0.1, on_trip=on_trip)
-    bench.sensor.felt = lambda: 30.0 if bench.height_mm < 0.0 else 0.0
-    moved = bench.jog("z", -above_mm - 1.0)
-    assert moved.problem is not None
-    assert moved.problem.code == "soft_trip"
-    assert moved.problem.fields.get("lifted_mm") == (
-        None if lifted_mm is None else pytest.approx(lifted_mm, abs=0.05)
-    )
-    assert "then" not in moved.problem.fields
-    end_mm = -0.05 if lifted_mm is None else min(above_mm, 1.95)
-    assert bench.height_mm == pytest.approx(end_mm, abs=0.051)
-    assert moved.at == bench.stage.status()
-    assert bench.shown[-1] == (moved.at, moved.force_gwt)
 
 
 def test_what_is_felt_after_it_came_to_rest_is_told_and_lifted_from() -> None:
@@ -243,38 +135,6 @@ def test_what_is_felt_after_it_came_to_rest_is_told_and_lifted_from() -> None:
     assert bench.height_mm == pytest.approx(0.5, abs=1e-3)
     assert problem.fields["then"] in str(problem)
     assert f"{problem.fields['lifted_mm']:.2f} mm" in str(problem)
-
-
-@pytest.mark.parametrize("times", [1, 2])
-def test_a_lift_from_a_trip_is_made_although_somebody_changes_the_speed(times: int) -> None:
-    bench = Hand(0.52, soft_trip_n=0.1)
-    bench.sensor.felt = lambda: 30.0 if bench.height_mm < 0.0 else 0.0
-    jog, up = bench.stage.jog, list[float]()
-
-    def overridden(axis: str, mm: float, speed_mm_s: float) -> None:
-        if mm > 0:
-            up.append(mm)
-            if len(up) <= times:
-                raise StageOverridden("feed override 200 %")
-        jog(axis, mm, speed_mm_s)
-
-    bench.stage.jog = overridden  # type: ignore[method-assign]
-    moved = bench.jog("z", -1.0)
-    assert moved.problem is not None
-    assert moved.problem.code == "soft_trip"
-    assert bench.stage.told.count("halt") == times
-    assert bench.height_mm == pytest.approx(0.52, abs=1e-3)
-    assert moved.at == bench.stage.status()
-
-
-def test_up_into_something_that_pushes_harder_it_stops() -> None:
-    """What ended it is all there is to say: nothing is read after it, and there is no farther to go."""
-    bench = Hand(3.0, soft_trip_n=0.1)
-    bench.sensor.felt = lambda: 30.0 + bench.clock.monotonic_s() if bench.height_mm > 4.0 else 0.0
-    problem = bench.jog("z", 4.0).problem
-    assert problem is not None
-    assert (problem.code, set(problem.fields) & {"then", "lifted_mm"}) == ("soft_trip", set())
-    assert 4.0 < bench.height_mm < 4.7
 
 
 # --- sideways and up ---
@@ -352,44 +212,6 @@ def test_a_late_reading_halts_it_and_it_goes_on_with_the_next_one() -> None:
     assert moved.at.x_mm - bench.settings.frame.pad_centre_x_mm <= 2.0 + 1e-6
 
 
-def test_the_finger_may_have_come_up_since_the_last_motion() -> None:
-    """A force below the reading at the lift is measured again before each way up and sideways, hours later."""
-    bench = Hand(3.0)
-    bench.jog("x", 0.5)
-    bench.clock.wait_s(3600.0)
-    bench.sensor.felt = lambda: 36.6
-    with raises(LimitError, "touches_still", force_gwt=36.6):
-        bench.jog("x", 9.0)
-    assert (bench.x_mm, bench.kept[-1].kind, bench.kept[-1].force_gwt) == (0.5, "disagreement", 36.6)
-    bench.stage.told.clear()
-    bench.jog("z", 1.0)
-    assert bench.steps_mm == pytest.approx([0.4, 0.4, 0.2]), "each slice from rest"
-
-
-@pytest.mark.parametrize("way", [RIGHT, LEFT])
-@pytest.mark.parametrize("may_touch", [True, False])
-@pytest.mark.parametrize(("zero", "code"), [(ZERO, "touches_still"), (None, "not_zeroed")])
-def test_sideways_is_refused_in_contact_and_without_a_zero(
-    way: Direction, may_touch: bool, zero: ForceZero | None, code: str
-) -> None:
-    bench = Hand(-0.1, may_touch=may_touch, zero=zero)
-    with raises(LimitError, code):
-        bench.hand.go(lambda: way, 2.0, 0.5)
-    assert bench.stage.told == []
-    assert bench.hand.go(lambda: UP, 2.0, 0.5).ended_by is None
-
-
-@pytest.mark.parametrize(("to_mm", "kind"), [(2.1, "lifted"), (2.0, "lifted"), (1.985, "lifted"), (1.97, "unknown")])
-def test_up_to_clearance_is_a_lift_if_nothing_is_felt(to_mm: float, kind: str) -> None:
-    bench = Hand(1.0, may_touch=True)
-    bench.jog("x", 0.5)
-    assert bench.jog("z", to_mm - 1.0).ended_by is None
-    assert (bench.kept[-1].kind, bench.hand.may_touch) == (kind, kind != "lifted")
-    assert (bench.kept[-1].x_mm, bench.kept[-1].height_mm) == pytest.approx((0.5, to_mm), abs=1e-4)
-    assert bench.kept[-1].force_gwt == 0.0
-    assert bench.kept[-1].unix_s == bench.clock.unix_s()
-
-
 @pytest.mark.parametrize(
     ("above_mm", "options", "shows_gwt", "known"),
     [
@@ -453,40 +275,6 @@ def test_another_direction_ends_a_motion(first: Direction, then: Direction | Non
             return
 
 
-def test_from_no_touch_up_is_one_motion() -> None:
-    bench = Hand(1.5)
-    assert bench.jog("z", 1.0, 1.0).ended_by is None
-    assert bench.steps_mm == pytest.approx([0.1] * 10)
-    for axis in ("x", "z"):  # farther than the finger is deep
-        assert bench.jog(axis, 6.0, 10.0).ended_by is None
-
-
-def test_it_is_shown_while_it_moves() -> None:
-    bench = Hand()
-    bench.jog("x", 1.0, 1.0)
-    assert len({at.x_mm for at, _ in bench.shown}) > 5
-    assert {gwt for _, gwt in bench.shown} == {0.0}
-
-
-@pytest.mark.parametrize("then", [None, DOWN, RIGHT], ids=["let go", "down", "aside"])
-def test_a_key_that_is_let_go_at_clearance_is_answered_after_one_measurement(then: Direction | None) -> None:
-    bench = Hand(1.9, may_touch=True)
-    let_go_s: list[float] = []
-
-    def held() -> Direction | None:
-        if not let_go_s and bench.height_mm >= 1.99:
-            let_go_s.append(bench.clock.monotonic_s())
-        return then if let_go_s else UP
-
-    assert bench.hand.go(held, 0.5).ended_by is None
-    assert bench.clock.monotonic_s() - let_go_s[0] < 0.8
-    assert (bench.kept[-1].kind, bench.height_mm) == ("lifted", pytest.approx(2.0))
-    whole = Hand(1.5, may_touch=True)
-    begun_s = whole.clock.monotonic_s()
-    whole.jog("z", 0.5, 1.0)
-    assert whole.clock.monotonic_s() - begun_s < 1.5  # so is a way that ends there
-
-
 # --- what is on record ---
 
 
@@ -501,21 +289,6 @@ def test_a_new_hand_relies_on_no_lift_of_another_process() -> None:
     other = Hand(placed=False).hand
     other.set_placed(placed=False)
     assert other.may_touch is False
-
-
-@pytest.mark.parametrize("placed", [True, False])
-def test_a_stage_that_lost_its_reference_has_lost_its_place(placed: bool) -> None:
-    """Only once: where it was not known before, a touch is still remembered."""
-    bench = Hand(0.3, placed=placed)
-    status = bench.stage.status
-    bench.stage.status = lambda: replace(status(), referenced=False)  # type: ignore[method-assign]
-    bench.hand.go(lambda: None, 2.0)
-    assert (bench.hand.placed, bench.hand.may_touch) == (False, placed)
-    codes = []
-    for _ in range(2):
-        problem = bench.jog("z", -0.5).problem
-        codes.append(None if problem is None else problem.code)
-    assert codes == ["touched", None]
 
 
 @pytest.mark.parametrize(
@@ -562,62 +335,7 @@ def test_at_clearance_the_force_is_measured_at_rest_and_below_it_is_read_once() 
     assert below.clock.monotonic_s() - begun_s < 0.5
 
 
-def test_the_place_on_record_is_rounded_to_a_millionth() -> None:
-    bench = Hand(may_touch=True)
-    bench.stage.at_mm[0] += 0.1234567
-    bench.jog("z", 0.1)
-    assert bench.kept[-1].x_mm == 0.123457
-
-
 # --- what may go wrong ---
-
-
-def test_a_speed_that_the_stage_does_not_have_is_refused() -> None:
-    bench = Hand()
-
-    def jog(axis: str, mm: float, speed_mm_s: float) -> None:
-        raise ValueError("no such speed")
-
-    bench.stage.jog = jog  # type: ignore[method-assign]
-    with raises(LimitError, "refused_by_the_stage", error="no such speed"):
-        bench.jog("x", 1.0)
-
-
-@pytest.mark.parametrize("way", [RIGHT, UP, DOWN])
-def test_a_changed_override_halts_it(way: Direction) -> None:
-    bench = Hand()
-    status = bench.stage.status
-
-    def overridden() -> StageStatus:
-        if any(told[0] == "jog" for told in bench.stage.told):
-            bench.stage.status = status  # type: ignore[method-assign]
-            raise StageOverridden("feed override 200 %")
-        return status()
-
-    bench.stage.status = overridden  # type: ignore[method-assign]
-    moved = bench.hand.go(lambda: way, 2.0, 1.0)
-    assert moved.ended_by is not None
-    assert "feed override 200 %" in moved.ended_by
-    assert "halt" in bench.stage.told
-    assert bench.hand.placed
-
-
-@pytest.mark.parametrize("way", [RIGHT, UP, DOWN])
-def test_a_stage_that_strays_has_lost_its_place(way: Direction) -> None:
-    bench = Hand()
-    jog = bench.stage.jog
-
-    def strays(axis: str, mm: float, speed_mm_s: float) -> None:
-        jog(axis, mm, speed_mm_s)
-        bench.stage.at_mm[1] += 1.0
-
-    bench.stage.jog = strays  # type: ignore[method-assign]
-    moved = bench.hand.go(lambda: way, 2.0, 1.0)
-    assert moved.problem is not None
-    assert (moved.problem.code, bench.hand.placed, bench.hand.may_touch) == ("off_its_way", False, True)
-    assert moved.at.y_mm == bench.stage.at_mm[1]
-    assert bench.stage.told[-1] == "stop"
-    assert bench.kept[-1].x_mm is None
 
 
 def test_a_stage_that_fails_at_the_end_leaves_the_record_in_doubt() -> None:
@@ -634,60 +352,3 @@ def test_a_stage_that_fails_at_the_end_leaves_the_record_in_doubt() -> None:
         bench.jog("z", -1.0)
     assert [one.kind for one in bench.kept] == ["unknown"]
     assert bench.hand.may_touch
-
-
-@pytest.mark.parametrize(("way", "by_mm"), [(RIGHT, 1.0), (UP, 1.0), (DOWN, 0.5)])
-@pytest.mark.parametrize("error", [ForceTimeout("no answer"), ForceOverload("too much")])
-def test_without_a_reading_only_up_from_beyond_the_range_is_free(
-    way: Direction, by_mm: float, error: Exception
-) -> None:
-    bench = Hand()
-    bench.sensor.fails = error
-    if way == UP and isinstance(error, ForceOverload):
-        assert bench.hand.go(lambda: way, 2.0, by_mm).ended_by is None
-        assert bench.height_mm == pytest.approx(4.0)
-        return
-    with raises(LimitError, "no_reading"):
-        bench.hand.go(lambda: way, 2.0, by_mm)
-    assert bench.stage.told == []
-
-
-@pytest.mark.parametrize("guarded", [True, False])
-def test_a_look_moves_nothing_and_shows_place_and_force(guarded: bool) -> None:
-    bench = Hand(-0.2, guarded=guarded)
-    seen = bench.hand.look()
-    assert (seen.at, seen.ended_by) == (bench.stage.status(), None)
-    assert seen.force_gwt == (pytest.approx(bench.law()) if guarded else None)
-    assert bench.shown == [(seen.at, seen.force_gwt)]
-    assert bench.hand.steps_per_mm("z") == 400.0
-    assert bench.hand.go(lambda: None, 2.0) == Moved(seen.at, None)
-    assert bench.stage.told == []
-
-
-# --- the button ---
-
-
-def test_a_button_counts_for_a_while_after_its_last_signal() -> None:
-    """A signal that is older, or came late, does not shorten a newer one; another direction begins anew."""
-    clock = VirtualClock(0.0, 100.0)
-    held = HeldDirection(clock, 0.25)
-    assert held() is None
-    held.say(RIGHT)
-    held.say(RIGHT, ago_s=0.2)
-    clock.wait_s(0.249)
-    assert held() == RIGHT
-    clock.wait_s(0.001)
-    assert held() is None
-    held.say(RIGHT)
-    clock.wait_s(0.2)
-    held.say(RIGHT)
-    clock.wait_s(0.2)
-    assert held() == RIGHT
-    held.say(UP, ago_s=0.2)
-    clock.wait_s(0.04)
-    assert held() == UP
-    clock.wait_s(0.02)
-    assert held() is None
-    held.say(UP)
-    held.say(None)
-    assert held() is None

@@ -14,7 +14,7 @@ from rig.engine.sensing import ForceZero, Sensing
 from rig.errors import BadInputError, LimitError
 from rig.manual import home_and_zero as at_hand
 from rig.manual import status as hand_log
-from rig.manual.status import AT_A_TIME, COLUMNS, IN_STEPS, KEPT, ZERO_FIRST, Backlog, ManualLog, OverheardSensor
+from rig.manual.status import AT_A_TIME, COLUMNS, KEPT, Backlog, ManualLog
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -58,25 +58,6 @@ def test_an_answer_stays_below_what_the_wire_takes() -> None:
     row = (1763942400.123, 123456.789, -1234.567891, -123.456, -123.456, -123.456, -123.456789)
     assert AT_A_TIME * len(json.dumps(row)) < 0.75 * (1 << 16)
     assert len(row) == len(COLUMNS)
-
-
-def test_every_reading_is_overheard_and_every_lack_of_one() -> None:
-    sensor = StubSensor(VirtualClock())
-    heard: list[Any] = []
-    overheard = OverheardSensor(sensor, heard.append, heard.append)  # type: ignore[arg-type]
-    sensor.identify, sensor.close = lambda: "named", lambda: heard.append("closed")  # type: ignore[attr-defined]
-    sensor.shows_gwt = 2.0
-    assert overheard.read() is heard[0]
-    assert heard[0].force_n == pytest.approx(2.0 * GWT_N)
-    for error in (ForceTimeout("silent"), TransportError("gone")):
-        sensor.at_read = raising(error)
-        with pytest.raises(type(error)):
-            overheard.read()
-        assert heard[-1] == str(error)
-    assert (overheard.sample_period_s, overheard.resolution_gwt) == (0.05, 0.01)
-    assert (overheard.connect(), overheard.identify()) == ("stub sensor", "named")
-    overheard.close()
-    assert heard[-1] == "closed"
 
 
 @pytest.mark.parametrize("period_s", [0.05, 0.02])
@@ -129,20 +110,6 @@ def test_a_release_of_what_is_no_press_is_refused(tab: Any) -> None:
 # --- state ---
 
 
-def test_what_is_told_of_it(make: Callable[..., HandBench]) -> None:
-    bench = make(soft_trip_n=1.0)
-
-    def person() -> Person:
-        yield 0.3
-
-    found = bench.run(person())
-    assert found["trip_gwt"] == pytest.approx(1.0 / GWT_N)
-    assert (found["touch_gwt"], found["clearance_mm"], found["fastest_mm_s"]) == (0.05, 2.0, 10.0)
-    assert (found["state"], found["busy"], found["tab"], found["ended_by"], found["next"]) == ("Idle", *[None] * 4)
-    assert (found["stage_problem"], found["force_problem"]) == (None, None)
-    assert (found["homed"], found["zeroed"], found["stopped"]) == (True, True, False)
-
-
 def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None:
     bench = make()
 
@@ -159,15 +126,6 @@ def test_while_it_homes_no_place_is_told(make: Callable[..., HandBench]) -> None
         assert bench("status")["height_mm"] == pytest.approx(bench.height_mm, abs=0.003)
 
     bench.run(person())
-
-
-@pytest.mark.parametrize(
-    ("known", "zero", "next_is"),
-    [(True, ZERO, "None"), (True, None, ZERO_FIRST), (False, ZERO, IN_STEPS), (False, None, IN_STEPS)],
-)  # fmt: skip
-def test_what_had_better_be_done_next_is_said(known: bool, zero: ForceZero | None, next_is: str) -> None:
-    bench = HandBench("grbl", known=known, zero=zero)
-    assert str(bench.run(bench.done())["next"]).startswith(next_is)
 
 
 def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make: Callable[..., HandBench]) -> None:
@@ -191,22 +149,6 @@ def test_a_sensor_that_falls_silent_is_said_and_its_last_reading_grows_old(make:
         assert bench("status")["force_problem"] is None
 
     bench.run(person())
-
-
-def test_as_soon_as_it_has_begun_it_can_tell(make: Callable[..., HandBench]) -> None:
-    """Both devices spoken to once, and nothing read yet."""
-    bench = make()
-    stage, connected = bench.bench.stage, []
-    connect = stage.connect
-    stage.connect = lambda: (connected.append(1), connect())[1]  # type: ignore[method-assign]
-    with bench.owner.begun():
-        found = bench("status", since=0)
-        assert (found["state"], found["homed"], found["zeroed"]) == ("Idle", True, True)
-        assert found["height_mm"] == pytest.approx(3.0, abs=0.003)
-        assert (found["force_gwt"], found["read_unix_s"], found["readings"]["rows"]) == (None, None, [])
-        bench.clock.call_at(bench.clock.monotonic_s() + 1.0, bench.owner.leave)
-        bench.owner.run()
-    assert connected == [1]
 
 
 def test_while_somebody_stops_it_nothing_else_is_asked_of_a_device(make: Callable[..., HandBench]) -> None:

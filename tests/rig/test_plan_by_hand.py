@@ -20,7 +20,6 @@ from rig.plan.plan import (
     PredictedBand,
     PredictionCheck,
     found,
-    predicted_bands,
     ramp_bound,
     refuse_fast_ramps,
     refuse_unseen,
@@ -96,13 +95,6 @@ def test_a_press_without_an_answer_has_no_prediction() -> None:
         _model(LawFinger(converged=False)).press("bar:3.0", 0.25, DEPTH)
     with raises(ForceTooDeepError, "force_out_of_reach"):
         _model(LawFinger(deepest_mm=0.1)).press("bar:3.0", 0.25, FORCE)
-
-
-def test_a_touch_is_expected_along_the_finger_too() -> None:
-    finger = LawFinger()
-    model = _model(finger)
-    assert model.touch_height_mm("bar:3.0", 0.25, 0.0) == -0.5
-    assert model.touch_height_mm("bar:3.0", 0.25, -1.5) == pytest.approx(finger.config.receptor_plane_mm - 2.5)
 
 
 # --- the bands of an identified finger ---
@@ -348,17 +340,6 @@ def test_a_planned_script_leaves_its_presses_touches_mounts_and_speeds() -> None
 
 
 # --- promises of an identified finger ---
-
-
-def test_what_is_promised_is_the_quantity_that_is_not_commanded() -> None:
-    plan = _plan(planned(), planned(band=BANDED))
-    by_force = replace(planned(band=replace(BANDED, doi_mm=(0.4, 0.6))), target=FORCE)
-    plan.presses["reference"].append(by_force)
-    assert predicted_bands(plan) == [
-        {"purpose": "data", "index": 1, "key": "force_gwt", "low": 3.5, "middle": 4.0, "high": 4.5},
-        {"purpose": "reference", "index": 0, "key": "doi_mm", "low": 0.4, "middle": 0.5, "high": 0.6},
-    ]
-    assert predicted_bands(_plan(planned())) == []
 
 
 PROMISE = PredictedBand("data", 1, "force_gwt", 3.5, 4.0, 4.5)

@@ -16,7 +16,7 @@ import rig.cli.study as study_command
 import rig.session.session as sessions
 from rig.bench.virtual import VirtualBench, virtual_bench
 from rig.cli import main
-from rig.cli.progress import IndentationProgress, counted, progress
+from rig.cli.progress import counted, progress
 from rig.cli.script_execution import time_left
 from rig.control.stop import OwnedStage
 from rig.data.run_state import TimeLeft
@@ -25,7 +25,6 @@ from rig.plan.config import Config
 from rig.session.early_ending import NO_END
 from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
-from rig_shared.plural import number_of
 from sim.devices.clock import VirtualClock
 from sim.models.fingertip import Fingertip
 from tests.sim.coarse_mesh import as_toml, coarse_mesh
@@ -147,7 +146,6 @@ def _stopped(rig: Callable[..., Said]) -> str:
 
 COMMANDS: dict[str, tuple[tuple[str, ...], int]] = {
     "dry-run": (("dry-run", "mine.py"), 2),
-    "dry-run, paced": (("dry-run", "mine.py", "--speed", "999999"), 2),
     "run": (("run", "mine.py", "--config", "rig.toml", "--yes"), 2),
     "resume": (("resume",), 1),
     "check": (("check", "mine.py"), 0),
@@ -169,7 +167,7 @@ def told(rig: Callable[..., Said], made_once: Callable[..., Path]) -> Callable[.
     return of
 
 
-@pytest.mark.quick(rows=lambda name: name != "dry-run, paced")
+@pytest.mark.quick(rows=lambda name: name in ("run", "resume", "study"))
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name: str) -> None:
     said, indentations = told(name), COMMANDS[name][1]
@@ -187,7 +185,7 @@ def test_a_pipe_is_told_at_once_and_line_by_line(told: Callable[..., Said], name
         assert re.fullmatch(rf"{indentations} indentations?, \d:\d\d:\d\d left", before)
 
 
-@pytest.mark.quick(rows=lambda name: name != "dry-run, paced")
+@pytest.mark.quick(rows=lambda name: name in ("dry-run", "study"))
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "run"])
 def test_who_asked_for_json_is_told_nothing_else(told: Callable[..., Said], name: str) -> None:
     """`rig run` has its page, and a run that was killed its warning."""
@@ -206,39 +204,6 @@ def test_a_study_says_how_many_cases_and_when_all_are_done(rig: Callable[..., Sa
 # --- what is counted ---
 
 
-def _said_of(monkeypatch: pytest.MonkeyPatch, total: int, *, quiet: bool = False) -> list[str]:
-    """What is said in a pipe of pieces that take no time."""
-    written = StringIO()
-    monkeypatch.setattr(shown, "err", Console(file=written, width=200))
-    monkeypatch.setattr(output, "err", shown.err)
-
-    def answers() -> Iterator[int]:
-        for n in range(total):
-            assert quiet or written.getvalue()  # before the first answer
-            yield n
-
-    assert list(counted(answers(), total, "fingers", quiet=quiet)) == list(range(total))
-    return written.getvalue().splitlines()
-
-
-def test_counted_pieces_have_a_line_at_the_beginning_and_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _said_of(monkeypatch, 3) == ["3 fingers", "3 of 3 fingers"]
-    assert _said_of(monkeypatch, 1) == ["1 finger", "1 of 1 finger"]
-
-
-@pytest.mark.parametrize(
-    ("plural", "singular"),
-    [("fingers", "1 finger"), ("other presses in all holds", "1 other press in all holds"), ("touches", "1 touch")],
-)
-def test_one_is_in_the_singular(plural: str, singular: str) -> None:
-    assert (number_of(1, plural), number_of(2, plural)) == (singular, f"2 {plural}")
-
-
-def test_nothing_is_said_of_nothing_or_where_it_is_to_be_quiet(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert _said_of(monkeypatch, 0) == []
-    assert _said_of(monkeypatch, 3, quiet=True) == []
-
-
 def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     screen = StringIO()
     monkeypatch.setattr(shown, "err", Console(file=screen, force_terminal=True, width=100))
@@ -250,32 +215,6 @@ def test_what_is_counted_has_a_bar_on_a_terminal(monkeypatch: pytest.MonkeyPatch
 # --- what is known of it ---
 
 BEGUN = {"index": 0, "indentor": "bar:3.0", "x_mm": -0.5}
-
-
-def test_a_line_has_the_highest_force_of_its_own_holds() -> None:
-    run = IndentationProgress(3, None)
-    assert (run.where, run.line) == ("starting", "0 of 3, starting, peak 0.00 gwt, time left unknown")
-    ended = (
-        ((1.0, 3.0, 2.0), {}, "1 of 3, bar:3.0 at -0.50 mm, peak 3.00 gwt, time left unknown"),
-        ((1.5,), {"block": 2}, "2 of 3, block 2, bar:3.0 at -0.50 mm, peak 1.50 gwt, time left unknown"),
-        ((), {"block": 1, "condition": "a"}, "3 of 3, block 1, condition a, bar:3.0 at -0.50 mm, peak 0.00 gwt, "
-         "time left unknown"),
-    )  # fmt: skip
-    for index, (peaks_gwt, marks, told) in enumerate(ended):
-        run.event("indentation_start", {**BEGUN, "index": index, **marks})
-        for peak_gwt in peaks_gwt:
-            run.event("hold_end", {"index": index, "hold": 1, "peak_gwt": peak_gwt})
-            run.event("reference_hold_end", {"index": index, "hold": 1, "peak_gwt": 99.0})
-        run.event("indentation_end", {"index": index})
-        assert run.line == told
-    assert (run.finished, run.elapsed) == ({0, 1, 2}, "")
-
-
-def test_time_is_told_as_it_is_known() -> None:
-    run = IndentationProgress(1, TimeLeft({("home", 1, 0): 10.0}, 100.0, lambda: 0.0, pace=1.0))
-    assert (run.elapsed, run.left) == ("0:00:00", "0:01:40 left")
-    run.event("home", {})
-    assert run.left == "0:01:30 left"
 
 
 @pytest.mark.parametrize(("pace", "left_s"), [(1.0, 300.0), (0.5, 150.0), (None, 3.0)])
@@ -316,11 +255,3 @@ def test_a_terminal_has_a_bar_with_both_times_and_an_alarm_has_its_line(
     assert "1:01:40 left" in drawn
     assert re.search(r"bar:3\.0 at -0\.50 mm .* 1/2 0:00:00 1:01:30 left", drawn)
     assert "rig: alarm: the zero has drifted\n" in drawn
-
-
-def test_what_goes_on_is_shown_at_a_terminal_also_beside_json(monkeypatch: pytest.MonkeyPatch) -> None:
-    screen = StringIO()
-    monkeypatch.setattr(output, "err", Console(file=screen, force_terminal=True, width=200))
-    with output.busy(FINGER, as_json=True):
-        pass
-    assert FINGER in screen.getvalue()

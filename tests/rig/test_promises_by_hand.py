@@ -382,6 +382,7 @@ def _about_to_home(bench: HandBench) -> Person:
 STATES = {walk.__name__[1:]: walk for walk in (_idle, _jogging, _stepping_down, _homing, _zeroing, _about_to_home)}
 
 
+@pytest.mark.quick(rows=lambda state, kind: kind == "grbl" or state in ("jogging", "homing"))
 @pytest.mark.parametrize("state", STATES)
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_stop_goes_out_at_once_in_every_state_and_nothing_after_it(kind: str, state: str) -> None:

@@ -57,39 +57,6 @@ def _asked(owner: RunOwner, do: str) -> Any:
 # --- in one word ---
 
 
-def test_what_it_is_at(owner: RunOwner) -> None:
-    def state() -> str:
-        return str(_asked(owner, "status")["state"])
-
-    assert state() == "planning"
-    with owner.asking():
-        assert state() == "asking"
-    owner.at("running")
-    assert state() == "running"
-    with owner.asking():
-        assert state() == "asking"
-    owner.pause.ask_from_elsewhere()
-    assert state() == "pausing"
-    owner.pause.waits = True
-    assert state() == "paused"
-    owner.at("reporting")
-    assert state() == "reporting"
-
-
-def test_it_is_no_more_asking_where_nobody_answered(owner: RunOwner) -> None:
-    with pytest.raises(KeyboardInterrupt), owner.asking():
-        raise KeyboardInterrupt
-    assert owner.state == "planning"
-
-
-def test_where_the_run_is(owner: RunOwner, tmp_path: Path) -> None:
-    told: list[Path] = []
-    owner.announce = told.append
-    assert _asked(owner, "status") == {"state": "planning", "run": None, "stopped": False}
-    owner.begins(RunFolder(tmp_path))
-    assert (_asked(owner, "status")["run"], told) == (str(tmp_path), [tmp_path])
-
-
 def test_a_note_that_cannot_be_written_ends_no_run(owner: RunOwner, tmp_path: Path) -> None:
     def full(run: Path) -> None:
         raise OSError(28, "No space left")
@@ -312,12 +279,6 @@ def test_ctrl_c_stops_at_once_where_the_panel_has_asked_for_a_pause(nobody: obje
         assert pause.asked() is True
 
 
-def test_a_pause_of_ones_own_is_the_one_that_is_asked(nobody: object) -> None:
-    own = PauseRequest()
-    with at_a_safe_point(own) as pause:
-        assert pause is own
-
-
 def test_where_a_keyboard_cannot_be_looked_at_it_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
 
     def no_socket(*_: object) -> None:
@@ -359,14 +320,6 @@ def test_without_a_signal_a_stop_spares_the_record_and_counts_once(monkeypatch: 
     with at_a_safe_point() as pause:
         signal.raise_signal(signal.SIGINT)
         assert pause.asked()
-
-
-def test_afterwards_the_signal_does_what_it_did_before() -> None:
-    assert STOP_SIGNAL is not None
-    before = signal.getsignal(STOP_SIGNAL)
-    with stoppable():
-        assert signal.getsignal(STOP_SIGNAL) is signal.default_int_handler
-    assert signal.getsignal(STOP_SIGNAL) is before
 
 
 # --- announced ---

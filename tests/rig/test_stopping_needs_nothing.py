@@ -21,12 +21,20 @@ pytest.importorskip("pty", reason="needs pseudo-terminals")
 obstacles = pytest.importorskip("tests.faults.obstacles", reason="needs limits of resources")
 
 
+ELSEWHERE_TOO = (
+    *("runtime folder is a link", "wrong [habits], unknown table", "wrong values in [stage]"),
+    *("lock left by a killed owner", "announced owner hangs, disk full"),
+)
+"""Obstacles of which another of the same kind, or another test of this file, is among the quick ones."""
+
+
 @pytest.fixture(autouse=True)
 def _forked(monkeypatch: pytest.MonkeyPatch) -> None:
     """But for `rig stop` without disk space, or without any folder, which is begun anew."""
     monkeypatch.setattr(subprocess, "Popen", Popen)
 
 
+@pytest.mark.quick(rows=lambda name: name not in ELSEWHERE_TOO)
 @pytest.mark.parametrize("name", obstacles.OBSTACLES)
 def test_the_bytes_go_out_through_it(
     name: str, tmp_path: Path, record_property: Callable[[str, object], None]

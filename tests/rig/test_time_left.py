@@ -2,7 +2,7 @@
 
 import pytest
 
-from rig.data.run_state import Milestones, TimeLeft, Timeline, as_clock
+from rig.data.run_state import TimeLeft, Timeline
 
 START = ("indentation_start", {"index": 0})
 HELD = ("hold_end", {"index": 0, "hold": 1})
@@ -32,20 +32,6 @@ def _left(clock: Told, *, pace: float = 1.0, measured: bool = False) -> TimeLeft
 
 def _is(left: TimeLeft, elapsed_s: float, left_s: float) -> None:
     assert (left.elapsed_s, left.left_s) == (pytest.approx(elapsed_s), pytest.approx(left_s))
-
-
-def test_milestones_are_numbered_by_press_and_hold_or_one_by_one() -> None:
-    name = Milestones().name
-    assert [name("home", {}), name("move", {}), name("move", {})] == [("home", 1, 0), ("move", 1, 0), ("move", 2, 0)]
-    assert name("hold_start", {"index": 3, "hold": 2}) == ("hold_start", 3, 2)
-    assert name("reference_touch", {"index": 3}) == ("reference_touch", 3, 0)
-    assert [name(stream, {"index": 1}) for stream in ("sample", "find_sample", "retract", "paused", "note")] == [
-        None
-    ] * 5
-    known = ("mount", "home", "zero", "move", "rest", "find")
-    assert [name(stream, {"index": 1}) for stream in known] == [
-        (stream, {"home": 2, "move": 3}.get(stream, 1), 0) for stream in known
-    ]
 
 
 def test_all_is_left_in_the_first_second_and_an_indentor_may_take_its_time() -> None:
@@ -124,14 +110,6 @@ def test_after_the_last_milestone_there_is_an_end() -> None:
     assert TimeLeft({}, 5.0, clock.now, pace=1.0).left_s == 5.0
 
 
-def test_events_that_were_not_rehearsed_change_nothing() -> None:
-    clock = Told()
-    left = _left(clock)
-    left.event("home", {})
-    left.event("indentation_start", {"index": 7})
-    _is(left, 0.0, 60.0)
-
-
 def test_a_bench_that_runs_faster_than_the_clock() -> None:
     """--speed 4: a quarter of a second for each of the bench's."""
     clock = Told()
@@ -158,33 +136,3 @@ def test_as_fast_as_it_can_it_goes_by_what_it_has_taken_so_far() -> None:
     clock.s += 1.5
     left.event(*START)  # 3 s for 20
     _is(left, 3.0, 7.5)
-
-
-@pytest.mark.parametrize(
-    ("seconds", "said"),
-    [(0.0, "0:00:00"), (-3.0, "0:00:00"), (0.2, "0:00:01"), (59.0, "0:00:59"), (59.1, "0:01:00"), (61.0, "0:01:01"),
-     (3599.5, "1:00:00"), (36_061.0, "10:01:01")],
-)  # fmt: skip
-def test_hours_minutes_and_begun_seconds(seconds: float, said: str) -> None:
-    assert as_clock(seconds) == said
-
-
-def test_a_rehearsal_of_one_milestone_by_hand() -> None:
-    """Home at 10 s of 20: counted from the first second, at the rehearsal's pace unless told to measure."""
-    clock = Told()
-    left = TimeLeft({("home", 1, 0): 10.0}, 20.0, clock.now, pace=1.0)
-    clock.s += 4.0
-    _is(left, 4.0, 16.0)
-    clock.s += 11.0
-    left.event("note", {})  # later than home should have been: gone all the same, and home is waited for
-    _is(left, 15.0, 10.0)
-    left.event("home", {})
-    _is(left, 15.0, 10.0)
-
-
-def test_a_run_that_is_measured_is_so_from_its_first_milestone_on_however_soon() -> None:
-    clock = Told()
-    left = TimeLeft({("home", 1, 0): 0.5}, 10.5, clock.now, pace=1.0, measured=True)
-    clock.s += 1.0
-    left.event("home", {})
-    _is(left, 1.0, 20.0)

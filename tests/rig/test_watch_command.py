@@ -4,8 +4,7 @@ import io
 import json
 import re
 import shutil
-import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -16,19 +15,15 @@ from rich.live import Live
 import rig.cli.output as output
 import rig.cli.watch as watch_command
 from rig.bench.real import Request
-from rig.cli.force_trace import BLOCKS, COLUMNS, EACH, ROWS, Screen
 from rig.cli.output import a_screen, screen_aside
-from rig.cli.progress import IndentationProgress
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal
 from rig.cli.signals import PauseRequest
 from rig.cli.watch import RunScreen
 from rig.clock import WallClock
-from rig.data import run_state
-from rig.data.documents import Document
 from rig.data.folder import RunFolder, UnwritableError
 from rig.data.run import Following, RunError, followed, read_run
-from rig.data.run_state import Agenda, Course, Timeline, step_in_words, written_ns
+from rig.data.run_state import Agenda, Course, Timeline, written_ns
 from rig.session.rehearse import Rehearsed
 from tests.journals import append
 from tests.program import Program
@@ -105,13 +100,6 @@ def test_the_step_now_and_the_next(course: Course) -> None:
     assert found == NOW_AND_NEXT
 
 
-def test_a_run_may_begin_with_a_press() -> None:
-    begun = ("indentation_start", 0, 0)
-    agenda = Agenda(Course(20.0, {begun: 1.0, ("rest", 1, 0): 9.0}, {begun: SECOND, ("rest", 1, 0): REST}))
-    agenda.event("indentation_start", {"index": 0})
-    assert (agenda.now, agenda.next) == (SECOND, REST)
-
-
 def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
     agenda = Agenda(course)
     for stream, data in EVENTS[:11]:
@@ -120,19 +108,6 @@ def test_a_press_begun_anew_is_the_step_again(course: Course) -> None:
     assert (agenda.now, agenda.next) == (SECOND, FIND)
     agenda.event("rest", {"rest_s": 1.0})  # one more than was rehearsed
     assert agenda.now == SECOND
-
-
-@pytest.mark.parametrize(
-    ("stream", "data", "words"),
-    [
-        ("move", {"x_mm": -1.0, "along_mm": 0.25}, "move to x = -1.00 mm, +0.25 mm along the finger"),
-        ("zero", {}, "zero"),
-        ("indentation_start", PRESS | {"target": "doi_mm", "value": 0.4}, "press bar:3.0 at +0.50 mm to 0.4 mm"),
-        ("reference_indentation_start", PRESS, "reference bar:3.0 at +0.50 mm to 2.33 gwt"),
-    ],
-)
-def test_a_step_in_words(stream: str, data: Mapping[str, Any], words: str) -> None:
-    assert step_in_words(stream, data) == words
 
 
 def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: Path) -> None:
@@ -148,59 +123,6 @@ def test_the_time_left_is_that_of_the_run_s_own_clock(course: Course, tmp_path: 
     ):
         seen.take([{"doc": "event", "t_s": t_s, "stream": stream, "data": data}])
         assert seen.left_s == left_s
-
-
-# --- the force ---
-
-
-@pytest.fixture
-def shown() -> IndentationProgress:
-    """A run of one indentation of which nothing is known beforehand."""
-    return IndentationProgress(1, None)
-
-
-def test_the_newest_reading_is_a_number(shown: IndentationProgress) -> None:
-    force = shown.force
-    assert (force.line, force.highest_gwt) == ("no reading yet", 0.0)
-    assert force.trace == [" " * COLUMNS] * ROWS
-    shown.event("touch", {"force_gwt": 9.0})
-    shown.event("sample", {"force_gwt": 0.004, "doi_mm": None, "x_mm": None, "phase": "clearance"})
-    assert force.line == "0.00 gwt, clearance"
-    shown.event("reference_sample", {"force_gwt": 2.326, "doi_mm": 0.1234, "x_mm": -0.5, "phase": "hold"})
-    assert force.line == "2.33 gwt, depth 0.123 mm, x = -0.50 mm, hold"
-
-
-def test_the_trace_has_the_highest_of_each_few_readings_and_forgets(shown: IndentationProgress) -> None:
-    force = shown.force
-    for column in ([-1.0, -2.0, -1.0, -1.0], [0.0, 1.0, 0.5, 0.0], [12.0, 24.0, 1.0, 0.0], [9.0]):
-        assert len(column) <= EACH
-        for force_gwt in column:
-            shown.event("sample", {"force_gwt": force_gwt})
-    assert force.highest_gwt == 24.0 == len(BLOCKS[1:]) * ROWS
-    assert [line.rstrip() for line in force.trace] == ["  █", "  █▁", " ▁██"]
-    assert {len(line) for line in force.trace} == {COLUMNS}
-    for _ in range(EACH * COLUMNS):
-        shown.event("sample", {"force_gwt": 3.0})
-    assert force.highest_gwt == 3.0
-    assert force.trace == ["█" * COLUMNS] * ROWS
-
-
-@pytest.mark.parametrize(("force_gwt", "block"), [(0.0, " "), (-1.0, " "), (0.01, "█"), (0.9, "█"), (1.0, "█")])
-def test_the_trace_is_as_high_as_its_highest_force(force_gwt: float, block: str, shown: IndentationProgress) -> None:
-    shown.event("sample", {"force_gwt": force_gwt})
-    assert [line[0] for line in shown.force.trace] == [block] * ROWS
-
-
-def test_a_screen_is_no_wider_than_the_terminal(shown: IndentationProgress) -> None:
-    screen = io.StringIO()
-    shown.event("sample", {"force_gwt": 100.0, "doi_mm": 1.5, "x_mm": -3.69, "phase": "back off"})
-    drawn = Screen(shown.force, lambda: ["xx " * 34], lambda: ["below [b]it[/b]"])
-    Console(file=screen, width=80, force_terminal=True).print(drawn)
-    lines = screen.getvalue().splitlines()
-    assert [len(line) for line in lines] == [80, 58, 77, 66, 68, 15]
-    assert lines[0].endswith("x…")
-    assert (lines[2].split()[-2:], lines[4][-1]) == (["100.00", "gwt"], "0")
-    assert lines[-1] == "below [b]it[/b]"
 
 
 # --- a journal that grows ---
@@ -309,35 +231,6 @@ def test_a_run_that_is_taken_up_has_a_course_of_its_own(course: Course, tmp_path
     assert (seen.now, seen.left_s) == ("", 10.0)
 
 
-def test_who_comes_after_it_was_taken_up_reads_it_in_pieces(course: Course, tmp_path: Path) -> None:
-    """The course that is there is that of the second part: it is read for the first one, and again for its own."""
-    folder = RunFolder(tmp_path)
-    Course(30.0, {("home", 1, 0): 20.0}, {("home", 1, 0): "home"}).save(folder)
-    seen = RunScreen(folder)
-    home = {"doc": "event", "stream": "home", "data": {}}
-    seen.take([{"doc": "start", "t_s": 0.0}, {**home, "t_s": 10.0}])
-    seen.take([{"doc": "resume", "t_s": 50.0}])
-    assert (seen.now, seen.left_s) == ("", None)
-    seen.take([{"doc": "event", "t_s": 51.0, "stream": "note", "data": {"text": "a"}}])
-    assert (seen.now, seen.left_s) == ("home", 29.0)
-    seen.take([{**home, "t_s": 60.0}])
-    assert (seen.now, seen.left_s) == ("", 10.0)
-
-
-@pytest.mark.parametrize(("more", "now"), [(0, REST), (1, MOUNT)])
-def test_a_course_is_waited_for_with_so_many_events(more: int, now: str, course: Course, tmp_path: Path) -> None:
-    """What came before it is then passed at once; later than that it counts from where the run is."""
-    assert run_state.LATE == 1000
-    seen = RunScreen(RunFolder(tmp_path))
-    seen.take([{"doc": "start", "t_s": 100.0}])
-    seen.take([{"doc": "event", "t_s": 110.0, "stream": stream, "data": data} for stream, data in EVENTS[:6]])
-    note = {"doc": "event", "t_s": 120.0, "stream": "note", "data": {"text": ""}}
-    seen.take([note] * (run_state.LATE - 7 + more))
-    course.save(seen.folder)
-    seen.take([])
-    assert seen.now == now
-
-
 # --- the command ---
 
 
@@ -405,7 +298,6 @@ def test_as_json_it_is_how_it_is_now(program: Program, run: Callable[[str], Path
     [
         (None, "events.jsonl: No such file or directory"),
         (b"noise\n", "line 1: not a journal document"),
-        (b'{"doc": "start", "t_s": 0}\n', "KeyError: 'unix_s'"),
         (b'{"doc": "start", "t_s": 0}\n{"doc": "event", "t_s": 0, "stream": "sample", "data": {}}\n',
          "KeyError: 'force_gwt'"),
     ],
@@ -450,29 +342,6 @@ def test_on_a_terminal_there_is_a_screen(
     assert "done    5 of 5, 0:00:00 left on the run's clock\n" in drawn
     assert drawn.rstrip().endswith("state   done, 5 of 5 indentations")
     assert max(map(len, drawn.splitlines())) <= 80
-
-
-def test_the_screen_is_drawn_when_something_comes_and_at_no_other_time(
-    program: Program, run: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    screen, folder = io.StringIO(), run("complete")
-    console = Console(file=screen, force_terminal=True, width=80, highlight=False, markup=False)
-    monkeypatch.setattr(watch_command, "out", console)
-    documents, threads = Following(RunFolder(folder)).new(), set(threading.enumerate())
-
-    def in_parts(of: RunFolder, wait: Callable[[], None]) -> Iterator[list[Document]]:
-        assert of.path == folder
-        assert "virtual bench" not in screen.getvalue()
-        yield documents[:1]
-        assert "run     complete, virtual bench" in screen.getvalue()
-        assert "no reading yet" in screen.getvalue()
-        begun = {thread.name for thread in set(threading.enumerate()) - threads}
-        assert begun <= {"progress"}, "no thread draws; that one says what takes long, once in a process"
-        yield documents[1:]
-
-    monkeypatch.setattr(watch_command, "followed", in_parts)
-    assert program("watch", folder).code == 0
-    assert "done    5 of 5" in screen.getvalue()
 
 
 def test_ctrl_c_ends_the_looking_on_only(
@@ -585,13 +454,3 @@ def test_a_screen_gives_way_while_somebody_is_asked(monkeypatch: pytest.MonkeyPa
     assert not output._screens
     with screen_aside():
         pass
-
-
-def test_what_is_counted_has_its_steps(course: Course) -> None:
-    run = IndentationProgress(1, None, course)
-    assert run.below() == [f"now     {MOUNT}", f"next    {HOME}"]
-    run.event(*EVENTS[0])
-    run.event("sample", {"force_gwt": 1.0, "phase": "clearance"})
-    assert run.below() == [f"now     {HOME}", f"next    {MOVE}"]
-    assert run.force.line == "1.00 gwt, clearance"
-    assert IndentationProgress(1, None).below() == ["now     -", "next    -"]

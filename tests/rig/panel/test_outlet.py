@@ -5,17 +5,13 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-import pytest
-
 from rig.panel.stream import (
     MOST_ROWS,
     MOST_STREAMS,
-    NOTHING,
     SHOWN_S,
     Outlet,
     PageQueue,
     ReadingSource,
-    as_event,
     stream,
 )
 
@@ -40,12 +36,6 @@ def rows_of(client: PageQueue, unix_s: float = 5.0) -> dict[str, Any]:
 
 def readings(outlet: Outlet, *seconds: float) -> None:
     outlet.add([[second, 10 * second] for second in seconds])
-
-
-def test_an_event_is_two_lines_and_never_holds_what_is_no_json() -> None:
-    assert as_event("state", {"a": "b\n\nc"}) == 'event: state\ndata: {"a":"b\\n\\nc"}\n\n'
-    with pytest.raises(ValueError, match="JSON"):
-        as_event("state", {"a": float("nan")})
 
 
 def test_a_page_that_comes_is_told_what_there_is() -> None:
@@ -116,26 +106,6 @@ def test_a_page_that_comes_later_gets_the_last_minute() -> None:
     readings(outlet, 90.1)
     with outlet.joined() as client:
         assert [row[0] for row in rows_of(client)["rows"]] == [60.0, 90.1]
-
-
-def test_other_readings_begin_anew() -> None:
-    outlet = Outlet()
-    assert outlet.source is NOTHING
-    outlet.begin(RUN)
-    with outlet.joined() as client:
-        client.taken(0.0)
-        readings(outlet, 1.0)
-        client.dropped = 0
-        outlet.begin(ReadingSource(None, ("t_s", "x_mm"), hand=True))
-        assert client.woken.is_set()
-        outlet.add([])
-        told = rows_of(client)
-        assert told == {
-            "unix_s": 5.0, "run": None, "hand": True, "columns": ["t_s", "x_mm"], "reset": True, "dropped": 0,
-            "rows": [],
-        }  # fmt: skip
-    with outlet.joined() as client:
-        assert rows_of(client)["rows"] == []
 
 
 def test_four_pages_look_on() -> None:

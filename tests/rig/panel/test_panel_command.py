@@ -70,12 +70,6 @@ def test_a_port_is_one_that_anybody_may_have(port: int, program: Program, opened
     assert ToldPanel.served == 0
 
 
-@pytest.mark.parametrize("port", [0, 1024, 65535])
-def test_every_other_port_is_taken(port: int, program: Program, opened: list[str]) -> None:
-    assert program("panel", "--no-browser", "--port", port).code == 0
-    assert ToldPanel.offered.port == port
-
-
 def test_a_configuration_that_is_none_is_told_before_anything_is_served(program: Program, tmp_path: Path) -> None:
     ended = program("panel", "--json", "--config", tmp_path / "none.toml")
     assert ended.code == 2

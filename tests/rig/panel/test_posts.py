@@ -9,14 +9,12 @@ import pytest
 import rig.panel.requests as posts
 from rig.control.client import ControlError, RefusedError
 from rig.control.stop import SentStop
-from rig.panel.owners import GONE_S, READY_S, STOP_S, NotTakenError
+from rig.panel.owners import GONE_S, STOP_S, NotTakenError
 from rig.panel.requests import MOST_BYTES, HeldButton, RequestError
 from tests.error_codes import raises
 from tests.rig.panel.asgi_client import asked
 from tests.rig.panel.stub_panel import OWN, StubOwner, StubPanel
 from tests.waiting import DEADLINE_S, until
-
-WAITS = (posts._ANSWER_S, posts._HOLD_S, posts._STOP_S, posts.HELD_S, STOP_S)  # before any test changes them
 
 Make = Callable[..., StubPanel]
 
@@ -107,13 +105,6 @@ def test_a_button_that_is_not_understood_moves_nothing(wrong: dict[str, Any], co
         HeldButton.of({**HOLD, **wrong})
 
 
-@pytest.mark.parametrize("speed_mm_s", [0.001, 1, 1e12])
-def test_a_speed_may_be_any_that_a_bench_could_refuse(speed_mm_s: float, make: Make) -> None:
-    panel = make(by_hand())
-    assert panel.post("/hold", HOLD | {"speed_mm_s": speed_mm_s})[0] == 200
-    assert panel.owners[0].asked[0][1]["speed_mm_s"] == speed_mm_s
-
-
 def test_numbers_beyond_all_numbers_are_refused(make: Make) -> None:
     panel = make(by_hand())
     for speed in (b"1e999", b"1000000000001", b"-1e999", b"9" * 400):
@@ -173,27 +164,6 @@ def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
     panel = make(owner)
     owner.answers[path] = {"ok": True, "words": "well"}
     assert panel.post(f"/{path}", BODIES.get(path, {}) | {"press": 8})[1]["words"] == "well"
-
-
-def test_how_long_each_is_waited_for(make: Make) -> None:
-    """A stop's own answer is waited for shortly, and listened to for longer; a hold no longer than it counts."""
-    assert WAITS == (1.0, 0.2, 0.25, 0.25, 3.0)
-    assert (posts._THREADS, posts._MOST_HELD, READY_S, GONE_S) == (4, 3, 15.0, 5.0)
-    run, hand = StubOwner(), by_hand()
-    for path in ("pause", "stop"):
-        make(run).post(f"/{path}")
-    for path in ("hold", "release", "home", "zero"):
-        make(hand).post(f"/{path}", BODIES.get(path, {}))
-    assert (run.within_s, hand.within_s) == ([1.0, 3.0], [0.2, 1.0, 1.0, 1.0])
-
-
-def test_what_is_real_is_shown_before_what_is_virtual(make: Make) -> None:
-    real, rehearsal = StubOwner(pid=1, began_unix_s=1.0), StubOwner(pid=2, virtual=True, began_unix_s=2.0)
-    later = StubOwner(pid=3, began_unix_s=3.0)
-    make(real, rehearsal).post("/pause")
-    assert (len(real.asked), len(rehearsal.asked)) == (1, 0)
-    make(later, real, rehearsal).post("/pause")
-    assert (len(real.asked), len(later.asked)) == (1, 1)
 
 
 # --- which tab ---

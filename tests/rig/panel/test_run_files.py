@@ -10,7 +10,6 @@ from urllib.parse import quote
 import pytest
 
 from rig.panel.access import FILE_POLICY
-from rig.panel.run_files import _pieces
 from tests.rig.panel.stub_panel import OWN, StubPanel
 
 OLD = Path(__file__).parents[2] / "data" / "runs"
@@ -43,32 +42,6 @@ def test_the_runs_there_are_the_newest_first(runs: Path, panel: StubPanel) -> No
         "name", "uid", "date_utc", "protocol", "title", "subject", "shapes", "state", "virtual", "planned", "done",
         "duration_s",
     }  # fmt: skip
-
-
-@pytest.mark.parametrize(
-    ("query", "names"),
-    [
-        ("state=killed", {"20260101-stopped"}),
-        ("state=", {"20260101-complete", "20260101-stopped"}),
-        ("subject=nobody", set()),
-        ("protocol=nothing", set()),
-        ("shape=sphere", set()),
-        ("state=done&protocol=two_bars", None),
-        ("limit=0", set()),
-    ],
-)
-def test_runs_that_are_asked_for(query: str, names: set[str] | None, runs: Path, panel: StubPanel) -> None:
-    told = panel.get(f"/runs.json?{query}").json()
-    if names is not None:
-        assert {one["name"] for one in told["runs"]} == names
-    assert told["of"] == (2 if query == "limit=0" else len(told["runs"]))
-
-
-def test_each_of_the_filters_is_its_own(runs: Path, panel: StubPanel) -> None:
-    (one, *_) = panel.get("/runs.json?state=done").json()["runs"]
-    for name, value in (("protocol", one["protocol"]), ("shape", one["shapes"][0])):
-        assert one in panel.get(f"/runs.json?{name}={value}").json()["runs"]
-        assert panel.get(f"/runs.json?{name}={value}x").json()["runs"] == []
 
 
 @pytest.mark.parametrize("limit", ["-1", "a", "1.5", "\u0662", ""])
@@ -197,15 +170,3 @@ def test_whoever_leaves_in_the_middle_leaves_no_file_open(runs: Path, panel: Stu
 
     asyncio.run(panel.app({**scope, "headers": [(b"host", OWN["host"].encode())]}, receive, send))
     gc.collect()
-
-
-def test_a_journal_that_grows_is_as_long_as_it_was_said_to_be(tmp_path: Path) -> None:
-    path = tmp_path / "events.jsonl"
-    path.write_bytes(bytes(200_000))
-
-    async def read(size: int) -> list[int]:
-        return [len(piece) async for piece in _pieces(path, size)]
-
-    assert asyncio.run(read(150_000)) == [65536, 65536, 18928]
-    assert sum(asyncio.run(read(300_000))) == 200_000
-    assert asyncio.run(read(0)) == []

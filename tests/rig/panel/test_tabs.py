@@ -35,17 +35,3 @@ def test_what_another_tab_does_keeps_nobody() -> None:
     assert tabs.holder == "b"
     tabs.look(15.1)
     assert tabs.holder is None
-
-
-def test_presses_are_counted_for_each_who_has_the_controls() -> None:
-    tabs = Tabs()
-    tabs.take("a", 0.0)
-    assert tabs.is_released(0) is True
-    assert tabs.is_released(1) is False
-    tabs.release(5)
-    tabs.release(3)
-    assert [tabs.is_released(press) for press in (4, 5, 6)] == [True, True, False]
-    tabs.take("a", 1.0)
-    assert tabs.is_released(5) is True
-    tabs.take("b", 2.0)
-    assert tabs.is_released(5) is False

@@ -10,12 +10,8 @@ from typing import Any
 import pytest
 
 from rig.control.client import ControlError
-from rig.data.folder import RunFolder
-from rig.data.run_state import Course
-from rig.panel.run_view import RunView
 from rig.panel.stream import NOTHING, PageQueue
-from rig.panel.watcher import ASK_S, BEAT_S, FIND_S, HAND, LOOK_S, STATUS_S, Watcher
-from sim.devices.clock import VirtualClock
+from rig.panel.watcher import BEAT_S, Watcher
 from tests.rig.panel.stub_panel import StubOwner, StubPanel
 from tests.rig.panel.test_outlet import events
 
@@ -118,24 +114,6 @@ def test_where_nobody_announces_a_run_the_one_that_grows_is_followed(make: Make)
         assert told(watcher, client)["state"]["run"]["name"] == "20260102-other"
 
 
-def test_how_often_is_looked() -> None:
-    """A page has a reading within a tenth of a second, and a state at least twice a second."""
-    assert (LOOK_S, ASK_S, FIND_S, BEAT_S, STATUS_S) == (0.05, 0.1, 1.0, 0.4, 0.5)
-
-
-def test_what_is_drawn_is_of_the_run_that_is_followed(make: Make, tmp_path: Path) -> None:
-    mount = {"doc": "event", "stream": "mount", "data": {"indentor": "bar:3.0"}}
-    run = journal(tmp_path / "run", START, mount)
-    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
-    watcher = make(owner).watcher
-    assert watcher.job == watcher.bench.job
-    look(watcher)
-    assert watcher.run is not None
-    assert watcher.job is watcher.run.job is not None
-    assert (owner.asked, owner.within_s) == ([("status", {})], [STATUS_S])
-    assert watcher.bench.devices_state(0.0)["stage"]["word"] == "no data"
-
-
 def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Path) -> None:
     run = journal(tmp_path / "run", START)
     os.utime(run / "events.jsonl", (10.0, 10.0))
@@ -146,81 +124,6 @@ def test_an_announced_run_goes_on_however_silent_it_is(make: Make, tmp_path: Pat
         panel.owners.clear()
         state = told(panel.watcher, client)["state"]
         assert (state["run"]["state"], state["notice"]) == ("killed", None)
-
-
-def test_of_a_run_that_ended_nothing_is_now(make: Make, tmp_path: Path) -> None:
-    """Its owner may be at its report still."""
-    run = journal(tmp_path / "run", START)
-    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
-    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "reporting"}})).watcher
-    with watcher.outlet.joined() as client:
-        assert told(watcher, client)["state"]["run"]["now"] == "home"
-        journal(run, {"doc": "stop", "status": "aborted", "reason": "by the operator"})
-        state = told(watcher, client)["state"]
-        assert (state["run"]["now"], state["run"]["left_s"], state["run"]["ending"]) == (
-            None,
-            None,
-            "by the operator",
-        )
-        assert state["notice"] == "making the report"
-
-
-def test_an_owner_is_told_of_together_with_what_it_says(make: Make) -> None:
-    """Not as one that cannot be reached, before it was asked."""
-    panel = make(StubOwner())
-    panel.watcher.owners = ()
-    seen: list[object] = []
-    panel.owners[0].answers["status"] = lambda: seen.append(panel.watcher.owner) or {"ok": True, "state": "running"}
-    look(panel.watcher)
-    assert seen == [None]
-    assert panel.watcher.owner is panel.owners[0]
-
-
-def test_runs_are_not_searched_for_all_the_time(make: Make, monkeypatch: pytest.MonkeyPatch) -> None:
-    panel, searched = make(), list[float]()
-    monkeypatch.setattr("rig.panel.watcher.growing", lambda out, unix_s: searched.append(unix_s))
-    for _ in range(4):
-        look(panel.watcher)
-    assert len(searched) == 1
-    panel.clock.wait_s(1.0)
-    look(panel.watcher)
-    assert len(searched) == 2
-
-
-def test_the_bench_by_hand(make: Make, tmp_path: Path) -> None:
-    row = [5.0, 5.0, 0.25, 1.0, 2.0, 3.0, None]
-    status = {
-        "ok": True, "state": "idle", "stopped": False, "force_gwt": 0.25, "read_unix_s": 999.0, "homed": True,
-        "readings": {"columns": list(HAND.columns), "rows": [row], "next": 4},
-    }  # fmt: skip
-    hand = StubOwner(kind="by hand", answers={"status": status})
-    panel = make(hand)
-    watcher = panel.watcher
-    with watcher.outlet.joined() as client:
-        found = told(watcher, client)
-        assert hand.asked == [("status", {"since": 0})]
-        assert found["readings"]["hand"] is True
-        assert found["readings"]["rows"] == [row]
-        state = found["state"]
-        assert state["hand"] == {name: value for name, value in status.items() if name != "readings"}
-        assert (state["run"], state["newest"]["age_s"], state["devices"]["stage"]["word"]) == (None, 1.0, "idle")
-        assert state["limits"]["margin_gwt"] == state["limits"]["trip_gwt"] - 0.25
-        look(watcher)
-        assert hand.asked[-1] == ("status", {"since": 4})
-        panel.owners[:] = [StubOwner(pid=9, kind="by hand", answers={"status": ControlError("gone")})]
-        found = told(watcher, client)
-        assert panel.owners[0].asked == [("status", {"since": 0})]
-        assert (found["readings"]["reset"], found["state"]["owner"]["reachable"]) == (True, False)
-        assert (found["state"]["hand"], found["state"]["newest"]["force_gwt"]) == (None, None)
-        run = journal(tmp_path / "run", START)
-        panel.owners[:] = [StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})]
-        assert told(watcher, client)["readings"]["hand"] is False
-        Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
-        assert len(told(watcher, client)["schedule"]["steps"]) == 1
-        panel.owners[:] = [StubOwner(pid=9, kind="by hand", answers={"status": status})]
-        found = told(watcher, client)
-        assert (found["readings"]["hand"], found["schedule"]["steps"]) == (True, [])
-        assert found["schedule"]["run"] is None
 
 
 def test_a_state_is_told_when_it_changes_and_otherwise_now_and_then(make: Make) -> None:
@@ -256,70 +159,6 @@ def test_a_process_by_hand_that_ended_by_itself_is_told_of(make: Make) -> None:
 
 def _not_ours() -> list[StubOwner]:
     raise PermissionError(1, "not yours", "/run/rig")
-
-
-def test_the_time_left_alone_is_no_change(make: Make, tmp_path: Path) -> None:
-    run = journal(tmp_path / "run", START)
-    Course(100.0, {("home", 1, 0): 50.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
-    owner = StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})
-    watcher = make(owner).watcher
-    with watcher.outlet.joined() as client:
-        found = told(watcher, client)
-        assert found["state"]["run"]["left_s"] == 100.0
-        assert [one["words"] for one in found["schedule"]["steps"]] == ["home"]
-        assert found["schedule"]["run"] == "run"
-        journal(run, {"doc": "event", "stream": "note", "data": {"text": "a"}, "t_s": 10.0})
-        assert told(watcher, client) == {}
-        journal(run, {"doc": "event", "stream": "home", "data": {"controller": "a"}, "t_s": 20.0})
-        found = told(watcher, client)
-        assert found["schedule"]["steps"][0]["done"] is True
-
-
-def test_it_looks_on_until_it_is_cancelled(make: Make, tmp_path: Path) -> None:
-    run = journal(tmp_path / "run", START, sample(1.0))
-    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
-
-    async def looks_on() -> None:
-        with watcher.outlet.joined() as client:
-            task = asyncio.create_task(watcher.follow())
-            seen: dict[str, Any] = {}
-            while not seen.get("state", {}).get("run") or "readings" not in seen:
-                await client.woken.wait()
-                seen |= dict(events(client.taken(0.0)))
-            task.cancel()
-            with pytest.raises(asyncio.CancelledError):
-                await task
-
-    asyncio.run(looks_on())
-    assert isinstance(watcher.clock, VirtualClock)
-
-
-def test_what_was_read_of_a_run_that_is_followed_no_more_is_told_to_nobody(
-    make: Make, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Somebody took the bench by hand while its journal was looked at."""
-    run = journal(tmp_path / "run", START)
-    watcher = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}})).watcher
-
-    def left(seen: RunView, unix_s: float) -> list[list[float]]:
-        watcher.run = None
-        return [[0.0] * 9]
-
-    monkeypatch.setattr(RunView, "look", left)
-    with watcher.outlet.joined() as client:
-        found = told(watcher, client)
-    assert (found["readings"]["rows"], found["state"]["run"]) == ([], None)
-
-
-def test_a_run_that_is_followed_no_more_leaves_no_schedule(make: Make, tmp_path: Path) -> None:
-    run = journal(tmp_path / "run", START)
-    Course(9.0, {("home", 1, 0): 5.0}, {("home", 1, 0): "home"}).save(RunFolder(run))
-    panel = make(StubOwner(run=str(run), answers={"status": {"ok": True, "state": "running"}}))
-    with panel.watcher.outlet.joined() as client:
-        assert len(told(panel.watcher, client)["schedule"]["steps"]) == 1
-        panel.owners[0].run = None
-        found = told(panel.watcher, client)["schedule"]
-        assert (found["steps"], found["run"]) == ([], None)
 
 
 def test_controls_of_a_tab_that_has_left_are_free(make: Make) -> None:

@@ -79,9 +79,7 @@ def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     [
         ("home",),
         ("jog", "--axis", "x", "--by-mm", "-1"),
-        ("jog", "--axis", "z", "--by-mm", "1"),
         ("jog", "--axis", "z", "--by-mm", "-1"),
-        ("jog",),
         ("calibrate", "steps", "--axis", "z"),
     ],
     ids=" ".join,

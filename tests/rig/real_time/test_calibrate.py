@@ -92,11 +92,6 @@ def test_compliance_on_a_block(rig: Rig, block: tuple[float, Callable[..., Path]
     assert accepted.value("compliance_mm_per_n", 0.0) == pytest.approx(found["value"], rel=1e-3)
 
 
-def test_nobody_beside_the_block(rig: Rig, block: tuple[float, Callable[..., Path]]) -> None:
-    ended = rig("calibrate", "compliance", "--config", block[1](), "--json", typed="")
-    assert (ended.code, ended.json["code"]) == (1, "nobody_answered")
-
-
 def test_a_force_beyond_the_trip(rig: Rig, block: tuple[float, Callable[..., Path]]) -> None:
     """100 gwt are asked for and the rig may not go beyond 0.3 N: it trips, lifts and says so."""
     press = ("calibrate", "compliance", "--config", block[1](search_mm=0.1, soft_trip_n=0.3))

@@ -28,22 +28,6 @@ def test_jog_by_a_distance(rig: Rig, free_stage: FreeStage) -> None:
     assert free_stage.x_mm() == pytest.approx(-1.23, abs=0.0026)
 
 
-@pytest.mark.parametrize(
-    ("options", "code"),
-    [
-        (("--axis", "q", "--by-mm", "1"), "unknown_choice"),
-        (("--axis", "x"), "both_or_neither"),
-        (("--axis", "x", "--by-mm", "0"), "outside_range"),
-        (("--axis", "x", "--by-mm", "1", "--speed-mm-s", "99"), "outside_range"),
-    ],
-)
-def test_what_jog_refuses(rig: Rig, tmp_path: Path, options: tuple[str, ...], code: str) -> None:
-    config = tmp_path / "rig.toml"
-    config.write_text("", encoding="utf-8")
-    ended = rig("jog", "--config", config, *options, "--json")
-    assert (ended.code, ended.error_code) == (2, code)
-
-
 def test_jog_beyond_the_travel_says_so(rig: Rig, free_stage: FreeStage) -> None:
     ended = rig("jog", "--config", free_stage.config, "--axis", "x", "--by-mm", "5", "--without-force", "--json")
     assert ended.code == 1
