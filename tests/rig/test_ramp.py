@@ -11,11 +11,9 @@ import pytest
 
 import rig.engine.indentation as indentations
 import rig.protocol.check as checks
+from rig.devices import standa_link, tmcl_link, zaber_link
 from rig.devices.base import StageError
 from rig.devices.registry import StageKind
-from rig.devices.standa_link import StandaLink
-from rig.devices.tmcl_link import TmclLink
-from rig.devices.zaber_link import ZaberLink
 from rig.engine import LimitError, NotReadyError, RecordError, Target, TripError, indent, verbs
 from rig.engine.bench import Pause
 from rig.engine.corridor import PRINTED_MM
@@ -30,7 +28,7 @@ from rig.session.rehearsal_summary import preflight
 from rig.session.resume import StoppedRun, read_stopped
 from rig.session.session import NewRun, Session, dry_run
 from rig.settings import RigSettings
-from rig.transport.modbus import ModbusMaster
+from rig.transport import modbus
 from rig.units import GWT_N
 from sim.models.fingertip import Fingertip
 from studies.faults.campaign.world import BENCHES
@@ -370,9 +368,9 @@ def test_a_lost_journal_ends_it_and_lifts(faulty: FaultyBench) -> None:
 
 def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: pytest.MonkeyPatch) -> None:
     stopped_mm: list[float] = []
-    for link in (ModbusMaster, StandaLink, TmclLink, ZaberLink):
-        # Its exchange never ends here, where all is one thread; on a rig it is waited for, in real time.
-        monkeypatch.setattr(link, "_turn", lambda _: nullcontext())
+    for link in (modbus, standa_link, tmcl_link, zaber_link):
+        # An exchange never ends here, where all is one thread; on a rig it is waited for, in real time.
+        monkeypatch.setattr(link, "in_turn", lambda lock, most_s: nullcontext())
 
     def stop() -> None:
         faulty.stage.stop()
