@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -71,16 +72,20 @@ def test_nothing_is_written_to_a_drive_that_would_not_obey(
 
 
 @pytest.mark.parametrize(
-    ("port", "x", "refused"),
-    [("/dev/ttyUSB1", Z, True), ("/dev/ttyUSB1", X, False), ("/dev/serial/by-id/a", Z, False),
-     ("tcp://10.0.0.7:502", Z, False)],
+    ("ports", "x", "refused"),
+    [(("/dev/ttyUSB1", "/dev/ttyUSB1"), Z, True), (("/dev/ttyUSB1", "/dev/ttyUSB1"), X, False),
+     (("/dev/serial/by-id/a", "/dev/serial/by-id/b"), Z, False), (("/dev/ttyUSB1", "/dev/serial/by-id/b"), Z, True),
+     (("tcp://10.0.0.7:502", "tcp://10.0.0.7:502"), Z, False)],
 )  # fmt: skip
-def test_drives_that_two_ports_could_exchange_are_refused(bench: Make, port: str, x: int, refused: bool) -> None:
+def test_drives_that_two_ports_could_exchange_are_refused(
+    bench: Make, ports: tuple[str, str], x: int, refused: bool
+) -> None:
     """With the same address behind two adapters, z's paths would move x if their names change places."""
     bus, stage = bench()
-    bus.name = port
+    stage._drives["x"].bus = copy(bus)
+    stage._drives["x"].bus.name, bus.name = ports
     stage._drives["x"].device_id = x
-    with raises(StageError, "port_may_change", port=port, device=Z) if refused else nullcontext():
+    with raises(StageError, "port_may_change", port=ports[1], device=Z) if refused else nullcontext():
         stage.connect()
     assert bool(bus.told) is not refused
 

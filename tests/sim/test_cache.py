@@ -149,6 +149,13 @@ def npy(array: NDArray[Any]) -> bytes:
     return stream.getvalue()
 
 
+def pickled(array: NDArray[Any]) -> bytes:
+    """Objects as long as their header says, and in them an array that the layout wants."""
+    content = pickle.dumps(array)
+    header = npy(np.zeros(-(-len(content) // 8))).replace(b"'<f8'", b"'|O' ")[:128]
+    return header + content + bytes(-len(content) % 8)
+
+
 def npy_header(shape: str, padding: int = 0) -> bytes:
     header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}{' ' * padding}\n".encode()
     if len(header) < 1 << 16:
@@ -171,11 +178,13 @@ def two(a: NDArray[Any], b: NDArray[Any]) -> bytes:
     return zipped({"a.npy": npy(a), "b.npy": npy(b)})
 
 
+B = npy(np.ones((2, 3)))
 HOSTILE: dict[str, Callable[[Path], None]] = {
     "no archive": lambda folder: sealed(folder, b"PK"),
     "nothing in it": lambda folder: sealed(folder, zipped({})),
     "a pickle": lambda folder: sealed(folder, pickle.dumps([1])),
     "objects": lambda folder: sealed(folder, zipped({"a.npy": npy(np.array([{}]))})),
+    "a pickle that fills an array": lambda folder: sealed(folder, zipped({"a.npy": pickled(np.ones(5)), "b.npy": B})),
     "compressed": lambda folder: sealed(folder, zipped({"a.npy": npy(np.zeros(10**7))}, zipfile.ZIP_DEFLATED)),
     "a terabyte": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(1000000000000,)")})),
     "no length": lambda folder: sealed(folder, zipped({"a.npy": npy_header("(-1,)")})),
