@@ -185,3 +185,12 @@ def test_a_stiff_thing_is_felt_no_harder_than_computed(spring: Make, k_gwt: floa
     trip_gwt = engine.trips.soft_gwt
     bound = trip_gwt + Stopping.of(bench.settings, 1.0).overshoot_gwt(trip_gwt, k_gwt, 1.0)
     assert 0.05 < felt[0] / GWT_N <= bound
+
+
+def test_the_hard_trip_holds_whatever_was_predicted(spring: Make) -> None:
+    settings = RigSettings.model_validate({"limits": {"soft_trip_n": 0.05, "hard_trip_n": 0.05}})
+    bench = spring(settings=settings, soft_trip_n=4.0)
+    engine = bench.ready()
+    _once(bench, "press", lambda: setattr(bench, "k_gwt", 300.0))
+    with raises(TripError, "hard_trip", limit_gwt=0.05 / GWT_N):
+        indent(engine, FORCE)
