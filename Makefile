@@ -104,7 +104,7 @@ shake: .venv/.ready-dev
 bench: .venv/.ready-dev
 	$(BIN)/python -m studies run --set bench
 
-test test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
+docs test test-portable test-studies shake mutants: export OMP_NUM_THREADS = 1  # of each worker
 # Where nothing compiled is written, every worker and every program that a test starts compiles all it imports.
 test test-portable test-studies shake: export PYTHONDONTWRITEBYTECODE =
 mutants: .venv/.ready-dev
