@@ -15,6 +15,7 @@ from scipy.special import fdtri
 
 from rig.compare.candidate_measures import lack_of_fit
 from rig.compare.comparison import Overlay, compare
+from rig.compare.exceptions import ComparisonError
 from rig.compare.fit import Flags, compared
 from rig.compare.likelihood import Form, MaximumLikelihoodFits, Observed, maximum_likelihood, observed
 from rig.compare.make_verdict import afferents
@@ -216,9 +217,18 @@ def receptor_location(
 ) -> ReceptorLocation | None:
     """Return the receptor location of one afferent, from stimuli with receptors at every node.
 
-    None if too few positions are covered, or the afferent hardly fired.
+    None if too few positions are covered, or the afferent hardly fired. Raises ComparisonError if too few are covered
+    with the offset.
     """
     data = _data(overlays, where)
+    if data is None and where.offset_mm[0] < where.offset_mm[1]:
+        raise ComparisonError(
+            "--offset-mm {low_mm:g},{high_mm:g}: the run covers too few recorded positions moved by these offsets; "
+            "narrow the offset, or press a wider range",
+            code="offset_not_covered",
+            low_mm=where.offset_mm[0],
+            high_mm=where.offset_mm[1],
+        )
     if data is None or data.observed.silent:
         return None
     rows = [_row(data, MEASURES.index(name), form) for name in measures]

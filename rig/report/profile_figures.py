@@ -130,7 +130,7 @@ def _image(axes: Axes, stimulus: StimulusRow, values: Array) -> QuadMesh:
     both = float(values.min()) < -_BOTH_SIGNS * top and float(values.max()) > _BOTH_SIGNS * top
     scale = {"cmap": "PuOr_r", "vmin": -top, "vmax": top} if both else {"cmap": "viridis"}
     image = axes.pcolormesh(at, of, values, shading="nearest", rasterized=True, **scale)
-    if both:
+    if both and min(values.shape) > 1:
         axes.contour(at, of, values, [0.0], colors="black", linewidths=0.8)
     seen = (of >= at.min()) & (of <= at.max())
     axes.plot(of[seen], of[seen], ls=DOTTED, lw=1.0, color="white", path_effects=_OUTLINED)

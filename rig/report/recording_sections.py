@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
 from rig.compare.recordings.columns import no_rows, read_table
-from rig.compare.recordings.deflection import downward_mm
+from rig.compare.recordings.deflection import PROXIMAL_MM, downward_mm
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
@@ -272,7 +272,7 @@ def read_deflections(path: Path) -> list[Deflection]:
     found = read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",))
     for row in found:
         doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
-        rows.append((doi, row.number("z_mm"), row.number("deflection_mm")))
+        rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
     downward_mm(path, found)
@@ -312,6 +312,8 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
             f"The measured deflection of the skin differs from the simulated one by {rms:.2g} mm rms at "
             f"{number_of(points, 'points')}."
         )
+        beside = sum(len(one.z_mm) for one in measured if partner(one, profiles) is not None) - points
+        text += f" {number_of(beside, 'points')} beside the patch of the model are left out." if beside else ""
     elif measured:
         text = "No run pressed to the depth of a measured deflection."
     text += f"\n\nMeasured: {source}." if source else ""

@@ -4,6 +4,7 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
+import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +14,14 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
 from rig.compare.recordings.number_cells import number_format
-from rig.compare.recordings.reading import Reading, read_recordings, saying_unused_sd, signs_of_a_copy
+from rig.compare.recordings.reading import (
+    Reading,
+    is_summary,
+    read_recordings,
+    refuse_several_units,
+    saying_unused_sd,
+    signs_of_a_copy,
+)
 from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
@@ -82,6 +90,8 @@ def read_afferents(
         )
     if not found:
         raise no_rows(table, "recordings")
+    for some in found.values():
+        refuse_several_units(some)
     return {afferent: saying_unused_sd(_mirrored(some, mirror)) for afferent, some in found.items()}
 
 
@@ -106,7 +116,14 @@ def _refuse(
     seen: dict[Hashable, _Named],
     stimuli: Sequence[StimulusRow],
 ) -> None:
-    """Refuse a shape that the runs do not have, and a recording that is named twice, also as a copy."""
+    """Refuse a shape that the runs do not have, a recording or copy that is named twice, and an unclear name."""
+    alike = [name for name in found if name != one.afferent and _as_name(name) == _as_name(one.afferent)]
+    if alike or is_summary(one.afferent):
+        raise RecordingError(
+            "{afferent!r} is no name of an afferent" + (", or the same as {other!r}" if alike else "")
+            + "; name each afferent in one way, and delete rows of means and the like",
+            code="unclear_name", afferent=one.afferent, other="".join(alike[:1]),
+        )  # fmt: skip
     shape = key.partition("@")[0]
     conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
     if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
@@ -145,6 +162,12 @@ def _refuse(
                 other=same.afferent,
                 where=same.where,
             )
+
+
+def _as_name(afferent: str) -> str | float:
+    """Return what two ways of writing one name have in common: `A1` and `a1`, `1` and `1.0`."""
+    number = number_format([]).number(afferent)
+    return afferent.casefold() if math.isnan(number) else number
 
 
 def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str, Recording]:

@@ -1,6 +1,7 @@
 """Read a user's table: separators, decimal signs, and the roles and units of its columns."""
 
 import math
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -217,6 +218,7 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
     return RecordingColumn(name, said.unit, said.factor or 1.0)
 
 
+_SHOWN_AS = re.compile(r"(?P<number>\S+) \(shown as (?P<unit>.+) in Excel\)")
 _MOST_LISTED = 20
 _NO_DATA = ("", "nan", "na", "n/a", "-")
 
@@ -247,11 +249,14 @@ class Row:
                 "point and other than three decimals",
                 plain=without_separators(text),
             )
+        if (shown := _SHOWN_AS.fullmatch(text)) and _is_unit_of(shown["unit"], column, in_file):
+            text = shown["number"]
         value = self.format.number(text)
         if not value >= least:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
             expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
+            expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
             fields = {"least": least} if bounded else {}
             raise self.wrong(column, "no_number", expected, decimal_comma=mixed, **fields)
         return self._of_a_finger(column, in_file.factor * value)
@@ -280,6 +285,12 @@ class Row:
             cell=self.cells[column],
             **fields,
         )
+
+
+def _is_unit_of(unit: str, name: str, column: RecordingColumn) -> bool:
+    """Return whether a unit is that of a column."""
+    same_kind = is_own_unit(unit) == is_own_unit(column.unit)
+    return same_kind and dimension_of(name).known(unit) == column.factor
 
 
 def unit_of_name(name: str) -> str:

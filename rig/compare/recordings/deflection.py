@@ -21,7 +21,7 @@ from sim.models.result import IndentationResult
 Array = NDArray[np.float64]
 
 _COLUMNS = ("x_mm", "z_mm")
-_CENTRE_MM = 0.0
+_CENTRE_MM = PROXIMAL_MM = 0.0
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         raise RecordingError("{path}, row 1: must have a column x_mm, z_mm, or both", code="no_place", path=str(path))
     usual = {"x_mm": _CENTRE_MM, "z_mm": np.nan}
     places = {
-        name: np.array([row.number(name) if name in given else usual[name] for row in rows]) for name in _COLUMNS
+        name: np.array([row.number(name, least) if name in given else usual[name] for row in rows])
+        for name, least in zip(_COLUMNS, (-np.inf, PROXIMAL_MM), strict=True)
     }
     return SkinDeflection(**places, deflection_mm=downward_mm(path, rows))
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+import re
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
@@ -130,7 +131,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     repeats = [row.cells.get(repeat, "") for row in rows]
     numbered = any(map(_has_digit, repeats))
     for row, said in zip(rows, repeats, strict=True):
-        if any(repeats) and (not said or said.casefold() in _SUMMARIES or (numbered and not _has_digit(said))):
+        if any(repeats) and (not said or is_summary(said) or (numbered and not _has_digit(said))):
             raise row.wrong(repeat, "no_repeat", "the number or name of a press at this position; delete rows with "
                             "sums, means and the like")  # fmt: skip
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
@@ -152,8 +153,13 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         yield row, position
 
 
-_SUMMARIES = ("mean", "means", "avg", "average", "sum", "total", "totals", "all", "overall", "pooled", "median", "sd",
-              "std", "se", "sem", "min", "max")  # fmt: skip
+_SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
+_SUMMARY_WORD = re.compile(r"(?<![^\W\d_])(means?|avg|average|median|sum|totals?|pooled)(?![^\W\d_])|\bn\s*=\s*\d")
+
+
+def is_summary(label: str) -> bool:
+    """Return whether the label of a repeat is that of a row of sums, means and the like, such as "mean (n=2)"."""
+    return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
 
 
 def _has_digit(text: str) -> bool:
@@ -299,6 +305,8 @@ def read_recordings(
     found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
     _refuse_unused([file for _, file in named.values()], reading.columns)
     _refuse_twice(found, {key: file for key, (_, file) in named.items()})
+    refuse_several_units({str(key): one for key, one in found.items()})
+    turned = set[ShapeKey]()
     for shape in mirror:
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
@@ -307,7 +315,8 @@ def read_recordings(
                 code="nothing_to_mirror",
                 shape=shape,
             )
-        found |= {key: found[key].mirrored() for key in meant}
+        found |= {key: found[key].mirrored() for key in meant if key not in turned}
+        turned.update(meant)
     return saying_unused_sd({str(key): one for key, one in found.items()})
 
 
@@ -340,6 +349,17 @@ def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
 
 
 _FEWEST_RATES = 3
+
+
+def refuse_several_units(found: Mapping[str, Recording]) -> None:
+    """Refuse rates of one afferent in several units, which no one gain converts. Raises RecordingError."""
+    units = {one.rate_unit.casefold().replace(".", ""): key for key, one in found.items()}
+    if len(units) > 1:
+        one, other = list(units.values())[:2]
+        raise RecordingError(
+            "the rates of {one} are in {first}, those of {other} in {second}; convert them to one unit",
+            code="several_units", one=one, first=found[one].rate_unit, other=other, second=found[other].rate_unit,
+        )  # fmt: skip
 
 
 def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:

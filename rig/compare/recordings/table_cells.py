@@ -291,7 +291,7 @@ def _shown_as(number: int, code: str) -> str:
     if number in _PERCENT_FORMATS or "%" in plain:
         return "a percentage in Excel"
     if words := "".join(map("".join, _QUOTED.findall(code))).strip():
-        return f"shown as {words} in Excel; write the unit into the header" if _LETTER.search(words) else ""
+        return f"shown as {words} in Excel" if _LETTER.search(words) else ""
     return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 

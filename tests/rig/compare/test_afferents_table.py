@@ -122,6 +122,8 @@ BAD = {
     "a9,bar:3,1.0,d.csv": "file_twice",
     "a10,bar:3,1.0,copy_of_d.csv": "file_twice",
     "a11,bar:3,1.0,d_written_otherwise.csv": "file_twice",
+    "A8,bar:3,,c.csv": "unclear_name",
+    "mean,bar:3,,c.csv": "unclear_name",
     "a8,bar:3,,c.csv": "recorded_twice",
 }
 

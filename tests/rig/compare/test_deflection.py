@@ -1,11 +1,14 @@
 """The skin's deflection under a line load, and what was measured over it."""
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.deflection import read_skin_deflection
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -13,6 +16,7 @@ from rig.protocol.script import load_script
 from rig.report.recording_sections import read_deflections, simulated
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
+from tests.error_codes import raises
 
 
 @pytest.fixture(scope="module")
@@ -50,3 +54,11 @@ def test_semicolons_and_decimal_commas(tmp_path: Path) -> None:
     path.write_text("z_mm;deflection_mm;doi_mm\n7;0,25;1\n", encoding="utf-8")
     (found,) = read_deflections(path)
     assert (found.doi_mm, found.z_mm.tolist(), found.deflection_mm.tolist()) == (1.0, [7.0], [0.25])
+
+
+@pytest.mark.parametrize("read", [read_deflections, read_skin_deflection])
+def test_points_before_the_proximal_edge_are_refused(read: Callable[[Path], object], tmp_path: Path) -> None:
+    path = tmp_path / "from_the_middle.csv"
+    path.write_text("z_mm,deflection_mm\n-4,0.1\n0,0.4\n4,0.1\n", encoding="utf-8")
+    with raises(RecordingError, "no_number", row=2, column="z_mm"):
+        read(path)

@@ -41,6 +41,12 @@ def test_mirrored_positions_are_negated(srp: Path) -> None:
     assert found.changes == ("mirrored",)
 
 
+def test_a_shape_named_twice_to_mirror_is_mirrored_once(srp: Path) -> None:
+    once, twice = (read_recordings([f"bar:3={srp}"], ["bar:3"] * n, [], Reading())["bar:3"] for n in (1, 2))
+    assert twice.position_mm.tolist() == once.position_mm.tolist()
+    assert twice.rate.tolist() == once.rate.tolist()
+
+
 def test_spike_times_are_read_against_their_run(bar_run: Run, tmp_path: Path) -> None:
     starts = [e["t_s"] for e in bar_run.stream("hold_start") if e["hold"] == 2]
     spikes = [t + 0.01 * n for k, t in enumerate(starts) for n in range(5 * k)]
@@ -122,6 +128,7 @@ def test_one_shape_at_several_forces(srp: Path) -> None:
         (["bar:3={srp}", "step:1={srp}"], [], "file_twice", {"shape": "step:1", "other": "bar:3"}),
         (["bar:3@8gwt={srp}", "bar:3@4gwt={srp}"], [], "file_twice", {"shape": "bar:3@4 gwt"}),
         (["bar:3={srp}", "step:1={again}"], [], "file_twice", {"shape": "step:1", "other": "bar:3"}),
+        (["bar:3={srp}", "step:1={other}"], [], "several_units", {"first": "1/s", "second": "a.u."}),
         (["bar:3={srp}"], ["step:1"], "nothing_to_mirror", {"shape": "step:1"}),
         (["bar:3@8gwt={srp}"], ["bar:3@2gwt"], "nothing_to_mirror", {"shape": "bar:3@2gwt"}),
     ],
@@ -129,10 +136,11 @@ def test_one_shape_at_several_forces(srp: Path) -> None:
 def test_what_is_named_wrongly(
     srp: Path, recorded: list[str], mirror: list[str], code: str, fields: dict[str, Any]
 ) -> None:
-    again = srp.with_name("written_otherwise.csv")
+    again, other = srp.with_name("written_otherwise.csv"), srp.with_name("arbitrary_units.csv")
+    other.write_text("position_mm,rate (a.u.)\n-1,0.2\n0,1\n1,0.3\n", encoding="utf-8")
     again.write_text(srp.read_text(encoding="utf-8") + "\n", encoding="utf-8")
     with raises(RecordingError, code, **fields):
-        read_recordings([text.format(srp=srp, again=again) for text in recorded], mirror, [], Reading())
+        read_recordings([text.format(srp=srp, again=again, other=other) for text in recorded], mirror, [], Reading())
 
 
 def test_columns_without_a_recording() -> None:

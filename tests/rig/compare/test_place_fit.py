@@ -8,11 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from rig.compare.comparison import Overlay, compare
+from rig.compare.exceptions import ComparisonError
 from rig.compare.likelihood import Form
 from rig.compare.place_grid import PlaceRange, PlaceRow, ReceptorLocation
 from rig.compare.receptor_place import receptor_location
 from rig.compare.recordings.recording import recording
 from rig.compare.stimuli import StimulusRow
+from tests.error_codes import raises
 
 Array = NDArray[np.float64]
 Laid = Callable[..., Sequence[Overlay]]
@@ -140,6 +142,8 @@ def test_only_what_the_run_covers_counts(laid: Laid) -> None:
     assert with_offset is not None
     assert with_offset.where.x_mm[1] < 0.0
     assert receptor_location(laid(0.0, 0.8, pressed=np.array([0.0, 0.1])), WHERE, Form()) is None
+    with raises(ComparisonError, "offset_not_covered"):
+        receptor_location(laid(0.0, 0.8, pressed=np.array([0.0, 0.1])), WITH_OFFSET, Form())
 
 
 def test_an_afferent_that_hardly_fired_has_no_place(laid: Laid) -> None:

@@ -499,7 +499,7 @@ ROWS = {
     **{
         f"a row with repeat {word!r}": Case("a summary is no press", twice(f"0,99,{word}"), code="no_repeat",
                                             says=("row 10", repr(word), "delete"))
-        for word in ("", "Mean", "sum", "Mittelwert")
+        for word in ("", "Mean", "sum", "Mittelwert", "mean (n=2)", "AVG(1:2)", "mean2", "n = 2")
     },
     "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
                                                                           "0,2,mean"), code="no_repeat"),
@@ -1024,6 +1024,7 @@ SHOWN = {
         )
         for code, unit in (("0.0[$/min]", "/min"), ("0.0[$ µm]", "µm"), ("0.0\\ \\k", "k"), ("0[$%-409]", "%"))
     },
+    "the header's unit in the format": Case("the same numbers", styled("0.0&quot; Hz&quot;"), rates=ALL),
     "a language in the format": Case("the same numbers", styled("[$-409]0.0"), rates=ALL),
     **{
         f"a digit {said}": Case("a reader sees another number", styled(
