@@ -576,3 +576,22 @@ def test_a_frame_of_its_own(spring: Make) -> None:
     aside = next(move for move in bench.moves() if "X" in move)
     assert aside == pytest.approx({"X": -19.0, "Y": -10.0, "F": 300.0})
     assert _press(engine).holds[0].force_gwt == pytest.approx(2.33, abs=0.05)
+
+
+def test_a_plan_lowers_the_force_that_trips_a_press() -> None:
+    assert StubBench(soft_trip_n=0.5).engine.trip_gwt == pytest.approx(50.986, abs=1e-3)
+
+
+def test_homing_begins_anew() -> None:
+    """However long ago the engine said anything; contacts, place and limit of depth are those of before."""
+    bench = StubBench()
+    engine = bench.in_contact()
+    engine.touched.at(0.0, 0.0, -0.3, (0.8, 4.0))
+    bench.clock.wait_s(10.0)
+    bench.stage.floors_mm.clear()
+    verbs.home(engine)
+    assert (engine.state, engine.placed, engine.touched.reached_at(0.0, 0.0)) == (State.READY, False, None)
+    limits, apex_mm = bench.settings.limits, bench.settings.frame.apex_z_mm
+    assert bench.stage.floors_mm == [round(apex_mm - limits.search_mm - limits.max_doi_mm, 6)]
+    assert bench.of("home")[-1]["contact"] == "lifted"
+    assert not engine.heartbeat.lost

@@ -39,6 +39,7 @@ def ended_at(rig: Rig, config: Path) -> float:
     return float(rig("status", "--config", config, "--json").json["stage"]["z_mm"])
 
 
+@pytest.mark.study
 def test_down_to_the_finger_by_hand(rig: Rig, bench: Path) -> None:
     """What the one process has left, homed and zeroed, the next one knows; at the finger every one of them stops."""
     assert rig("home", "--config", bench, "--json").code == 0

@@ -86,6 +86,7 @@ def chosen(elsewhere: Callable[..., Elsewhere], whole: tuple[ServedBench, Path],
         lab.end()
 
 
+@pytest.mark.study
 def test_counts_of_a_growing_file_choose_presses_and_then_the_plan_goes_on(
     chosen: Callable[..., tuple[Elsewhere, Path]],
 ) -> None:

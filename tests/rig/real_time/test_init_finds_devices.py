@@ -45,6 +45,7 @@ def serve() -> Iterator[Serve]:
         bench.close()
 
 
+@pytest.mark.quick(rows=lambda way: way == "pty")
 @pytest.mark.parametrize("way", ["pty", "tcp"])
 def test_every_device_is_found_and_its_file_is_right(
     way: str, serve: Serve, program: Program, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
