@@ -4,7 +4,7 @@ export OMP_NUM_THREADS ?= 2
 BY_FILE := --dist loadfile --no-loadscope-reorder
 # As many as there are cores: tests compute, and each worker spends seconds on collecting them.
 WORKERS ?= -n auto --maxprocesses 4 $(BY_FILE)
-REAL_TIME_WORKERS ?= 8
+REAL_TIME_WORKERS ?= 10
 # yes: the versions in requirements/, by their hashes; no: the newest that pyproject.toml allows
 LOCKED ?= yes
 # yes: make lock moves every package to its newest version

@@ -1,7 +1,7 @@
 """`make shake`: the suite twice and its real-time tests many times, beside as many busy processes as cores.
 
 Then, beside nothing else, the whole fault campaign (studies/faults/campaign) and a thousand fingers that move
-(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and a hundred times as many hostile files
+(tests/rig/test_moving_finger_machine.py), which are on the virtual clock, and two hundred times as many hostile files
 and replies as the suite has (tests/fuzz).
 Tests that measure a study are left out unless they are named: the Makefile runs them afterwards (test-studies).
 """
@@ -24,7 +24,7 @@ def main() -> None:
     parser.add_argument("--real-time", type=int, default=20, help="times what is marked real_time")
     parser.add_argument("--busy", type=int, default=os.cpu_count() or 1, help="others that never rest, beside it")
     parser.add_argument("--no-campaign", action="store_true", help="not the fault campaign")
-    parser.add_argument("--hostile", type=int, default=100, help="times as many hostile files and replies")
+    parser.add_argument("--hostile", type=int, default=200, help="times as many hostile files and replies")
     parser.add_argument("--fingers", type=int, default=1000, help="examples of each machine of a finger that moves")
     parser.add_argument("tests", nargs="*", help="files, folders or single tests instead of all of them")
     asked = parser.parse_args()

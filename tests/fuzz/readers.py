@@ -80,7 +80,7 @@ class Reader:
     read: Callable[[Path], object]
     beside: Callable[[Path], object] = lambda _: None
     writes: tuple[str, ...] = ()
-    in_suite: int = 100
+    in_suite: int = 50
 
 
 BY_COMMANDS = (TableError, CodingError, NoStageError)
@@ -402,14 +402,14 @@ READERS: dict[str, Reader] = {
         "rig.toml",
         _files(OLD / "small.toml", OLD / "complete" / "config.toml"),
         load_config,
-        in_suite=50,
+        in_suite=25,
     ),
     "configuration, for a stop": Reader(
         "rig.toml", _files(OLD / "small.toml"), stage_alone,
-        in_suite=50,
+        in_suite=25,
     ),
     "identified finger": Reader("finger.toml", _finger_files, read_finger_file,
-        in_suite=62,
+        in_suite=31,
     ),
     "plausible fingers": Reader(
         "fingers.toml",
@@ -417,18 +417,18 @@ READERS: dict[str, Reader] = {
             *_files(*sorted((EXAMPLES / "plausible_fingers").glob("*.toml")))(folder), *_finger_files(folder)
         ],
         read_plausible,
-        in_suite=100,
+        in_suite=50,
     ),
     "parameter study": Reader("study.toml", _texts(STUDY), read_study),
     "points of a skin": Reader(
         "points.csv", _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_points.csv"),
         _skin("points"),
-        in_suite=50,
+        in_suite=25,
     ),
     "sections of a finger": Reader(
         "sections.csv", _files(EXAMPLES / "own_finger" / "synthetic_larger_finger_sections.csv"),
         _skin("sections"),
-        in_suite=50,
+        in_suite=25,
     ),
     "profile": Reader("a.csv", _texts(PROFILE), lambda path: parse_shape(f"profile:{path}")),
     "profile of lines": Reader(
@@ -441,57 +441,57 @@ READERS: dict[str, Reader] = {
         "a.csv",
         _texts(MAP_ROWS),
         lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
-        in_suite=50,
+        in_suite=25,
     ),
     "height map, NumPy": Reader(
         "a.npy", _arrays, lambda path: parse_shape(f"heightmap:{path},spacing_mm=0.2,raised=low"),
-        in_suite=100,
+        in_suite=50,
     ),
     "height map, picture": Reader(
         "a.png", _pictures, lambda path: parse_shape(f"heightmap:{path},width_mm=4,height_mm=0.3"),
-        in_suite=38,
+        in_suite=19,
     ),
     "table of rates or counts": Reader("a.csv", _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
         "a.csv", _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
     ),
     "spike times": Reader("a.csv", _spike_rows, _spikes_in_a_table,
-        in_suite=100,
+        in_suite=50,
     ),
     "spike times, NWB": Reader("a.nwb", _nwb, _recording("#7"),
-        in_suite=62,
+        in_suite=31,
     ),
     "spike times, NIX": Reader("a.nix", _by_neo("NIX"), _recording("#unit 1"),
         in_suite=1,
     ),
     "spike times, Spike2": Reader(
-        "a.smr", _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=12
+        "a.smr", _by_neo("Spike2"), _recording("#unit 1", "sync=pulses"), in_suite=6
     ),
     "spike times, Plexon": Reader(
-        "a.plx", _by_neo("Plexon"), _recording("#ch1#1", "sync=pulses"), in_suite=12
+        "a.plx", _by_neo("Plexon"), _recording("#ch1#1", "sync=pulses"), in_suite=6
     ),
     "spike times, NeuroExplorer": Reader(
-        "a.nex", _by_neo("NeuroExplorer"), _recording("#unit 1", "sync=pulses"), in_suite=12
+        "a.nex", _by_neo("NeuroExplorer"), _recording("#unit 1", "sync=pulses"), in_suite=6
     ),
-    "spike times, Blackrock": Reader("a.nev", _by_neo("Plexon"), _recording("#ch1#1"), in_suite=12),
+    "spike times, Blackrock": Reader("a.nev", _by_neo("Plexon"), _recording("#ch1#1"), in_suite=6),
     "Open Ephys, structure": Reader(
         OEBIN, _inside(OEBIN), _open_ephys_recording(3),
-        beside=lambda path: _open_ephys(path.parents[3]), in_suite=12,
+        beside=lambda path: _open_ephys(path.parents[3]), in_suite=6,
     ),
     "Open Ephys, times": Reader(
         STAMPS, _inside(STAMPS), _open_ephys_recording(5),
-        beside=lambda path: _open_ephys(path.parents[5]), in_suite=12,
+        beside=lambda path: _open_ephys(path.parents[5]), in_suite=6,
     ),
     "table of afferents": Reader("a.csv", _texts(AFFERENTS), _afferents, beside=_beside_the_table,
-        in_suite=62,
+        in_suite=31,
     ),
     "deflection of the skin": Reader("a.csv", _texts(SKIN), read_skin_deflection),
     "deflection along the finger": Reader("a.csv", _texts(AXIAL), read_deflections),
     "readings of a row": Reader("a.csv", _texts(ROW), lambda path: read_readings(path, _finger()),
-        in_suite=15,
+        in_suite=7,
     ),
     "readings of a sheet": Reader("a.csv", _texts(SHEET), lambda path: read_readings(path, _finger()),
-        in_suite=20,
+        in_suite=10,
     ),
     "pressures": Reader("a.csv", _texts("pressure\n0\n1\n5\n2\n0\n"), read_pressures),
     "script": Reader("a.py", _texts(SCRIPT), lambda path: load_script(str(path))),
@@ -506,17 +506,17 @@ READERS: dict[str, Reader] = {
             _bundle,
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=12,
+        in_suite=6,
     ),
     "journal, exported": Reader(
         "run/events.jsonl", _short_journals, lambda path: export_command(path.parent, as_csv=True),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=2,
+        in_suite=1,
     ),
     "journal, resumed": Reader(
         "run/events.jsonl", _short_journals, _resume, beside=_run_folder,
         writes=("*/events.jsonl", *RUN_WRITES),
-        in_suite=38,
+        in_suite=19,
     ),
     "provenance": Reader(
         "run/provenance.json", _of_runs("provenance.json"),
@@ -525,42 +525,42 @@ READERS: dict[str, Reader] = {
             lambda path: left_on_record(path.parents[1], load_config(None)),
         ),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=10,
+        in_suite=5,
     ),
     "configuration of a run": Reader(
         "run/config.toml", _of_runs("config.toml"),
         _all_of(_resume, lambda path: show_command(path.parent), _panel),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=15,
+        in_suite=7,
     ),
     "checksums": Reader(
         "run/SHA256SUMS", _of_runs("SHA256SUMS"), _resume, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=75,
+        in_suite=37,
     ),
     "script of a run": Reader(
         "run/protocol.py", _of_runs("protocol.py"), _all_of(_resume, _bundle), beside=_run_folder,
         writes=RUN_WRITES,
-        in_suite=15,
+        in_suite=7,
     ),
     "course of a run": Reader(
         "run/timeline.json", _texts(json.dumps(COURSE)),
         _all_of(lambda path: Course.load(RunView(path.parent).folder), _panel, _bundle),
         beside=_run_folder, writes=RUN_WRITES,
-        in_suite=15,
+        in_suite=7,
     ),
     "byte log": Reader(
         "run/bytes.jsonl", _texts(BYTES), _bundle, beside=_run_folder, writes=RUN_WRITES,
-        in_suite=15,
+        in_suite=7,
     ),
     "index of runs": Reader(
         f"runs/{INDEX}", _indexes, lambda path: runs_command(path.parent, as_json=True),
         beside=lambda path: shutil.copytree(OLD / "complete", path.parent / "complete"),
         writes=(f"*{INDEX}*",),
-        in_suite=20,
+        in_suite=10,
     ),
     "memory of a bench": Reader("a.json", _texts(json.dumps(KNOWN)), _memory),
     "notes of owners": Reader(
-        "a.json", _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=50
+        "a.json", _texts(json.dumps(NOTE)), _owners, beside=_owner_lives, in_suite=25
     ),
     "model in the cache": Reader(
         "a.model", _model_files, lambda path: model_cache._read(path, "key", None)

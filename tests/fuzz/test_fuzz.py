@@ -1,7 +1,7 @@
 """Every file that the program reads, and every reply of a device: a success, or its own error with a code.
 
-HOSTILE=100 reads a hundred times as many files and hears as many more replies, from a seed of their own (make shake);
-then each file may take 5 s of processor time and 1 GB.
+HOSTILE=200 reads two hundred times as many files and hears as many more replies, from a new seed (make shake); then
+each file may take 5 s of processor time and 1 GB.
 """
 
 import math
@@ -27,7 +27,7 @@ from tests.fuzz.readers import NOT_READ, READERS, failure_of
 
 TIMES = int(os.environ.get("HOSTILE", "0"))
 MOST_S, MOST_BYTES = 5.0, 1 << 30
-CONVERSATIONS = 60
+CONVERSATIONS = 30
 
 
 def examples(number: int) -> settings:

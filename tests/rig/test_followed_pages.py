@@ -29,6 +29,7 @@ def blocks(page: str) -> list[tuple[str, str]]:
     return re.findall(r"^```([^\n]*)\n(.*?)^```$", text, flags=re.MULTILINE | re.DOTALL)
 
 
+@pytest.mark.quick(rows=lambda page: page != "your_own_protocol")
 @pytest.mark.parametrize("page", [*PAGES, *SECTIONS])
 def test_a_page_can_be_followed_literally(
     page: str, program: Program, empty_figures: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -184,6 +184,7 @@ LOOKING_ON = [
 ]
 
 
+@pytest.mark.quick(rows=lambda looking_on: looking_on is not a_run_that_two_pages_see)
 @pytest.mark.parametrize("looking_on", LOOKING_ON, ids=lambda one: one.__name__.replace("_", " "))
 def test_hours_of_it_are_kept_no_longer_than_they_are_shown(
     looking_on: Callable[[Path, Make, ExitStack], Step],
