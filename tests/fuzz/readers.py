@@ -94,7 +94,8 @@ def failure_of(read: Callable[[Path], object], path: Path) -> str:
         with redirect_stderr(said), redirect_stdout(io.StringIO()):
             read(path)
     except SystemExit as ended:
-        lines = [line for line in said.getvalue().splitlines() if not line.endswith("…")]  # without progress
+        *before, last = [line for line in said.getvalue().splitlines() if not line.endswith("…")] or [""]
+        lines = [*(line for line in before if " is damaged, line " not in line), last]  # which presses are left out
         if ended.code not in tuple(ExitCode) or len(lines) != 1 or not lines[0].startswith("rig: "):
             return f"ended with {ended.code!r}: {said.getvalue()[:500]!r}"
     except BY_COMMANDS:
