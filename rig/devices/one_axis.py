@@ -209,7 +209,7 @@ class WatchedAxis(Generic[Look]):
 
 
 def whole_speed(speed_mm_s: float, unit: float) -> int:
-    """Return the speed in a drive's unit, so many for 1 mm/s, rounded down. Raises MoveError below 1."""
+    """Return a speed as a whole number of a drive's units, `unit` of them for 1 mm/s. Raises MoveError below 1."""
     native = math.floor(speed_mm_s * unit + 1e-9)
     if native < 1:
         raise MoveError(

@@ -143,7 +143,7 @@ __all__ = ["SCHEME", "TcpTransport"]
 
 CONNECT_S = 3.0
 WRITE_S = 1.0
-_CHUNK = 4096
+_CHUNK = 1 << 16
 
 
 class TcpTransport:

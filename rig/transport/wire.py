@@ -49,7 +49,7 @@ class Transport(Protocol):
 
 LONGEST_LINE = 4096
 MOST_CHUNKS = 1000
-"""Chunks that can have arrived; no buffer of a port holds as many."""
+"""Chunks that can have arrived: 64 MB of a socket, more than its buffer holds."""
 
 
 class NeverQuietError(TransportError):

@@ -13,7 +13,7 @@ from typing import NamedTuple
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
-from rig.compare.recordings.number_cells import number_format
+from rig.compare.recordings.number_cells import NumberFormat, number_format
 from rig.compare.recordings.reading import (
     Reading,
     is_summary,
@@ -166,7 +166,7 @@ def _refuse(
 
 def _as_name(afferent: str) -> str | float:
     """Return what two ways of writing one name have in common: `A1` and `a1`, `1` and `1.0`."""
-    number = number_format([]).number(afferent)
+    number = NumberFormat().number(afferent)
     return afferent.casefold() if math.isnan(number) else number
 
 

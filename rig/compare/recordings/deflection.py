@@ -21,7 +21,7 @@ from sim.models.result import IndentationResult
 Array = NDArray[np.float64]
 
 _COLUMNS = ("x_mm", "z_mm")
-_CENTRE_MM = PROXIMAL_MM = 0.0
+_CENTRE_MM, PROXIMAL_MM = 0.0, 0.0
 
 
 @dataclass(frozen=True)

@@ -124,7 +124,7 @@ def _of_an_afferent(path: Path, found: Recording) -> None:
 def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     """Yield rows with their positions (mm), rounded to those that count as one.
 
-    Raises RecordingError if a position occurs twice in the same repeat, and for a repeat that is none.
+    Raises RecordingError if a position occurs twice in the same repeat, or if a repeat has no number or name.
     """
     seen: dict[tuple[float, str], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
