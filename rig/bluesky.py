@@ -363,7 +363,7 @@ class BlueskyBench:
         self._process.wait()
         found = json.loads(text) if text.strip() else {}
         words = found.get("error_text") or (found.get("ending") or {}).get("reason_text") or "the run has ended"
-        return PressFailedError("{reason}", code=found.get("code", "ended"), reason=words)
+        return PressFailedError(f"{words}", found.get("code", "ended"))
 
     # --- orders ---
 
@@ -372,7 +372,7 @@ class BlueskyBench:
         with self._guard:
             problem: Exception | None = self._ended
             if problem is None and self._status is not None:
-                problem = PressFailedError("another order is still running", code="busy")
+                problem = PressFailedError("another order is still running", "busy")
             if problem is None:
                 self._status, self._what = status, order["what"]
         if problem is None:
@@ -399,7 +399,7 @@ class BlueskyBench:
                     with suppress(ControlError):  # The first error is reported.
                         self._stop()
                 if error.code != "busy" or self._clock.monotonic_s() >= deadline_s:
-                    return PressFailedError("{reason}", code=error.code, reason=str(error))
+                    return PressFailedError(f"{error}", error.code)
             self._clock.wait_s(LOOK_S)
 
     def _stop(self) -> None:

@@ -1,82 +1,24 @@
-"""Errors of the rig: one sentence, a code that does not change with it, and its fields."""
+"""Errors of the rig, and what is wrong in a table that a person wrote."""
 
 import re
 from collections.abc import Iterator
 from difflib import get_close_matches
 from reprlib import Repr
-from typing import Any, ClassVar, TypeVar, get_args
+from typing import Any, get_args
 
 from pydantic import BaseModel, JsonValue, ValidationError
 
+from rig_shared.errors import CodedError
 
-class RigError(Exception):
-    """An error with a stable code.
 
-    With `fields`, `sentence` is a format string over them: "{port}: no reply to {command} within {timeout_s:g} s".
-    Without fields it is printed as it is, so a driver may raise plain text. `code` is lower case, with underscores;
-    default: the class's `default_code`.
-    """
-
-    default_code: ClassVar[str] = "error"
-
-    def __init__(self, sentence: str = "", /, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(sentence.format_map(fields) if fields else sentence)
-        self.sentence, self.fields = sentence, fields
-        self.code = self.default_code if code is None else code
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return _raised_again, (type(self), self.args), self.__dict__
+class RigError(CodedError):
+    """Error of the rig."""
 
 
 class RuleError(RigError, ValueError):
     """Values that do not go together, found by a validator; code and fields survive the validation."""
 
     default_code = "invalid_value"
-
-
-Coded = TypeVar("Coded", bound=RigError)
-
-
-def code_of(error: BaseException) -> str:
-    """Return the code of an error: its own, or the name of its class (`file_not_found`) for other libraries.
-
-    Errors of the simulation have their own codes too, although it is not imported here.
-    """
-    code = getattr(error, "code", None)
-    if isinstance(code, str) and not isinstance(error, SystemExit):
-        return code
-    name = re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", type(error).__name__).lower()
-    return name if name == "os_error" else name.removesuffix("_exception").removesuffix("_error")
-
-
-def is_coded(error: Any) -> bool:
-    """Return whether an error has a code and fields, as those of the rig and the simulation do."""
-    return isinstance(getattr(error, "fields", None), dict) and isinstance(getattr(error, "code", None), str)
-
-
-def around(kind: type[Coded], sentence: str, error: Any, /, *, code: str | None = None, **fields: Any) -> Coded:
-    """Return an error that contains another one as {problem}, with its code and fields."""
-    known = error.fields if is_coded(error) else {}
-    kept = error.code if code is None and is_coded(error) else code
-    return kind(sentence, code=kept, **{**known, **fields, "problem": str(error)})
-
-
-def recast(kind: type[Coded], error: Exception) -> Coded:
-    """Return an error of another class with the same sentence, code and fields."""
-    if isinstance(error, RigError):
-        return kind(error.sentence, code=error.code, **error.fields)
-    return kind(str(error))
-
-
-def fields_of(error: BaseException) -> dict[str, Any]:
-    """Return the fields of an error, or an empty dictionary."""
-    return dict(getattr(error, "fields", {}))
-
-
-def _raised_again(kind: type[RigError], args: tuple[Any, ...]) -> RigError:
-    error = kind.__new__(kind)
-    error.args = args
-    return error
 
 
 WRITTEN_BY_COMMANDS: dict[str, JsonValue] = {"written_by_commands": True}
@@ -134,8 +76,7 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     if rule == "extra_forbidden":
         near = [] if model is None else _neighbours(problem["loc"], model)
         meant = f", did you mean {' or '.join(near)}?" if near else ""
-        return BadInputError("{where}: {key}: there is no such key{meant}", code="unknown_key", where=where,
-                             key=place, near=near, meant=meant)  # fmt: skip
+        return BadInputError(f"{where}: {place}: there is no such key{meant}", "unknown_key")
     context = problem.get("ctx", {})
     raised = context.get("error")
     fields = {name: bound for name, bound in context.items() if name != "error"}
@@ -231,6 +172,8 @@ class TripError(EngineError):
     """A reading exceeded a trip: the stage was stopped until an operator resets it."""
 
     default_code = "tripped"
+    lift_code: str | None = None
+    """Code of the error that ended the lift after the trip."""
 
 
 class RecordError(EngineError):

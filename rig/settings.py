@@ -62,7 +62,7 @@ def _addressed(port: str) -> str:
     if not port.strip() or no_scheme or (over_ip and not re.fullmatch(r"(tcp|udp)://[^/]+:\d{1,5}", port)):
         raise RuleError(
             "not a port; use tcp://HOST:PORT, udp://HOST:PORT or a serial port, such as /dev/ttyUSB0 or COM3",
-            code="no_port_name",
+            "no_port_name",
         )
     return port
 
@@ -70,7 +70,7 @@ def _addressed(port: str) -> str:
 def _spelled(character: str) -> str:
     if not re.fullmatch(r"[78][NEO][12]", character):
         raise RuleError(
-            "not a character format; give data bits, parity and stop bits, such as 8N1 or 7E1", code="no_character"
+            "not a character format; give data bits, parity and stop bits, such as 8N1 or 7E1", "no_character"
         )
     return character
 
@@ -229,7 +229,7 @@ class ZaberSettings(Settings):
     @model_validator(mode="after")
     def _axes_are_distinct(self) -> Self:
         if (self.x.address, self.x.axis) == (self.z.address, self.z.axis):
-            raise RuleError("x and z: same address and axis; give each its own", code="one_axis_for_two")
+            raise RuleError("x and z: same address and axis; give each its own", "one_axis_for_two")
         return self
 
 
@@ -262,7 +262,7 @@ class StandaAxisSettings(Settings):
     @classmethod
     def _is_power_of_two(cls, value: int) -> int:
         if value & (value - 1):
-            raise RuleError("{value}: must be a power of two", code="no_power_of_two", value=value)
+            raise RuleError(f"{value}: must be a power of two", "no_power_of_two")
         return value
 
 
@@ -357,13 +357,13 @@ class TmclSettings(Settings):
     @model_validator(mode="after")
     def _motors_are_distinct(self) -> Self:
         if (self.x.address, self.x.motor) == (self.z.address, self.z.motor):
-            raise RuleError("x and z: same address and motor; give each its own", code="one_axis_for_two")
+            raise RuleError("x and z: same address and motor; give each its own", "one_axis_for_two")
         return self
 
 
 def _not_empty(text: str) -> str:
     if not text.strip():
-        raise RuleError("the name is empty; give a name", code="no_name")
+        raise RuleError("the name is empty; give a name", "no_name")
     return text
 
 
@@ -432,32 +432,16 @@ class StopSettings(Settings):
     def _complete(self) -> Self:
         for kind, key in (("board", "input"), ("key", "device")):
             if self.kind == kind and getattr(self, key) is None:
-                raise RuleError(
-                    "{setting}: required with kind = {kind!r}",
-                    code="expected_with_kind",
-                    setting=key,
-                    kind=kind,
-                )
+                raise RuleError(f"{key}: required with kind = {kind!r}", "expected_with_kind")
             if self.kind != kind and getattr(self, key) is not None:
-                raise RuleError(
-                    "{setting}: allowed only with kind = {kind!r}",
-                    code="expected_with_kind_only",
-                    setting=key,
-                    kind=kind,
-                )
+                raise RuleError(f"{key}: allowed only with kind = {kind!r}", "expected_with_kind_only")
         if self.key_code is not None and self.kind != "key":
-            raise RuleError(
-                "{setting}: allowed only with kind = {kind!r}",
-                code="expected_with_kind_only",
-                setting="key_code",
-                kind="key",
-            )
+            raise RuleError(f"key_code: allowed only with kind = {'key'!r}", "expected_with_kind_only")
         if self.trip_gwt is not None and self.trip_input is None:
-            raise RuleError("trip_gwt: allowed only together with trip_input", code="no_trip_input")
+            raise RuleError("trip_gwt: allowed only together with trip_input", "no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:
             raise RuleError(
-                "trip_input: same as input; connect the participant's button to another input",
-                code="input_used_twice",
+                "trip_input: same as input; connect the participant's button to another input", "input_used_twice"
             )
         return self
 
@@ -486,19 +470,14 @@ class Calibration(Settings):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         if self.expires < self.date:
-            raise RuleError("expires: must not be earlier than date", code="expires_before_date")
+            raise RuleError("expires: must not be earlier than date", "expires_before_date")
         return self
 
 
 def _measured(allowed: Callable[[float], bool], expected: str) -> AfterValidator:
     def check(calibration: Calibration) -> Calibration:
         if not allowed(calibration.value):
-            raise RuleError(
-                "value = {given:g}: must be {expected}",
-                code="impossible_value",
-                given=calibration.value,
-                expected=expected,
-            )
+            raise RuleError(f"value = {calibration.value:g}: must be {expected}", "impossible_value")
         return calibration
 
     return AfterValidator(check)
@@ -676,8 +655,7 @@ class StageSettings(DeviceSettings):
         x, z = self.drives.x, self.drives.z
         if x.device_id == z.device_id and (x.port or self.port) == (z.port or self.port):
             raise RuleError(
-                "drives.x and drives.z: same device_id on one port; give each drive its own",
-                code="one_id_for_two",
+                "drives.x and drives.z: same device_id on one port; give each drive its own", "one_id_for_two"
             )
         return self
 

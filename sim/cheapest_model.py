@@ -278,16 +278,11 @@ class Aim:
             object.__setattr__(self, "quantities", (quantities,))
         if not self.quantities or not set(self.quantities) <= set(QUANTITIES):
             raise ModelRangeError(
-                "{quantities}: must be one or more of {known}",
-                code="unknown_quantity",
-                quantities=", ".join(self.quantities),
-                known=", ".join(QUANTITIES),
+                f"{', '.join(self.quantities)}: must be one or more of {', '.join(QUANTITIES)}", "unknown_quantity"
             )
         if not 0 < self.tolerance < 1:
             raise ModelRangeError(
-                "tolerance {tolerance:g}: must be a fraction between 0 and 1",
-                code="bad_tolerance",
-                tolerance=self.tolerance,
+                f"tolerance {self.tolerance:g}: must be a fraction between 0 and 1", "bad_tolerance"
             )
 
     @property
@@ -410,7 +405,7 @@ class Choice:
         config = finger_config(config)
         if config.mesh != MeshSpec():
             raise ModelRangeError(
-                "the choice sets the mesh itself; remove [finger.mesh] from the configuration", code="own_mesh"
+                "the choice sets the mesh itself; remove [finger.mesh] from the configuration", "own_mesh"
             )
         locations = (places or ReceptorPlaces()) if self.aim.receptors else NOWHERE
         config = config.model_copy(update={"mesh": self.mesh})
@@ -531,13 +526,8 @@ def cheapest(situation: Situation, aim: Aim, expected: Expected, *, measured: bo
         passed.append(f"{rung.model} {rung.level} {_percent(worst[rung])}")
     best = min(ranked, key=lambda rung: worst[rung])
     raise NoModelError(
-        "no model is known to reach {aim} for {shape}; the best is {model}, level {level}, with "
-        "{expected_percent:g} %; allow a larger error or name a model",
-        aim=aim.text,
-        shape=situation.shape,
-        model=best.model,
-        level=best.level,
-        expected_percent=_two_digits(100 * worst[best]),
+        f"no model is known to reach {aim.text} for {situation.shape}; the best is {best.model}, level "
+        f"{best.level}, with {_two_digits(100 * worst[best]):g} %; allow a larger error or name a model",
     )
 
 

@@ -420,9 +420,8 @@ def finger_config(config: FingertipConfig | None) -> FingertipConfig:
         return FingertipConfig()
     if not isinstance(config, FingertipConfig):
         raise ArgumentError(
-            "config: must be a FingertipConfig, not {kind}; rig.plan.config.load_config(Path(FILE)).finger is that "
-            "of a configuration file",
-            code="no_finger_config",
-            kind=type(config).__name__,
+            f"config: must be a FingertipConfig, not {type(config).__name__}; "
+            "rig.plan.config.load_config(Path(FILE)).finger is that of a configuration file",
+            "no_finger_config",
         )
     return config

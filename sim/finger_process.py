@@ -64,7 +64,7 @@ class FingerProcess:
                     _MODELS.handle(reply[1])
         except (EOFError, OSError):
             raise FingerLostError(
-                "the process of the finger model ended ({how}); start again", how=self._how_it_ended()
+                f"the process of the finger model ended ({self._how_it_ended()}); start again"
             ) from None
         except BaseException:
             self.close()  # the next request would receive this answer

@@ -55,9 +55,7 @@ class PressedFinger:
             self._radius_mm = self._indentor.profile.sharpest_radius_mm
         elif truth.turn != STRAIGHT:
             raise ModelRangeError(
-                "{indentor} on a finger that is rolled or tilted: must be a sphere",
-                code="turned_finger",
-                indentor=indentor,
+                f"{indentor} on a finger that is rolled or tilted: must be a sphere", "turned_finger"
             )
         self._stiffness = truth.stiffness
         # There are thousands of heights over few positions, and the finger would hash the shape each time.
@@ -134,13 +132,9 @@ class PressedFinger:
         )
         if not result.state.converged:
             raise ModelRangeError(
-                "the virtual finger has no converged force for {indentor} at x = {x_mm:g} mm, DOI {doi_mm:g} "
-                "mm: residual {residual:.0e}",
-                code="no_answer",
-                indentor=self._indentor.name,
-                x_mm=pose.x_mm,
-                doi_mm=doi_mm,
-                residual=float(result.state.residual),
+                f"the virtual finger has no converged force for {self._indentor.name} at x = {pose.x_mm:g} mm, "
+                f"DOI {doi_mm:g} mm: residual {float(result.state.residual):.0e}",
+                "no_answer",
             )
         return _Pressed(pose, doi_mm, self._stiffness * result.force_n, result.state, result.strained.force)
 

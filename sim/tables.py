@@ -27,7 +27,7 @@ def numbers_of(name: str, values: ArrayLike) -> NDArray[np.float64]:
             return np.asarray(values, dtype=float)
     except (TypeError, ValueError):
         wrong = type(values)
-    raise ArgumentError("{name}: must be numbers, not {kind}", code="not_numbers", name=name, kind=wrong.__name__)
+    raise ArgumentError(f"{name}: must be numbers, not {wrong.__name__}", "not_numbers")
 
 
 def broadcast(**arguments: NDArray[Any]) -> list[NDArray[Any]]:
@@ -37,9 +37,8 @@ def broadcast(**arguments: NDArray[Any]) -> list[NDArray[Any]]:
     except ValueError:
         shapes = ", ".join(f"{name} {' × '.join(map(str, one.shape)) or 1}" for name, one in arguments.items())
         raise ArgumentError(
-            "the arguments have unequal lengths ({shapes}); each must have the same, or one value for all",
-            code="unequal_lengths",
-            shapes=shapes,
+            f"the arguments have unequal lengths ({shapes}); each must have the same, or one value for all",
+            "unequal_lengths",
         ) from None
 
 
@@ -73,29 +72,14 @@ def read_numbered(path: Path, columns: Sequence[str]) -> tuple[tuple[int, Row], 
     """Read columns as `read_columns`, each row with the number of its line in the file. Raises TableError."""
     lines = _lines(path)
     if not lines:
-        raise TableError(
-            "{path}: the file is empty; it must have the columns {columns}",
-            code="no_table",
-            path=str(path),
-            columns=",".join(columns),
-        )
+        raise TableError(f"{path}: the file is empty; it must have the columns {','.join(columns)}", "no_table")
     (first, header), *rows = lines
     order = _column_numbers(path, first, [cell.strip() for cell in header], columns)
     if not rows:
-        raise TableError(
-            "{path}: no rows below line {line}; numbers are required", code="no_rows", path=str(path), line=first
-        )
+        raise TableError(f"{path}: no rows below line {first}; numbers are required", "no_rows")
     for n, row in rows:
         if len(row) != len(header):
-            raise TableError(
-                "{path}, line {line}: {cells} cells, but line {header_line} has {expected}",
-                code="row_length",
-                path=str(path),
-                line=n,
-                cells=len(row),
-                expected=len(header),
-                header_line=first,
-            )
+            raise TableError(f"{path}, line {n}: {len(row)} cells, but line {first} has {len(header)}", "row_length")
     return tuple(
         (n, tuple(_number(path, n, name, row[k]) for name, k in zip(columns, order, strict=True))) for n, row in rows
     )
@@ -109,13 +93,9 @@ def _lines(path: Path) -> list[tuple[int, list[str]]]:
         reader = csv.reader(lines, delimiter=next((one for one in ";\t" if one in header), ","))
         return [(reader.line_num, row) for row in reader if any(row) and not row[0].startswith("#")]
     except OSError as error:
-        raise TableError(
-            "{path}: {problem}", code="unreadable", path=str(path), problem=error.strerror or str(error)
-        ) from None
+        raise TableError(f"{path}: {error.strerror or str(error)}", "unreadable") from None
     except (UnicodeDecodeError, csv.Error) as error:
-        raise TableError(
-            "{path}: not a CSV file in UTF-8: {problem}", code="not_csv", path=str(path), problem=str(error)
-        ) from None
+        raise TableError(f"{path}: not a CSV file in UTF-8: {error}", "not_csv") from None
 
 
 _MOST_LISTED = 20
@@ -125,15 +105,9 @@ def _column_numbers(path: Path, line: int, names: list[str], columns: Sequence[s
     for name in columns:
         if names.count(name) != 1:
             raise TableError(
-                "{path}, line {line}: the column {column} must occur once, not {count} times; the columns "
-                "are {columns}; read {read}",
-                code="column_count",
-                path=str(path),
-                line=line,
-                count=names.count(name),
-                column=name,
-                columns=",".join(columns),
-                read=", ".join(names[:_MOST_LISTED]),
+                f"{path}, line {line}: the column {name} must occur once, not {names.count(name)} times; the "
+                f"columns are {','.join(columns)}; read {', '.join(names[:_MOST_LISTED])}",
+                "column_count",
             )
     return [names.index(name) for name in columns]
 
@@ -154,27 +128,16 @@ _MAY_BE_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 def _number(path: Path, line: int, column: str, cell: str) -> float:
     if _MAY_BE_THOUSANDS.fullmatch(cell.strip()):
         raise TableError(
-            "{path}, line {line}, column {column}: {cell!r} may have a decimal comma or a separator of thousands; "
-            "write a point",
-            code="ambiguous_number",
-            path=str(path),
-            line=line,
-            column=column,
-            cell=cell.strip(),
+            f"{path}, line {line}, column {column}: {cell.strip()!r} may have a decimal comma or a separator of "
+            "thousands; write a point",
+            "ambiguous_number",
         )
     try:
         value = float(_DECIMAL_COMMA.sub(r"\1.\2", cell.strip()))
     except ValueError:
         value = math.nan
     if not is_number(value):
-        raise TableError(
-            "{path}, line {line}, column {column}: {cell!r} must be a number",
-            code="not_a_number",
-            path=str(path),
-            line=line,
-            column=column,
-            cell=cell.strip(),
-        )
+        raise TableError(f"{path}, line {line}, column {column}: {cell.strip()!r} must be a number", "not_a_number")
     return value
 
 
@@ -289,9 +252,7 @@ def to_xarray(columns: Columns | HasTable) -> Any:
 def _columns(given: Columns | HasTable) -> Columns:
     if not isinstance(given, Mapping) and not hasattr(given, "table"):
         raise ArgumentError(
-            "{kind} is no table; give the results of indent_many, or columns by name",
-            code="no_table",
-            kind=type(given).__name__,
+            f"{type(given).__name__} is no table; give the results of indent_many, or columns by name", "no_table"
         )
     return given if isinstance(given, Mapping) else given.table()
 
@@ -300,6 +261,4 @@ def _installed(package: str) -> Any:
     try:
         return import_module(package)
     except ImportError:
-        raise NotInstalledError(
-            "{package} is not installed; install it with pip install {package}", package=package
-        ) from None
+        raise NotInstalledError(f"{package} is not installed; install it with pip install {package}") from None

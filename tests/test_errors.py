@@ -1,54 +1,77 @@
-"""Errors keep their code and fields on their way through processes, and plain text stays as it is."""
+"""Errors keep their code on their way through processes, and their sentence is printed as it is."""
 
 import pickle
 from tomllib import TOMLDecodeError
 
 import pytest
 
-from rig.errors import RigError, code_of, fields_of
-from rig.protocol.handlers import SilentScriptError
+from rig.engine.motion import InterruptedMotionError
+from rig.errors import RigError, TripError
+from rig_shared.errors import CodedError, code_of
 from sim.errors import SimError
+from tests.error_codes import shows
 
 
-@pytest.mark.parametrize("kind", [RigError, SimError])
-def test_sentence_code_and_fields_survive_a_pickle(kind: type[RigError] | type[SimError]) -> None:
-    error = kind("{port}: no reply within {timeout_s:g} s", code="no_reply", port="/dev/a{b}", timeout_s=0.5)
-    again = pickle.loads(pickle.dumps(error))
-    assert type(again) is kind
-    assert str(again) == "/dev/a{b}: no reply within 0.5 s"
-    assert (again.code, again.fields) == ("no_reply", {"port": "/dev/a{b}", "timeout_s": 0.5})
-
-
-def test_a_silent_script_is_one_after_a_pickle_too() -> None:
-    again = pickle.loads(pickle.dumps(SilentScriptError(12.0)))
-    assert (type(again), again.fields, str(again)) == (
-        SilentScriptError,
-        {"longest_s": 12.0},
-        str(SilentScriptError(12.0)),
-    )
-
-
-@pytest.mark.parametrize("kind", [RigError, SimError])
-def test_plain_text_is_no_format(kind: type[RigError] | type[SimError]) -> None:
-    """A driver that somebody else wrote raises what it likes."""
-    error = kind("odd { text } {0}")
-    assert (str(error), error.code, error.fields) == ("odd { text } {0}", "error", {})
+def _failed_lift() -> TripError:
+    error = TripError("the soft trip; and the lift failed: no reply", "soft_trip")
+    error.lift_code = "no_reply"
+    return error
 
 
 @pytest.mark.parametrize(
-    ("error", "code", "fields"),
+    "error",
     [
-        (RigError("{a}", code="mine", a=1), "mine", {"a": 1}),
-        (SimError("plain"), "error", {}),
-        (FileNotFoundError(2, "none"), "file_not_found", {}),
-        (OSError("full"), "os_error", {}),
-        (TOMLDecodeError("no table"), "toml_decode", {}),
-        (ZeroDivisionError(), "zero_division", {}),
-        (Exception(), "exception", {}),
-        (SystemExit("words"), "system_exit", {}),
+        RigError("/dev/a{b}: no reply within 0.5 s", "no_reply"),
+        SimError("/dev/a{b}: no reply within 0.5 s"),
+        InterruptedMotionError("touched", "touched", 1.5),
+        _failed_lift(),
+    ],
+    ids=lambda error: type(error).__name__,
+)
+def test_sentence_code_and_attributes_survive_a_pickle(error: CodedError) -> None:
+    again = pickle.loads(pickle.dumps(error))
+    assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+@pytest.mark.parametrize("kind", [RigError, SimError])
+def test_a_sentence_is_printed_as_it_is(kind: type[CodedError]) -> None:
+    """A driver that somebody else wrote raises what it likes."""
+    error = kind("odd { text } {0}")
+    assert (str(error), error.code) == ("odd { text } {0}", "error")
+
+
+@pytest.mark.parametrize(
+    ("error", "code"),
+    [
+        (RigError("mine", "mine"), "mine"),
+        (SimError("plain"), "error"),
+        (FileNotFoundError(2, "none"), "file_not_found"),
+        (OSError("full"), "os_error"),
+        (TOMLDecodeError("no table"), "toml_decode"),
+        (ZeroDivisionError(), "zero_division"),
+        (Exception(), "exception"),
+        (SystemExit("words"), "system_exit"),
     ],
     ids=lambda value: str(value)[:20],
 )
-def test_whatever_fails_has_a_code(error: BaseException, code: str, fields: dict[str, int]) -> None:
+def test_every_failure_has_a_code(error: BaseException, code: str) -> None:
     """One of another library by its class."""
-    assert (code_of(error), fields_of(error)) == (code, fields)
+    assert code_of(error) == code
+
+
+@pytest.mark.parametrize(
+    ("sentence", "value", "is_shown"),
+    [
+        ("force 12.50 gwt", 12.504, True),
+        ("force 12.50 gwt", 12.506, False),
+        ("at x = -3 mm", -3.0, True),
+        ("at x = -3 mm", 3.0, False),
+        ("port COM3 is busy", 3, False),
+        ("1e-05 mm", 1e-5, True),
+        ("down to −2.5 mm", -2.5, True),
+        ("one of a, b", ["a", "b"], True),
+        ("one of a, b", ["a", "c"], False),
+    ],
+)
+def test_a_number_counts_as_shown_to_the_digits_printed(sentence: str, value: object, is_shown: bool) -> None:
+    assert shows(sentence, value) is is_shown

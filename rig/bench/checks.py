@@ -39,9 +39,7 @@ def _problems(config: Config) -> Iterator[BadInputError]:
     for port in stage_ports(config.stage):
         if _same_port(port, force):
             yield BadInputError(
-                "stage.port and force.port are both {port}; give each device its own port",
-                code="same_port",
-                port=port,
+                f"stage.port and force.port are both {port}; give each device its own port", "same_port"
             )
     try:
         refuse_place(0.0, 0.0, config)
@@ -50,12 +48,8 @@ def _problems(config: Config) -> Iterator[BadInputError]:
     apex_mm, lowest_mm = config.frame.apex_z_mm, -config.stage.travel_mm[2]
     if not lowest_mm <= apex_mm <= 0:
         yield BadInputError(
-            "{key} = {value:g} mm is outside the stage's travel, {low:g} … 0 mm",
-            code="apex_outside_travel",
-            key="frame.apex_z_mm",
-            value=apex_mm,
-            low=lowest_mm,
-            high=0.0,
+            f"frame.apex_z_mm = {apex_mm:g} mm is outside the stage's travel, {lowest_mm:g} … 0 mm",
+            "apex_outside_travel",
         )
 
 
@@ -83,20 +77,17 @@ def refuse_expired(config: Config) -> None:
 def _expired(config: Config) -> Iterator[BadInputError]:
     for name in config.calibration.expired(today()):
         expires = getattr(config.calibration, name).expires
+        key = f"calibration.{name}"
         yield BadInputError(
-            "{key} expired on {expires}; measure it again (`rig calibrate`) and update the configuration",
-            code="expired",
-            key=f"calibration.{name}",
-            expires=expires,
+            f"{key} expired on {expires}; measure it again (`rig calibrate`) and update the configuration", "expired"
         )
     for name in config.calibration.to_come(today()):
         measured = getattr(config.calibration, name).date
+        key = f"calibration.{name}"
         yield BadInputError(
-            "{key} was measured on {date}, but today is {today}; correct the date or the clock of this computer",
-            code="of_a_day_to_come",
-            key=f"calibration.{name}",
-            date=measured,
-            today=today(),
+            f"{key} was measured on {measured}, but today is {today()}; correct the date or the clock of this "
+            "computer",
+            "of_a_day_to_come",
         )
 
 
@@ -119,7 +110,7 @@ def checked_subject(code: str | None) -> str | None:
     raise BadInputError(
         "--subject: not a subject code; use one to three capital letters and two to six digits, such as "
         "S07, never a name",
-        code="no_subject_code",
+        "no_subject_code",
     )
 
 

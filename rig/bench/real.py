@@ -146,10 +146,7 @@ def refuse_silent_sensor(bench: Bench) -> None:
         pass
     except StageError as silent:
         raise ForceError(
-            "{force}; {stage}; exchange stage.port and force.port if they are swapped",
-            code="swapped_ports",
-            force=str(problem),
-            stage=str(silent),
+            f"{problem}; {silent}; exchange stage.port and force.port if they are swapped", "swapped_ports"
         ) from problem
     raise problem
 

@@ -219,25 +219,15 @@ def _twin(entry: DeviceKind) -> Callable[..., Any]:
     what = f"{entry.room}.kind = {entry.name!r}"
     if not entry.twin:
         usual = f"{entry.room}.kind = {DEFAULTS[entry.room]!r}"
-        raise BadInputError(
-            "{what}: this device has no virtual twin; use one that has, such as {usual}",
-            code="no_twin",
-            what=what,
-            room=entry.room,
-            kind=entry.name,
-            usual=usual,
-        )
+        raise BadInputError(f"{what}: this device has no virtual twin; use one that has, such as {usual}", "no_twin")
     module, _, function = entry.twin.partition(":")
     try:
         twin: Callable[..., Any] = getattr(import_module(module), function)
     except (Exception, SystemExit) as error:  # Importing a package may raise anything.
         raise BadInputError(
-            "{what}: its virtual twin {twin} cannot be loaded: {exception}: {problem}",
-            code="twin_not_loaded",
-            what=what,
-            twin=entry.twin,
-            exception=type(error).__name__,
-            problem=" ".join(str(error).split()),
+            f"{what}: its virtual twin {entry.twin} cannot be loaded: {type(error).__name__}: "
+            f"{' '.join(str(error).split())}",
+            "twin_not_loaded",
         ) from error
     return twin
 

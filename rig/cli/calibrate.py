@@ -58,9 +58,7 @@ def steps(
             now_per_mm, start = hand.steps_per_mm(direction.axis), hand.look()
             end = hand.go(lambda: direction, speed_mm_s, far_mm)
         if end.problem is not None:
-            raise BadInputError(
-                "{ended_by}; nothing was measured, nothing was changed", code=end.problem.code, ended_by=end.ended_by
-            )
+            raise BadInputError(f"{end.ended_by}; nothing was measured, nothing was changed", end.problem.code)
         moved_mm = abs(getattr(end.at, f"{axis}_mm") - getattr(start.at, f"{axis}_mm"))
         measured_mm = _typed_number(
             f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
@@ -137,10 +135,10 @@ def _mean_n(sensor: ForceSensor, clock: WallClock) -> float:
 def _ratio(expected: float, found: float) -> float:
     if not abs(found) > 0 or abs(expected / found - 1) > _LARGEST_CORRECTION:
         raise BadInputError(
-            "measured {found:g}, expected {expected:g}: the difference must not exceed 20 %; nothing was "
+            f"measured {found:g}, expected {expected:g}: the difference must not exceed 20 %; nothing was "
             "changed; check the setup and repeat",
-            code="correction_too_large", found=found, expected=expected,
-        )  # fmt: skip
+            "correction_too_large",
+        )
     return expected / found
 
 
@@ -148,7 +146,7 @@ def _wait_for_enter(question: str) -> str:
     err.print(question)
     answer = typed_line()
     if not answer:
-        raise BadInputError("no answer was entered; nothing was changed", code="nobody_answered")
+        raise BadInputError("no answer was entered; nothing was changed", "nobody_answered")
     return answer.strip()
 
 
@@ -157,9 +155,7 @@ def _typed_number(question: str) -> float:
     try:
         return float(answer)
     except ValueError:
-        raise BadInputError(
-            "{value!r}: must be a number; nothing was changed", code="not_a_number", value=answer
-        ) from None
+        raise BadInputError(f"{answer!r}: must be a number; nothing was changed", "not_a_number") from None
 
 
 def _print_calibration(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:

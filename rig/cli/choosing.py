@@ -46,15 +46,14 @@ def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool
 
     if not (math.isfinite(within_s) and 0 < within_s <= _MOST_WITHIN_S):
         raise BadInputError(
-            "{option} {value:g}: must be more than {low:g} and at most {high:g}",
-            code="outside_range", option="--count-within-s", value=within_s, low=0.0, high=_MOST_WITHIN_S,
-        )  # fmt: skip
+            f"--count-within-s {within_s:g}: must be more than {0.0:g} and at most {_MOST_WITHIN_S:g}",
+            "outside_range",
+        )
     refuse_source(source)
     if virtual and virtual_name(source) is None:
         raise BadInputError(
-            "--choose {value}: a dry-run has no nerve to record; use virtual:SA1 or virtual:MEASURE",
-            code="not_virtual", value=source,
-        )  # fmt: skip
+            f"--choose {source}: a dry-run has no nerve to record; use virtual:SA1 or virtual:MEASURE", "not_virtual"
+        )
     return Designed.of(script)
 
 

@@ -77,10 +77,7 @@ _Word = TypeVar("_Word", bound=str)
 def bounded(option: str, value: float, low: float, high: float) -> float:
     """Return the value; raise BadInputError if it is out of bounds."""
     if not low <= value <= high:
-        raise BadInputError(
-            "{option} {value:g}: must be {low:g} to {high:g}{unit}",
-            code="outside_range", option=option, value=value, low=low, high=high, unit=unit_of(option),
-        )  # fmt: skip
+        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}{unit_of(option)}", "outside_range")
     return value
 
 
@@ -89,10 +86,7 @@ def named(option: str, text: str, words: Sequence[_Word]) -> _Word:
     for word in words:
         if text == word:
             return word
-    raise BadInputError(
-        "{option} {value!r}: must be {expected}",
-        code="unknown_choice", option=option, value=text, expected=either(words),
-    )  # fmt: skip
+    raise BadInputError(f"{option} {text!r}: must be {either(words)}", "unknown_choice")
 
 
 def sampling_of(spacing_mm: float, half_length: int, depth_mm: float, axes: Axes = "skin") -> Sampling:
@@ -121,9 +115,7 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
 def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
     """Return a press of the section; raise BadInputError without a depth, ShapeError for an unknown shape."""
     if doi_mm is None:
-        raise BadInputError(
-            "{option} requires {needs}; add it", code="needs_option", option="--shape", needs="--doi-mm"
-        )
+        raise BadInputError("--shape requires --doi-mm; add it", "needs_option")
     return SectionPress(parse_shape(shape), x_mm, doi_mm)
 
 

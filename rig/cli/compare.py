@@ -179,15 +179,13 @@ def command(
             compare_example(out_file or Path(f"{example}.html"), as_json=as_json)
             return
         if not runs:
-            raise BadInputError("compare: requires a run folder, or --example bar3", code="needs_run")
+            raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
         receptors = Receptors(
             numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
         )
         if checked_friction(friction) and (place or fingers):
-            raise BadInputError(
-                "--friction and {option} cannot be combined; remove one",
-                code="friction_with", option="--place" if place else "--fingers",
-            )  # fmt: skip
+            option = "--place" if place else "--fingers"
+            raise BadInputError(f"--friction and {option} cannot be combined; remove one", "friction_with")
         reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
         if out_file is not None:
             checked_file("--out", out_file, *HTML)
@@ -232,10 +230,7 @@ def command(
             recordings = read_recordings(recorded or [], mirror or [], found, reading)
             refuse_unused_options(recordings.values(), reading)
         if place and not recordings:
-            raise BadInputError(
-                "{option} requires recordings; add {needs}",
-                code="needs_option", option="--place", needs="--recorded",
-            )  # fmt: skip
+            raise BadInputError("--place requires recordings; add --recorded", "needs_option")
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
         answered = _answered(found, receptors, friction, as_json=as_json)
         with busy("skin along the finger: computing its deflection …", quick=True):
@@ -317,15 +312,13 @@ _BESIDE_EXAMPLE = ("example", "out_file", "as_json")
 
 def _refuse_with_example(context: typer.Context, example: str) -> None:
     if example not in EXAMPLES:
-        raise BadInputError("--example {example}: must be one of {examples}", code="no_such_example", example=example,
-                            examples=", ".join(EXAMPLES))  # fmt: skip
+        raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
     for one in context.command.params:
         source = context.get_parameter_source(str(one.name))
         if one.name not in _BESIDE_EXAMPLE and source is not None and source.name == "COMMANDLINE":
             raise BadInputError(
-                "--example {example} brings its own rehearsal and recording; remove {option}",
-                code="example_alone", example=example, option=one.opts[0],
-            )  # fmt: skip
+                f"--example {example} brings its own rehearsal and recording; remove {one.opts[0]}", "example_alone"
+            )
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
@@ -356,9 +349,8 @@ def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json
         found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
     if not any(one.stimuli for one in found):
         raise BadInputError(
-            "run folder {run}: contains no finished indentation; compare a run with at least one",
-            code="nothing_finished",
-            run=runs[0].folder.path,
+            f"run folder {runs[0].folder.path}: contains no finished indentation; compare a run with at least one",
+            "nothing_finished",
         )
     return found
 
@@ -420,10 +412,9 @@ def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[S
     profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
     if measured is not None and not profiles:
         raise BadInputError(
-            "--deflection {path}: the runs contain no shape that lies across the finger; add a run with one, "
+            f"--deflection {measured}: the runs contain no shape that lies across the finger; add a run with one, "
             "or compare a single press with rig indent --deflection",
-            code="nothing_across",
-            path=measured,
+            "nothing_across",
         )
     source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
     return [deflection_section(profiles, points, source)] if profiles else []
@@ -451,12 +442,9 @@ def _refuse_other_fingers(runs: Sequence[Run]) -> None:
         differing = [f"finger.{name} ({first.get(name)} and {finger.get(name)})" for name in names[:_MOST_DIFFERING]]
         if differing:
             raise BadInputError(
-                "run folders {run} and {other}: their fingers differ in {differing}; compare runs on one finger, or "
-                "each run alone",
-                code="other_finger",
-                run=runs[0].folder.path,
-                other=run.folder.path,
-                differing=", ".join(differing),
+                f"run folders {runs[0].folder.path} and {run.folder.path}: their fingers differ in "
+                f"{', '.join(differing)}; compare runs on one finger, or each run alone",
+                "other_finger",
             )
 
 
@@ -479,10 +467,7 @@ def _sought(
     if not place:
         name_of_range = next((name for name, text in ranges.items() if text is not None), None)
         if name_of_range:
-            raise BadInputError(
-                "{option} {value} requires {needs}; add it",
-                code="needs_option", option=name_of_range, value=ranges[name_of_range], needs="--place",
-            )  # fmt: skip
+            raise BadInputError(f"{name_of_range} {ranges[name_of_range]} requires --place; add it", "needs_option")
         return None
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
     return common_range(runs, RequestedRanges((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
@@ -495,10 +480,7 @@ def _window(text: str) -> tuple[float, float]:
 def _two(option: str, text: str, named: str) -> tuple[float, float]:
     ends = numbers(option, text)
     if len(ends) != 2:
-        raise BadInputError(
-            "{option} {value!r}: must be two numbers, {expected}",
-            code="wrong_count", option=option, value=text, expected=named,
-        )  # fmt: skip
+        raise BadInputError(f"{option} {text!r}: must be two numbers, {named}", "wrong_count")
     return ends[0], ends[1]
 
 

@@ -49,11 +49,9 @@ def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
     for option, is_given in given.items():
         if is_given:
             raise BadInputError(
-                "{option} does not apply to several afferents; remove it, or compare one afferent with --recorded "
-                "SHAPE=FILE",
-                code="not_for_groups",
-                option=option,
-                path=path,
+                f"{option} does not apply to several afferents; remove it, or compare one afferent with "
+                "--recorded SHAPE=FILE",
+                "not_for_groups",
             )
 
 

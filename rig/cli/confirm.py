@@ -64,9 +64,8 @@ def ready_for_a_real_run(command: str, config: Config, out: Path, *, yes: bool) 
         refuse_missing(port)
     if not (yes or _is_interactive()):
         raise BadInputError(
-            "{command}: cannot ask for confirmation without a terminal; use one, or add --yes to start at once",
-            code="no_terminal",
-            command=command,
+            f"{command}: cannot ask for confirmation without a terminal; use one, or add --yes to start at once",
+            "no_terminal",
         )
 
 
@@ -77,11 +76,9 @@ def refuse_mounts(command: str, indentors: Iterable[str], mounted: str | None) -
     by_hand = [one for one in dict.fromkeys(indentors) if mounted is None or not same_shape(one, mounted)]
     if by_hand:
         raise BadInputError(
-            "{command}: {indentors} must be mounted by hand, but the session is not interactive; run it in a "
-            "terminal, or mount the indentor first and name it with --mounted",
-            code="mount_by_hand",
-            command=command,
-            indentors=", ".join(by_hand),
+            f"{command}: {', '.join(by_hand)} must be mounted by hand, but the session is not interactive; run it "
+            "in a terminal, or mount the indentor first and name it with --mounted",
+            "mount_by_hand",
         )
 
 
@@ -156,7 +153,7 @@ def _button_checked(button: StopButton, *, yes: bool, asking: Callable[[], Abstr
         elif button.pressed():
             raise BadInputError(
                 "stop: the participant's stop button is pressed; release it and start again; nothing has moved",
-                code="button_pressed",
+                "button_pressed",
             )
         err.print(f"{'stop':<10}{button.state}")
     button.arm()
@@ -167,10 +164,10 @@ def _seen(button: StopButton, request: str, *, pressed: bool) -> None:
     clock = WallClock()
     if not clock.wait_until(lambda: button.pressed() is pressed, clock.monotonic_s() + _BUTTON_S):
         raise NotConfirmedError(
-            "no response within {within_s:g} s to the request: {request}; nothing has moved; check the "
-            "button and start again",
-            code="button_not_seen", within_s=_BUTTON_S, request=request,
-        )  # fmt: skip
+            f"no response within {_BUTTON_S:g} s to the request: {request}; nothing has moved; check the button "
+            "and start again",
+            "button_not_seen",
+        )
 
 
 def careful(before: Ending) -> str:

@@ -62,15 +62,13 @@ LEAST_MM, MOST_MM = 0.3, 10.0
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
     """Raise BadInputError unless readings have one source, and those of a file their own noise and operator."""
     if [pressure, shape, readings].count(None) != 2:
-        raise BadInputError(
-            "give exactly one of {options}", code="exactly_one", options="--pressure, --shape and --readings"
-        )
+        raise BadInputError("give exactly one of --pressure, --shape and --readings", "exactly_one")
     for name, value in others.items():
         if readings is not None and value is not None:
+            option = f"--{name.replace('_', '-')}"
             raise BadInputError(
-                "{option} cannot be combined with {beside}; use it with --pressure or --shape",
-                code="not_together", option=f"--{name.replace('_', '-')}", beside="--readings",
-            )  # fmt: skip
+                f"{option} cannot be combined with --readings; use it with --pressure or --shape", "not_together"
+            )
 
 
 def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
@@ -83,18 +81,13 @@ def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | Non
     """Return R = k (S − S₀) with standard errors of k and S₀, None without a threshold; raise BadInputError."""
     if threshold is None:
         if gain is not None:
-            raise BadInputError(
-                "{option} requires {needs}; add it", code="needs_option", option="--gain", needs="--threshold"
-            )
+            raise BadInputError("--gain requires --threshold; add it", "needs_option")
         return None
     k, k_se = _with_error("--gain", "1" if gain is None else gain)
     s0, s0_se = _with_error("--threshold", threshold)
     bounded("--gain", k, 1e-9, _LARGEST)
     if k_se >= k:
-        raise BadInputError(
-            "{option} {value}: the standard error must be smaller than the gain",
-            code="error_too_large", option="--gain", value=gain,
-        )  # fmt: skip
+        raise BadInputError(f"--gain {gain}: the standard error must be smaller than the gain", "error_too_large")
     return FittedReceptor(Receptor(k, bounded("--threshold", s0, -_LARGEST, _LARGEST)), k_se, s0_se)
 
 
@@ -106,9 +99,9 @@ def _with_error(option: str, text: str) -> tuple[float, float]:
         value = error = math.nan
     if not (math.isfinite(value) and math.isfinite(error) and error >= 0):
         raise BadInputError(
-            "{option} {value!r}: must be a number such as 30, or a number and its standard error, 30±2",
-            code="not_a_number", option=option, value=text,
-        )  # fmt: skip
+            f"{option} {text!r}: must be a number such as 30, or a number and its standard error, 30±2",
+            "not_a_number",
+        )
     return value, error
 
 
@@ -123,9 +116,8 @@ def search_of(
     ends = None if within is None else numbers("--range", within)
     if ends is not None and not (len(ends) == 2 and 0 <= ends[0] < ends[1] <= _LARGEST):
         raise BadInputError(
-            "{option} {value}: must be two ascending numbers that are not negative, e.g. 0,30",
-            code="not_ascending", option="--range", value=within,
-        )  # fmt: skip
+            f"--range {within}: must be two ascending numbers that are not negative, e.g. 0,30", "not_ascending"
+        )
     if step is not None:
         bounded("--grid-step", step, 1e-6, _LARGEST)
     return SearchOptions(places, ends and (ends[0], ends[1]), step, seed)
@@ -136,10 +128,7 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
     if axial is None:
         return ()
     if readings is None:
-        raise BadInputError(
-            "{option} requires {needs} with a row of receptors; add it",
-            code="needs_option", option="--axial", needs="--readings",
-        )  # fmt: skip
+        raise BadInputError("--axial requires --readings with a row of receptors; add it", "needs_option")
     _refuse("--axial", axial, decoder, ("bayes",))
     word, named, length = axial.partition(":")
     if word == "ellipse" and not named:
@@ -150,19 +139,18 @@ def axial_of(axial: str | None, decoder: DecoderName, readings: Path | None) -> 
         half = math.nan
     if not LEAST_MM <= half <= MOST_MM:
         raise BadInputError(
-            "{option} {value}: must be ellipse, or ellipse:HALF-LENGTH with a half-length of {low_mm:g} to "
-            "{high_mm:g} mm",
-            code="bad_value", option="--axial", value=axial, low_mm=LEAST_MM, high_mm=MOST_MM,
-        )  # fmt: skip
+            f"--axial {axial}: must be ellipse, or ellipse:HALF-LENGTH with a half-length of {LEAST_MM:g} to "
+            f"{MOST_MM:g} mm",
+            "bad_value",
+        )
     return (half,)
 
 
 def _refuse(option: str, value: object, decoder: DecoderName, takers: tuple[DecoderName, ...]) -> None:
     if value is not None and decoder not in takers:
         raise BadInputError(
-            "{option} does not apply to --decoder {decoder}; use it with {expected}",
-            code="not_this_decoder", option=option, decoder=decoder, expected=either(takers),
-        )  # fmt: skip
+            f"{option} does not apply to --decoder {decoder}; use it with {either(takers)}", "not_this_decoder"
+        )
 
 
 Array = NDArray[np.float64]

@@ -125,10 +125,7 @@ def command(
         checked_file("--to", to, ".py")
         checked_file("--out", page_file, *HTML)
         if depths_mm is not None and forces_gwt is not None:
-            raise BadInputError(
-                "{option} and {other} cannot be combined; remove one",
-                code="cannot_combine", option="--depths-mm", other="--forces-gwt",
-            )  # fmt: skip
+            raise BadInputError("--depths-mm and --forces-gwt cannot be combined; remove one", "cannot_combine")
         option, targets = ("--depths-mm", depths_mm) if forces_gwt is None else ("--forces-gwt", forces_gwt)
         request = DesignRequest(
             shapes=_names(shapes),
@@ -244,10 +241,7 @@ def _names(text: str) -> tuple[str, ...]:
 
 def _between(option: str, value: float, low: float, high: float) -> float:
     if not low <= value <= high:
-        raise BadInputError(
-            "{option} {value:g}: must be {low:g} to {high:g}",
-            code="outside_range", option=option, value=value, low=low, high=high,
-        )  # fmt: skip
+        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}", "outside_range")
     return value
 
 
@@ -255,9 +249,9 @@ def _range(option: str, text: str, low: float, high: float) -> tuple[float, floa
     ends = numbers(option, text)
     if len(ends) not in (1, 2) or not low <= ends[0] <= ends[-1] <= high:
         raise DesignError(
-            "{option} {value}: must be one number, or the lower and the higher one, within {low:g} to {high:g}",
-            code="bad_range", option=option, value=text, low=low, high=high,
-        )  # fmt: skip
+            f"{option} {text}: must be one number, or the lower and the higher one, within {low:g} to {high:g}",
+            "bad_range",
+        )
     return ends[0], ends[-1]
 
 

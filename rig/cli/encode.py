@@ -109,7 +109,7 @@ def encode_command(
         kind, by = named("--energy", energy, ENERGIES), named("--operator", operator, OPERATORS)
         at, sampling = named("--noise", noise, NOISE_PLACES), sampling_of(spacing_mm, half_length, receptor_depth_mm)
         if (pressure is None) == (shape is None):
-            raise BadInputError("give exactly one of {options}", code="exactly_one", options="--pressure and --shape")
+            raise BadInputError("give exactly one of --pressure and --shape", "exactly_one")
         added = (
             None
             if snr_db is None

@@ -31,10 +31,7 @@ def finger_command(
     """Print fit, apex, layers and mesh quality; reject a finger without a valid mesh."""
     with one_line_errors(as_json=as_json):
         if vtk is not None and vtk.exists():
-            raise BadInputError(
-                "{option} {path}: the file already exists; choose another name",
-                code="exists_already", option="--vtk", path=vtk,
-            )  # fmt: skip
+            raise BadInputError(f"--vtk {vtk}: the file already exists; choose another name", "exists_already")
         settings = load_config(config).finger
         with busy("fitting the skin and building the mesh …", quick=True):
             surface = FingertipSurface.fit(settings.geometry)
@@ -173,17 +170,13 @@ def export_deck_command(
     """Solve the scene, write it for CalculiX, and print the expected result."""
     with one_line_errors(as_json=False):
         if out_file.exists():
-            raise BadInputError(
-                "{option} {path}: the file already exists; choose another name",
-                code="exists_already", option="--out", path=out_file,
-            )  # fmt: skip
+            raise BadInputError(f"--out {out_file}: the file already exists; choose another name", "exists_already")
         checked_file("--out", out_file, ".inp")
         indentor = parse_shape(shape)
         if not (isinstance(indentor, Prismatic) and indentor == Indentor.along(indentor.profile)):
             raise BadInputError(
-                "--shape {shape}: a deck supports only shapes that lie along the finger; choose one of them",
-                code="not_along",
-                shape=shape,
+                f"--shape {shape}: a deck supports only shapes that lie along the finger; choose one of them",
+                "not_along",
             )
         settings = load_config(config).finger.model_copy(update={"contact": Contact(between_nodes=False, patch_gb=0)})
         with busy(THE_FINGER):

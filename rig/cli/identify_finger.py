@@ -88,10 +88,10 @@ def goals_of(script: Script, config: Config, finger: Finger) -> tuple[PressAt, .
     found = [PressAt(p.indentor, p.x_mm, round(p.predicted_doi_mm, 3)) for p in plan.indentations]
     if any("," in press.indentor and "across" in press.indentor for press in found):
         raise BadInputError(
-            "protocol {protocol}: the forces of presses across the finger cannot be predicted; choose a "
+            f"protocol {script.name}: the forces of presses across the finger cannot be predicted; choose a "
             "protocol of presses along it",
-            code="not_foreseen", protocol=script.name,
-        )  # fmt: skip
+            "not_foreseen",
+        )
     return tuple(dict.fromkeys(found))
 
 
@@ -122,10 +122,7 @@ def possible(
     asked = [] if own_goals else [goal.indentor for goal in options.goals if goal.indentor in refused]
     if asked or not shapes:
         name = (asked or list(options.shapes))[0]
-        raise BadInputError(
-            "{indentor} cannot be pressed on this finger: {problem}",
-            code="impossible_shape", indentor=name, problem=refused[name],
-        )  # fmt: skip
+        raise BadInputError(f"{name} cannot be pressed on this finger: {refused[name]}", "impossible_shape")
     if not own_goals:
         return replace(options, shapes=shapes)
     usual = [goal for goal in options.goals if goal.indentor not in refused]
@@ -396,15 +393,11 @@ def identify_command(
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
-        raise BadInputError(
-            "{option} {value:g}: must be {low} to {high} %",
-            code="outside_range", option="--width", value=width, low=1, high=50,
-        )  # fmt: skip
+        raise BadInputError(f"--width {width:g}: must be {1} to {50} %", "outside_range")
     if not 1 <= most_gwt <= settings.limits.max_force_gwt:
         raise BadInputError(
-            "{option} {value:g}: must be {low} to {high:g} gwt",
-            code="outside_range", option="--most-gwt", value=most_gwt, low=1, high=settings.limits.max_force_gwt,
-        )  # fmt: skip
+            f"--most-gwt {most_gwt:g}: must be {1} to {settings.limits.max_force_gwt:g} gwt", "outside_range"
+        )
 
 
 def _nothing_yet(rig: Rig) -> None:

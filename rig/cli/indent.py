@@ -73,9 +73,9 @@ class Chosen:
             return force_gwt
         if self.length_mm is None:
             raise BadInputError(
-                "{option} requires {needs} with --model section, whose force is per millimeter; add it",
-                code="needs_option", option="--force-gwt", needs="--length-mm",
-            )  # fmt: skip
+                "--force-gwt requires --length-mm with --model section, whose force is per millimeter; add it",
+                "needs_option",
+            )
         return force_gwt / self.length_mm
 
     def force_text(self, force_n: float) -> str:
@@ -113,36 +113,31 @@ class ModelRequest:
         """Return the request; raise BadInputError with the allowed values."""
         if model not in (*MODELS, "auto"):
             raise BadInputError(
-                "{option} {value!r}: must be one of {expected}, auto",
-                code="unknown_choice", option="--model", value=model, expected=", ".join(get_args(ModelName)),
-            )  # fmt: skip
+                f"--model {model!r}: must be one of {', '.join(get_args(ModelName))}, auto", "unknown_choice"
+            )
         quantities = tuple((quantity or QUANTITY).split(","))
         if not set(quantities) <= set(QUANTITIES):
             raise BadInputError(
-                "{option} {value!r}: must be one or more of {expected}, separated by commas",
-                code="unknown_choice", option="--quantity", value=quantity, expected=", ".join(QUANTITIES),
-            )  # fmt: skip
+                f"--quantity {quantity!r}: must be one or more of {', '.join(QUANTITIES)}, separated by commas",
+                "unknown_choice",
+            )
         if length_mm is not None and not (model in ("section", "auto") and 0 < length_mm <= _LONGEST_MM):
             raise BadInputError(
-                "{option} {value:g}: must be more than 0 and at most {high:g} mm, with --model section or auto",
-                code="outside_range", option="--length-mm", value=length_mm, high=_LONGEST_MM,
-            )  # fmt: skip
+                f"--length-mm {length_mm:g}: must be more than 0 and at most {_LONGEST_MM:g} mm, with --model "
+                "section or auto",
+                "outside_range",
+            )
         aim = Aim(quantities, _fraction(tolerance or TOLERANCE), per_length=length_mm is not None)
         for option, given in (("--tol", tolerance), ("--quantity", quantity)):
             if given is not None and model != "auto":
-                raise BadInputError(
-                    "{option} {value} requires {needs}; add it",
-                    code="needs_option", option=option, value=given, needs="--model auto",
-                )  # fmt: skip
+                raise BadInputError(f"{option} {given} requires --model auto; add it", "needs_option")
         named = next((name for name in MODELS if name == model), None)
         return cls(named, aim, length_mm)
 
     def for_point(self) -> Chosen:
         """Return the named model; raise BadInputError if it accepts no point load."""
         if self.model not in ("finger", "section"):
-            raise BadInputError(
-                "--shape point requires --model finger or section", code="no_point_loads", model=self.model
-            )
+            raise BadInputError("--shape point requires --model finger or section", "no_point_loads")
         return self._requested(self.model)
 
     def refuse(self, config: FingertipConfig, receptors: ReceptorPlaces) -> None:
@@ -152,12 +147,11 @@ class ModelRequest:
         if config.mesh != MeshSpec():
             raise BadInputError(
                 "--model auto chooses the mesh itself; remove [finger.mesh] from the configuration or name a model",
-                code="mesh_configured",
+                "mesh_configured",
             )
         if not self.aim.receptors and receptors != ReceptorPlaces():
             raise BadInputError(
-                "--model auto computes no receptors for force alone; add --quantity sed or ep1",
-                code="receptors_unmade",
+                "--model auto computes no receptors for force alone; add --quantity sed or ep1", "receptors_unmade"
             )
 
     def choose(
@@ -197,10 +191,7 @@ def _fraction(text: str) -> float:
     except ValueError:
         value = -1.0
     if not 0 < value < 1:
-        raise BadInputError(
-            "{option} {value!r}: must be a fraction between 0 and 1, e.g. 2% or 0.02",
-            code="bad_value", option="--tol", value=text,
-        )  # fmt: skip
+        raise BadInputError(f"--tol {text!r}: must be a fraction between 0 and 1, e.g. 2% or 0.02", "bad_value")
     return value
 
 
@@ -390,29 +381,18 @@ def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPla
     depths = numbers("--receptor-depth-mm", depth_mm)
     for depth in depths:
         if not 0.1 <= depth <= 3.0:
-            raise BadInputError(
-                "{option} {value:g}: must be {low:.1f} to {high:.1f} mm",
-                code="outside_range", option="--receptor-depth-mm", value=depth, low=0.1, high=3.0,
-            )  # fmt: skip
+            raise BadInputError(f"--receptor-depth-mm {depth:g}: must be {0.1:.1f} to {3.0:.1f} mm", "outside_range")
     return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
 
 
 def _refuse_place(shape: str, indentor: Indentor | None, x_mm: float | None, z_mm: float | None) -> None:
     by = BOTH if indentor is None else indentor.placed_by
     if not by and not x_mm is z_mm is None:
-        raise BadInputError(
-            "--shape {shape} is the same everywhere; remove --x-mm and --z-mm", code="no_place", shape=shape
-        )
+        raise BadInputError(f"--shape {shape} is the same everywhere; remove --x-mm and --z-mm", "no_place")
     if x_mm is not None and X not in by:
-        raise BadInputError(
-            "--shape {shape} lies across the finger; use --z-mm instead of --x-mm",
-            code="placed_by_z", shape=shape,
-        )  # fmt: skip
+        raise BadInputError(f"--shape {shape} lies across the finger; use --z-mm instead of --x-mm", "placed_by_z")
     if z_mm is not None and Z not in by:
-        raise BadInputError(
-            "--shape {shape} lies along the finger; use --x-mm instead of --z-mm",
-            code="placed_by_x", shape=shape,
-        )  # fmt: skip
+        raise BadInputError(f"--shape {shape} lies along the finger; use --x-mm instead of --z-mm", "placed_by_x")
 
 
 def _refuse_friction(friction: float, shape: str, model: str, *, other_paths: bool) -> None:
@@ -424,16 +404,12 @@ def _refuse_friction(friction: float, shape: str, model: str, *, other_paths: bo
         ("--shape point", shape == "point"),
     ):
         if given:
-            raise BadInputError(
-                "--friction and {option} cannot be combined; remove one", code="friction_with", option=option
-            )
+            raise BadInputError(f"--friction and {option} cannot be combined; remove one", "friction_with")
 
 
 def _refuse_picture(picture: Path | None, shape: str) -> None:
     if picture is not None and shape == "point":
-        raise BadInputError(
-            "{option}: a point load has no contact to plot; choose an indentor", code="point_load", option="--picture"
-        )
+        raise BadInputError("--picture: a point load has no contact to plot; choose an indentor", "point_load")
     checked_picture(picture)
 
 
@@ -442,9 +418,8 @@ def _measured(deflection: Path | None, shape: str) -> SkinDeflection | None:
         return None
     if shape == "point":
         raise BadInputError(
-            "{option}: a point load has no stored skin deflection; choose an indentor",
-            code="point_load", option="--deflection",
-        )  # fmt: skip
+            "--deflection: a point load has no stored skin deflection; choose an indentor", "point_load"
+        )
     return read_skin_deflection(deflection)
 
 
@@ -457,7 +432,7 @@ def _draw(result: IndentationResult, picture: Path) -> None:
 
 def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
     if doi_mm is not None or force_gwt is None:
-        raise BadInputError("--shape point takes no depth; use {option}", code="point_load", option="--force-gwt")
+        raise BadInputError("--shape point takes no depth; use --force-gwt", "point_load")
     return force_gwt
 
 
@@ -476,10 +451,7 @@ def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *
 
 def _reference(text: str) -> Literal["contact", "apex"]:
     if text not in ("contact", "apex"):
-        raise BadInputError(
-            "{option} {value!r}: must be {expected}",
-            code="unknown_choice", option="--reference", value=text, expected="contact or apex",
-        )  # fmt: skip
+        raise BadInputError(f"--reference {text!r}: must be contact or apex", "unknown_choice")
     return "apex" if text == "apex" else "contact"
 
 

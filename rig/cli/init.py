@@ -189,7 +189,7 @@ class _Talk:
             err.print(f"{what}{'' if default is None else f' [{default}]'}: ", end="")
             line = typed_line()
             if not line:
-                raise NotConfirmedError("{option} was not answered; no file was written", option=option)
+                raise NotConfirmedError(f"{option} was not answered; no file was written")
             answer = line.strip() or default or ""
             try:
                 take(answer)
@@ -201,9 +201,9 @@ class _Talk:
         """Raise BadInputError for prompts that have no answer in a non-interactive session."""
         if self.missing:
             raise BadInputError(
-                "init: cannot prompt without a terminal or with --yes; add {missing}",
-                code="answers_missing", missing=", ".join(self.missing),
-            )  # fmt: skip
+                f"init: cannot prompt without a terminal or with --yes; add {', '.join(self.missing)}",
+                "answers_missing",
+            )
 
 
 @dataclass
@@ -249,9 +249,8 @@ def _leaves(place: str, tables: Mapping[str, Any]) -> Iterator[str]:
 def _refuse_unknown_kind(room: Room, kind: str | None) -> None:
     if kind is not None and kind not in names(room):
         raise BadInputError(
-            "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option=WORDS[room][0], value=kind, expected=either(names(room)),
-        )  # fmt: skip
+            f"{WORDS[room][0]} {kind}: unknown kind of device; choose {either(names(room))}", "unknown_device"
+        )
 
 
 def _ports(ports: Sequence[str] | None, given: Mapping[str, _DeviceOptions]) -> list[str]:
@@ -360,13 +359,12 @@ def _refuse_another(room: Room, given: _DeviceOptions, there: PortFound) -> None
         return
     option, port_option, device = WORDS[room]
     swapped = there.kind.room != room
+    other = WORDS[there.kind.room][2] if swapped else there.kind.name
+    advice = f"give the port to {WORDS[there.kind.room][1]}" if swapped else f"correct {option}"
     raise BadInputError(
-        "{option} {port}: a {other} answers there, not a {device} ({answers}); {advice}",
-        code="swapped_ports" if swapped else "another_device",
-        option=port_option, port=given.port, device=device, answers=there.words,
-        other=WORDS[there.kind.room][2] if swapped else there.kind.name,
-        advice=f"give the port to {WORDS[there.kind.room][1]}" if swapped else f"correct {option}",
-    )  # fmt: skip
+        f"{port_option} {given.port}: a {other} answers there, not a {device} ({there.words}); {advice}",
+        "swapped_ports" if swapped else "another_device",
+    )
 
 
 # --- questions ---
@@ -415,24 +413,20 @@ def _numbers(option: str, text: str) -> list[float]:
     try:
         return [float(part) for part in text.split(",")]
     except ValueError:
-        raise BadInputError(
-            "{option} {value!r}: must be numbers separated by commas", code="not_numbers", option=option, value=text
-        ) from None
+        raise BadInputError(f"{option} {text!r}: must be numbers separated by commas", "not_numbers") from None
 
 
 def _three(option: str, text: str) -> list[float]:
     found = _numbers(option, text)
     if len(found) != 3:
-        raise BadInputError(
-            "{option} {value!r}: must be three numbers, for x, y and z", code="not_three", option=option, value=text
-        )
+        raise BadInputError(f"{option} {text!r}: must be three numbers, for x, y and z", "not_three")
     return found
 
 
 def _number(option: str, text: str) -> float:
     found = _numbers(option, text)
     if len(found) != 1:
-        raise BadInputError("{option} {value!r}: must be one number", code="not_numbers", option=option, value=text)
+        raise BadInputError(f"{option} {text!r}: must be one number", "not_numbers")
     return found[0]
 
 
@@ -486,10 +480,7 @@ FINGERS: Mapping[str, Callable[[], Mapping[str, Any]]] = {
 
 def _finger(text: str, so_far: Config) -> Tables:
     if text not in FINGERS:
-        raise BadInputError(
-            "{option} {value!r}: must be {expected}",
-            code="unknown_finger", option="--finger", value=text, expected=either([*FINGERS]),
-        )  # fmt: skip
+        raise BadInputError(f"--finger {text!r}: must be {either([*FINGERS])}", "unknown_finger")
     table = dict(FINGERS[text]())
     return {"finger": table} if table else {}
 
@@ -568,6 +559,5 @@ def write_new(path: Path, text: str, *, replace: bool) -> None:
 
 def _exists_already(path: Path) -> BadInputError:
     return BadInputError(
-        "{option} {path}: the file already exists; choose another name, or add --replace",
-        code="exists_already", option="--to", path=path,
-    )  # fmt: skip
+        f"--to {path}: the file already exists; choose another name, or add --replace", "exists_already"
+    )

@@ -80,9 +80,7 @@ def config_command(
 def _print_devices(key: str | None, *, markdown: bool, as_json: bool) -> None:
     """Print the catalogue of devices. Raises BadInputError with a key."""
     if key is not None:
-        raise BadInputError(
-            "KEY and --devices cannot be combined; give one of them", code="not_together", options="KEY --devices"
-        )
+        raise BadInputError("KEY and --devices cannot be combined; give one of them", "not_together")
     if as_json:
         print_json({"devices": device_catalogue.as_json()})
         return
@@ -99,9 +97,7 @@ def _named(every: Sequence[Key], name: str | None) -> list[Key]:
         whole = "." in name
         known = dict.fromkeys(word for one in every for word in (one.place if whole else one.name, one.table))
         near = either(get_close_matches(name, known, n=2)) or "a key or table that `rig config` lists"
-        raise BadInputError(
-            "{key}: there is no such key; use {expected}", code="unknown_key", key=name, expected=near
-        )
+        raise BadInputError(f"{name}: there is no such key; use {near}", "unknown_key")
     return found
 
 
@@ -149,10 +145,7 @@ def cache_command(
     """List cached results; with --prune delete the least recently used ones."""
     with one_line_errors(as_json=as_json):
         if keep_gb and not prune_it:
-            raise BadInputError(
-                "{option} {value:g} requires {needs}; add it",
-                code="needs_option", option="--keep-gb", value=keep_gb, needs="--prune",
-            )  # fmt: skip
+            raise BadInputError(f"--keep-gb {keep_gb:g} requires --prune; add it", "needs_option")
         limit_gb = most_bytes() / 1e9
         removed = prune(1e9 * keep_gb) if prune_it else []
         kept = entries()

@@ -51,9 +51,8 @@ def command(
         settings = load_config(config)
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(
-                "{option} {value:g}: must be {low:.2g} to {high:g} mm/s",
-                code="outside_range", option="--speed-mm-s", value=speed_mm_s, low=SLOWEST_MM_S, high=FASTEST_MM_S,
-            )  # fmt: skip
+                f"--speed-mm-s {speed_mm_s:g}: must be {SLOWEST_MM_S:.2g} to {FASTEST_MM_S:g} mm/s", "outside_range"
+            )
         target = _target(axis, by_mm)
         with live_line(settings) as show, by_hand(settings, show, without_force=without_force) as (hand, clock):
             if target is None:
@@ -83,9 +82,9 @@ def _target(axis: str | None, by_mm: float | None) -> tuple[Direction, float] | 
         return None
     if axis is None or by_mm is None:
         raise BadInputError(
-            "{options} require each other: add the missing one, or omit both to jog by keys",
-            code="both_or_neither", options="--axis and --by-mm",
-        )  # fmt: skip
+            "--axis and --by-mm require each other: add the missing one, or omit both to jog by keys",
+            "both_or_neither",
+        )
     return way(axis, by_mm)
 
 
@@ -94,15 +93,11 @@ def way(axis: str, by_mm: float) -> tuple[Direction, float]:
     axes: tuple[Axis, ...] = get_args(Axis)
     found = next((one for one in axes if one == axis), None)
     if found is None:
-        raise BadInputError(
-            "{option} {value}: must be {expected}",
-            code="unknown_choice", option="--axis", value=axis, expected="x, y or z",
-        )  # fmt: skip
+        raise BadInputError(f"--axis {axis}: must be x, y or z", "unknown_choice")
     if not 0 < abs(by_mm) <= _FARTHEST_MM:
         raise BadInputError(
-            "{option} {value:g}: must be a nonzero distance of at most {most_mm:g} mm",
-            code="outside_range", option="--by-mm", value=by_mm, most_mm=_FARTHEST_MM,
-        )  # fmt: skip
+            f"--by-mm {by_mm:g}: must be a nonzero distance of at most {_FARTHEST_MM:g} mm", "outside_range"
+        )
     return Direction(found, 1 if by_mm > 0 else -1), abs(by_mm)
 
 

@@ -91,15 +91,11 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     from rig.plan.nerve import SpikeRequest
 
     if not 0 <= seed < MOST_SEED:
-        raise BadInputError(
-            "{option} {value:g}: must be {low:g} to {high:g}",
-            code="outside_range", option="--seed", value=seed, low=0, high=MOST_SEED - 1,
-        )  # fmt: skip
+        raise BadInputError(f"--seed {seed:g}: must be {0:g} to {MOST_SEED - 1:g}", "outside_range")
     if not 0 < path_m <= MOST_PATH_M:
         raise BadInputError(
-            "{option} {value:g}: must be more than {low:g} and at most {high:g}",
-            code="outside_range", option="--path-m", value=path_m, low=0.0, high=MOST_PATH_M,
-        )  # fmt: skip
+            f"--path-m {path_m:g}: must be more than {0.0:g} and at most {MOST_PATH_M:g}", "outside_range"
+        )
     wanted = SpikeRequest(afferents, seed, path_m)
     wanted.refuse()
     return wanted

@@ -59,10 +59,7 @@ MOST_FRICTION = 10.0
 def checked_friction(friction: float) -> float:
     """Return the friction coefficient of --friction; raise BadInputError if it is out of range."""
     if not 0 <= friction <= MOST_FRICTION:
-        raise BadInputError(
-            "{option} {value:g}: must be {low:g} to {high:g}",
-            code="outside_range", option="--friction", value=friction, low=0.0, high=MOST_FRICTION,
-        )  # fmt: skip
+        raise BadInputError(f"--friction {friction:g}: must be {0.0:g} to {MOST_FRICTION:g}", "outside_range")
     return friction
 
 
@@ -80,11 +77,9 @@ def numbers(option: str, text: str) -> tuple[float, ...]:
                 raise ValueError
         except (TypeError, ValueError):
             raise BadInputError(
-                "{option} {value!r}: must be numbers separated by commas, or FROM:TO:STEP with at most {most} values",
-                code="not_numbers",
-                option=option,
-                value=text,
-                most=_MOST,
+                f"{option} {text!r}: must be numbers separated by commas, or FROM:TO:STEP with at most {_MOST} "
+                "values",
+                "not_numbers",
             ) from None
     return tuple(found)
 
@@ -123,15 +118,11 @@ def checked_file(option: str, path: Path, *endings: str) -> Path:
     A name with the ending of another kind of file is refused: it may be the user's script or data.
     """
     if endings and path.suffix.casefold() in set(_OF_A_KIND) - set(endings):
-        raise BadInputError(
-            "{option} {path}: must end in {endings}",
-            code="other_ending", option=option, path=path, endings=" or ".join(endings),
-        )  # fmt: skip
+        raise BadInputError(f"{option} {path}: must end in {' or '.join(endings)}", "other_ending")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(
-            "{option} {path}: must be a file in an existing folder that you may write to",
-            code="not_writable", option=option, path=path,
-        )  # fmt: skip
+            f"{option} {path}: must be a file in an existing folder that you may write to", "not_writable"
+        )
     return path
 
 
@@ -149,19 +140,13 @@ def checked_picture(picture: Path | None) -> None:
     if picture is None:
         return
     if picture.suffix not in (".svg", ".png"):
-        raise BadInputError(
-            "--picture {path}: the name must end in .svg or .png", code="no_picture_name", path=picture
-        )
+        raise BadInputError(f"--picture {picture}: the name must end in .svg or .png", "no_picture_name")
     if picture.exists():
-        raise BadInputError(
-            "{option} {path}: the file already exists; choose another name",
-            code="exists_already", option="--picture", path=picture,
-        )  # fmt: skip
+        raise BadInputError(f"--picture {picture}: the file already exists; choose another name", "exists_already")
     if not picture.parent.is_dir():
         raise BadInputError(
-            "{option} {path}: the folder {folder} does not exist; create it first",
-            code="no_such_folder", option="--picture", path=picture, folder=picture.parent,
-        )  # fmt: skip
+            f"--picture {picture}: the folder {picture.parent} does not exist; create it first", "no_such_folder"
+        )
     checked_file("--picture", picture)
 
 

@@ -52,9 +52,8 @@ def panel_command(
     with one_line_errors(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
             raise BadInputError(
-                "{option} {value}: must be {low} to {high}, or 0 for a free port",
-                code="outside_range", option="--port", value=port, low=_LOWEST_PORT, high=65535,
-            )  # fmt: skip
+                f"--port {port}: must be {_LOWEST_PORT} to {65535}, or 0 for a free port", "outside_range"
+            )
         panel = _panel(config, out_dir, port)
         if as_json:
             print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})

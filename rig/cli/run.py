@@ -284,10 +284,7 @@ def _times_real(text: str) -> float | None:
         value = 0.0
     if not 0 < value < 1e6:
         raise BadInputError(
-            "{option} {value!r}: must be max, or simulated seconds per real second, above 0",
-            code="bad_value",
-            option="--speed",
-            value=text,
+            f"--speed {text!r}: must be max, or simulated seconds per real second, above 0", "bad_value"
         )
     return value
 
@@ -348,9 +345,10 @@ def _choice_of(stopped: StoppedRun) -> tuple[str | None, float]:
     source, within_s = stopped.choose.get("source"), stopped.choose.get("within_s")
     if not isinstance(source, str) or not isinstance(within_s, int | float):
         raise BadInputError(
-            "run folder {path}: its provenance does not say where the counts come from; start a new run",
-            code="bad_provenance", path=str(stopped.folder.path),
-        )  # fmt: skip
+            f"run folder {stopped.folder.path}: its provenance does not say where the counts come from; start a "
+            "new run",
+            "bad_provenance",
+        )
     return source, float(within_s)
 
 
@@ -389,7 +387,7 @@ def ask_at_the_bench(request: Request, asking: Callable[[], AbstractContextManag
         err.print(f"{text}, then press Enter")
         answer = typed_line(request.meanwhile)
     if not answer:
-        raise RunAborted("no answer to the request: {request}", code="nobody_answered", request=request.text)
+        raise RunAborted(f"no answer to the request: {request.text}", "nobody_answered")
     return answer
 
 

@@ -68,10 +68,7 @@ def runs_command(
     """List runs, newest last; an unreadable run gets one line on standard error."""
     with one_line_errors(as_json=as_json):
         if state not in (None, *STATES):
-            raise RunError(
-                "{option} {value!r}: must be one of {expected}",
-                code="unknown_choice", option="--state", value=state, expected=", ".join(STATES),
-            )  # fmt: skip
+            raise RunError(f"--state {state!r}: must be one of {', '.join(STATES)}", "unknown_choice")
         chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table, ".csv")
@@ -98,10 +95,7 @@ def _entries(runs: Path) -> list[IndexEntry]:
             return listed(runs)
         except OSError as error:
             raise RunError(
-                "{folder}: {problem}; give the folder that contains the run folders",
-                code="no_such_folder",
-                folder=runs,
-                problem=error.strerror,
+                f"{runs}: {error.strerror}; give the folder that contains the run folders", "no_such_folder"
             ) from None
 
 
@@ -109,9 +103,7 @@ def _day(option: str, text: str | None) -> date | None:
     try:
         return None if text is None else date.fromisoformat(text)
     except ValueError:
-        raise RunError(
-            "{option} {value!r}: must be {expected}", code="no_day", option=option, value=text, expected=_DAY
-        ) from None
+        raise RunError(f"{option} {text!r}: must be {_DAY}", "no_day") from None
 
 
 def _list(found: Sequence[IndexEntry]) -> str:
@@ -163,7 +155,7 @@ def show_command(
     """Print a run: protocol, state, limits, versions, forces, ending and files."""
     with one_line_errors(as_json=as_json):
         if columns == (run is not None):
-            raise RunError("show: give either RUN, a run folder, or --columns", code="exactly_one")
+            raise RunError("show: give either RUN, a run folder, or --columns", "exactly_one")
         if run is None:
             if as_json:
                 print_json(_columns())
@@ -336,7 +328,7 @@ def export_command(
     with one_line_errors(as_json=as_json):
         if not (as_csv or as_nwb or report):
             raise BadInputError(
-                "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", code="no_format"
+                "export: nothing to write; add --csv (HDF5 and CSV files), --nwb or --report", "no_format"
             )
         with busy("reading the run …", quick=True):
             found = recorded_run(run)
@@ -369,9 +361,9 @@ def export_command(
 def _refuse_identification(run: Run) -> None:
     if read_provenance(run.folder, "protocol")["protocol"] == SCRIPT:
         raise BadInputError(
-            "run folder {path}: an identification has a page of its own, which cannot be made again from its journal",
-            code="identification",
-            path=str(run.folder.path),
+            f"run folder {run.folder.path}: an identification has a page of its own, which cannot be made again "
+            "from its journal",
+            "identification",
         )
 
 

@@ -251,10 +251,9 @@ class AtTheTerminal:
 def new_run(out_dir: Path, subject: str | None) -> NewRun:
     """Return a new run for that folder; raise BadInputError before anything begins."""
     if out_dir.is_file():
-        raise BadInputError("--out {path}: this is a file; name a folder", code="not_a_directory", path=out_dir)
+        raise BadInputError(f"--out {out_dir}: this is a file; name a folder", "not_a_directory")
     if not may_write_below(out_dir):
-        raise BadInputError("--out {path}: must be a folder that you may write to", code="not_writable",
-                            option="--out", path=out_dir)  # fmt: skip
+        raise BadInputError(f"--out {out_dir}: must be a folder that you may write to", "not_writable")
     return NewRun(out_dir, checked_subject(subject))
 
 

@@ -103,24 +103,17 @@ def serve_command(
         return
     with one_line_errors(as_json=as_json):
         if beside is not None:
-            raise BadInputError(
-                "{option} requires {needs}; add it", code="needs_option", option="--beside", needs="--reveal"
-            )
+            raise BadInputError("--beside requires --reveal; add it", "needs_option")
         settings = _with_indentor(load_config(config), indentor)
         if pty and tcp is not None:
-            raise BadInputError(
-                "--pty and --tcp cannot be combined; give one of them", code="not_together", options="--pty --tcp"
-            )
+            raise BadInputError("--pty and --tcp cannot be combined; give one of them", "not_together")
         if pty and sys.platform == "win32":
             raise BadInputError(
-                "{option}: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
-                code="no_terminals", option="--pty",
-            )  # fmt: skip
+                "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
+                "no_terminals",
+            )
         if tcp is not None and not 0 <= tcp <= 65534:
-            raise BadInputError(
-                "{option} {value}: must be {low} to {high}",
-                code="outside_range", option="--tcp", value=tcp, low=0, high=65534,
-            )  # fmt: skip
+            raise BadInputError(f"--tcp {tcp}: must be {0} to {65534}", "outside_range")
         if random_finger is not None:
             settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None
@@ -160,11 +153,10 @@ def _tables(bench: ServedBench) -> list[str]:
 
 def _kind(room: Room, name: str | None, otherwise: str | None) -> str | None:
     if name is not None and name not in names(room):
+        option = "--force-sensor" if room == "force" else "--stage"
         raise BadInputError(
-            "{option} {value}: unknown kind of device; choose {expected}",
-            code="unknown_device", option="--force-sensor" if room == "force" else "--stage", value=name,
-            expected=either(names(room)),
-        )  # fmt: skip
+            f"{option} {name}: unknown kind of device; choose {either(names(room))}", "unknown_device"
+        )
     return name or otherwise
 
 

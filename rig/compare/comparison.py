@@ -234,11 +234,7 @@ def _refuse_twins(ordered: Sequence[StimulusRow]) -> None:
     for one, other in pairwise(ordered):
         if (_group(one), one.shape) == (_group(other), other.shape):
             raise ComparisonError(
-                "runs {run} and {other} both contain {held}; give only one of them",
-                code="held_twice",
-                run=one.run,
-                other=other.run,
-                held=one.title,
+                f"runs {one.run} and {other.run} both contain {one.title}; give only one of them", "held_twice"
             )
 
 

@@ -60,16 +60,13 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
     if not x_mm[0] < x_mm[1]:
         raise ComparisonError(
             "--place requires receptors at two or more x, the ends of the search; set --receptor-x-mm",
-            code="one_receptor_x",
+            "one_receptor_x",
         )
     if depth[0] < skin < depth[1]:
         raise ComparisonError(
-            "--depth-range-mm {low_mm:g},{high_mm:g}: the range must not cross the end of the epidermis at "
-            "{epidermis_mm:g} mm, where strains jump",
-            code="across_epidermis",
-            low_mm=depth[0],
-            high_mm=depth[1],
-            epidermis_mm=skin,
+            f"--depth-range-mm {depth[0]:g},{depth[1]:g}: the range must not cross the end of the epidermis at "
+            f"{skin:g} mm, where strains jump",
+            "across_epidermis",
         )
     return PlaceRange(x_mm, depth, offset_mm or (0.0, 0.0))
 
@@ -77,11 +74,8 @@ def place_range(x_mm: Range, depth_mm: Range | None, offset_mm: Range | None, co
 def _refuse(option: str, requested: Range) -> None:
     if not (all(map(math.isfinite, requested)) and requested[0] < requested[1]):
         raise ComparisonError(
-            "{option} {low_mm:g},{high_mm:g}: must be two numbers in mm, the lower one first",
-            code="not_ascending",
-            option=option,
-            low_mm=requested[0],
-            high_mm=requested[1],
+            f"{option} {requested[0]:g},{requested[1]:g}: must be two numbers in mm, the lower one first",
+            "not_ascending",
         )
 
 

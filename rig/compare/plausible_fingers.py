@@ -131,13 +131,9 @@ class PlausibleFingers:
             own = depth_mm if name == _DEPTH else _number(config, name, self.source)
             if not low <= own <= high:
                 raise FingersError(
-                    "{where}: {key}: the range [{low:g}, {high:g}] must contain the value of the run, {own:g}",
-                    code="without_the_own",
-                    where=self.source,
-                    key=name,
-                    low=low,
-                    high=high,
-                    own=own,
+                    f"{self.source}: {name}: the range [{low:g}, {high:g}] must contain the value of the run, "
+                    f"{own:g}",
+                    "without_the_own",
                 )
 
 
@@ -166,19 +162,10 @@ def read_plausible(path: Path) -> PlausibleFingers:
     found = PlausibleFingers(source, ranges, hashlib.sha256(content).hexdigest())
     if not ranges:
         raise FingersError(
-            "{where}: must contain a range in finger.tissue, finger.geometry or {depth}",
-            code="no_range",
-            where=source,
-            depth=_DEPTH,
+            f"{source}: must contain a range in finger.tissue, finger.geometry or {_DEPTH}", "no_range"
         )
     if len(found.free) > MOST_FREE:
-        raise FingersError(
-            "{where}: {ranges} ranges, at most {most} are allowed",
-            code="many_ranges",
-            where=source,
-            ranges=len(found.free),
-            most=MOST_FREE,
-        )
+        raise FingersError(f"{source}: {len(found.free)} ranges, at most {MOST_FREE} are allowed", "many_ranges")
     return found
 
 
@@ -202,11 +189,7 @@ def _number(config: FingertipConfig, name: str, source: str) -> float:
     value = getattr(getattr(config, table), key, None)
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         raise FingersError(
-            "{where}: finger.{key} must be a number in the table finger.{table} of the configuration",
-            code="no_number",
-            where=source,
-            key=name,
-            table=table,
+            f"{source}: finger.{name} must be a number in the table finger.{table} of the configuration", "no_number"
         )
     return float(value)
 
@@ -454,9 +437,7 @@ def measures_on(work: FingerWork) -> list[Array]:
         finger = Fingertip.load(config, **places, exact=work.exact)  # type: ignore[arg-type]
         return [_measures(finger, row) for row in work.press_rows]
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
-        raise FingersError(
-            "plausible finger with {finger}: {problem}", code="not_pressed", finger=work.name, problem=str(error)
-        ) from None
+        raise FingersError(f"plausible finger with {work.name}: {error}", "not_pressed") from None
 
 
 def _measures(finger: Fingertip, row: PressRow) -> Array:

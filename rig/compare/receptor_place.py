@@ -223,11 +223,9 @@ def receptor_location(
     data = _data(overlays, where)
     if data is None and where.offset_mm[0] < where.offset_mm[1]:
         raise ComparisonError(
-            "--offset-mm {low_mm:g},{high_mm:g}: the run covers too few recorded positions moved by these offsets; "
-            "narrow the offset, or press a wider range",
-            code="offset_not_covered",
-            low_mm=where.offset_mm[0],
-            high_mm=where.offset_mm[1],
+            f"--offset-mm {where.offset_mm[0]:g},{where.offset_mm[1]:g}: the run covers too few recorded "
+            "positions moved by these offsets; narrow the offset, or press a wider range",
+            "offset_not_covered",
         )
     if data is None or data.observed.silent:
         return None

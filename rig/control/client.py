@@ -88,31 +88,24 @@ class Announced(Announcement, frozen=True):
         try:
             yield
         except (TimeoutError, BlockingIOError):
-            raise ControlError(
-                "process {pid} does not answer within {within_s:g} s",
-                code="no_reply",
-                pid=self.pid,
-                within_s=within_s,
-            ) from None
+            raise ControlError(f"process {self.pid} does not answer within {within_s:g} s", "no_reply") from None
         except AuthenticationError:
-            raise ControlError("process {pid} is not the one that announced itself: it has another key",
-                               code="another_key", pid=self.pid) from None  # fmt: skip
+            raise ControlError(
+                f"process {self.pid} is not the one that announced itself: it has another key", "another_key"
+            ) from None
         except (FileNotFoundError, ConnectionRefusedError):
-            raise ControlError("process {pid} has ended", code="ended", pid=self.pid) from None
+            raise ControlError(f"process {self.pid} has ended", "ended") from None
         except BROKEN as error:
             raise ControlError(
-                "process {pid} ended before it answered {do!r}: {problem}",
-                code="broken_off",
-                pid=self.pid,
-                do=do,
-                problem=str(error) or type(error).__name__,
+                f"process {self.pid} ended before it answered {do!r}: {str(error) or type(error).__name__}",
+                "broken_off",
             ) from None
 
     def _answered(self, do: str, answer: dict[str, Any]) -> dict[str, Any]:
         if answer.get("ok") is not True:
             problem = str(answer.get("problem", f"process {self.pid} refused {do!r}"))
             code = str(answer.get("code", RefusedError.default_code))
-            raise RefusedError("{problem}", code=code, pid=self.pid, do=do, problem=problem)
+            raise RefusedError(f"{problem}", code)
         return answer
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:

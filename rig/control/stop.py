@@ -276,12 +276,13 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             where = [str(key) for key in first["loc"]]
-            wrong = NoStageError("config {path}: {key}: {problem}", code="invalid_value", path=str(path),
-                                 key=".".join(["stage", *where]), problem=plain_rule(first["msg"]))  # fmt: skip
+            wrong = NoStageError(
+                f"config {path}: {'.'.join(['stage', *where])}: {plain_rule(first['msg'])}", "invalid_value"
+            )
             if not where or where[-1] in _WHICH or not _dropped(stage, where):
                 raise wrong from None
             passed.append(str(wrong))
-    raise NoStageError("config {path}: [stage] cannot be read", path=str(path))
+    raise NoStageError(f"config {path}: [stage] cannot be read")
 
 
 def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
@@ -289,12 +290,11 @@ def _tables(path: Path) -> tuple[dict[str, Any], list[str]]:
         text = read_bytes(path, MOST_TOML_BYTES).decode("utf-8-sig", "replace")
     except OSError as error:
         problem = str(error.strerror or error)
-        raise NoStageError("config {path}: {problem}", code="unreadable", path=str(path), problem=problem) from None
+        raise NoStageError(f"config {path}: {problem}", "unreadable") from None
     try:
         return toml_of(text), []
     except tomllib.TOMLDecodeError as error:
-        whole = NoStageError("config {path}: not valid TOML: {problem}", code="no_toml", path=str(path),
-                             problem=str(error))  # fmt: skip
+        whole = NoStageError(f"config {path}: not valid TOML: {error}", "no_toml")
     try:
         return toml_of(_of_the_stage(text)), [str(whole)]
     except tomllib.TOMLDecodeError:

@@ -130,11 +130,8 @@ def bug_report(run: Path, to: Path, installation: Mapping[str, Any], shipped: Ma
     folder = RunFolder(run)
     if not any(path.is_file() for path in (folder.events, folder.provenance)):
         raise RunError(
-            "run folder {run} contains neither {events} nor {provenance}; give a run folder",
-            code="no_run_folder",
-            run=str(run),
-            events=folder.events.name,
-            provenance=folder.provenance.name,
+            f"run folder {run} contains neither {folder.events.name} nor {folder.provenance.name}; give a run folder",
+            "no_run_folder",
         )
     scrubber = _scrubber(folder)
     members = {"installation.json": _json(scrubber.value(dict(installation)))}

@@ -38,10 +38,7 @@ def export_run(run: Run, *, again: bool = True) -> None:
     found = tables(run)
     for name in found:
         if not re.fullmatch(r"\w+", name):  # it becomes the name of a file
-            raise RunError(
-                "run folder {run}: the stream {stream!r} is not a name", code="bad_journal",
-                run=str(run.folder.path), stream=name,
-            )  # fmt: skip
+            raise RunError(f"run folder {run.folder.path}: the stream {name!r} is not a name", "bad_journal")
     if again or not run.folder.data.exists():
         with _hdf5(run.folder.data) as file:
             _write_hdf5(run, found, file)

@@ -162,7 +162,7 @@ class RunFolder:
             lock.acquire()
         except filelock.Timeout:
             raise FolderBusyError(
-                "run folder {run} is in use by another process; wait until it ends", run=str(self.path)
+                f"run folder {self.path} is in use by another process; wait until it ends"
             ) from None
         except OSError as error:
             raise UnwritableError.of(self.path / _LOCK, error) from error
@@ -259,12 +259,9 @@ def refuse_full_disk(out: Path, events: int) -> None:
     free, needed = shutil.disk_usage(there).free, events * _EVENT_BYTES + _RUN_BYTES
     if free < needed:
         raise BadInputError(
-            "{path}: the disk has {free_mb:.0f} MB free, and the run needs about {needed_mb:.0f} MB; free some, or "
-            "record on another disk with --out",
-            code="disk_full",
-            path=str(out),
-            free_mb=free / 1e6,
-            needed_mb=needed / 1e6,
+            f"{out}: the disk has {free / 1000000.0:.0f} MB free, and the run needs about "
+            f"{needed / 1000000.0:.0f} MB; free some, or record on another disk with --out",
+            "disk_full",
         )
 
 

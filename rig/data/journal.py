@@ -178,13 +178,10 @@ class ByteLog:
         def checked(stream: str, data: Mapping[str, Any]) -> None:
             self.check()
             if isinstance(self.problem, LostFileError):
-                raise LostRecordError("{path}: {error}", path=str(self.path), error=str(self.problem))
+                raise LostRecordError(f"{self.path}: {self.problem}")
             if self.problem is not None:
                 raise RecordError(
-                    "{path}: cannot be written: {error}",
-                    code="cannot_be_written",
-                    path=str(self.path),
-                    error=str(self.problem.strerror),
+                    f"{self.path}: cannot be written: {self.problem.strerror}", "cannot_be_written"
                 ) from self.problem
             watch(stream, data)
 
@@ -401,11 +398,9 @@ class Journal:
 
     def _slow_disk(self, waits_s: float) -> RecordError:
         return RecordError(
-            "{path}: the disk does not keep up with the run: an event has waited for it for {waits_s:.1f} s; record "
-            "on a faster disk",
-            code="slow_disk",
-            path=str(self.path),
-            waits_s=waits_s,
+            f"{self.path}: the disk does not keep up with the run: an event has waited for it for {waits_s:.1f} "
+            "s; record on a faster disk",
+            "slow_disk",
         )
 
     def _write_behind(self) -> None:
@@ -457,11 +452,9 @@ class Journal:
     def _record_error(self, error: Exception) -> RecordError:
         """Return the error of an event that is not on disk at its path."""
         if isinstance(error, LostFileError):
-            return LostRecordError("{path}: {error}", path=str(self.path), error=str(error))
+            return LostRecordError(f"{self.path}: {error}")
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-        return RecordError(
-            "{path}: cannot be written: {error}", code="cannot_be_written", path=str(self.path), error=reason
-        )
+        return RecordError(f"{self.path}: cannot be written: {reason}", "cannot_be_written")
 
     def __enter__(self) -> "Journal":
         return self
@@ -492,9 +485,7 @@ def read_journal(path: Path) -> Iterator[Document]:
     """Yield the documents of a journal in order, without a torn last line. Raises JournalError at any damage."""
     for line in read_lines(path):
         if line.damage is not None:
-            raise JournalError(
-                "{path}, line {line}: {problem}", path=str(path), line=line.damage.line, problem=line.damage.problem
-            )
+            raise JournalError(f"{path}, line {line.damage.line}: {line.damage.problem}")
         assert line.document is not None
         yield line.document
 

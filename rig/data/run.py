@@ -248,19 +248,14 @@ def read_run(path: Path, *, only: Collection[str] | None = None) -> Run:
             documents.add(line, readings=only is None)
     except OSError as error:
         raise RunError(
-            "run folder {run}: cannot read {events}: {reason}; give a run folder",
-            code="no_journal",
-            run=str(path),
-            events=folder.events.name,
-            reason=error.strerror,
+            f"run folder {path}: cannot read {folder.events.name}: {error.strerror}; give a run folder", "no_journal"
         ) from None
     if documents.start is None:
+        at = f" (line {documents.damage[0].line}: {documents.damage[0].problem})" if documents.damage else ""
         raise RunError(
-            "run folder {run}: {events} does not begin with a start document, so it is not the journal of a run{at}",
-            code="no_start",
-            run=str(path),
-            events=folder.events.name,
-            at=f" (line {documents.damage[0].line}: {documents.damage[0].problem})" if documents.damage else "",
+            f"run folder {path}: {folder.events.name} does not begin with a start document, so it is not the "
+            f"journal of a run{at}",
+            "no_start",
         )
     return documents.run(folder)
 
@@ -304,13 +299,7 @@ def read_provenance(folder: RunFolder, *required: str) -> dict[str, Any]:
 
 
 def _damaged(folder: RunFolder, problem: str) -> RunError:
-    return RunError(
-        "run folder {run}: {file}: {problem}",
-        code="bad_provenance",
-        run=str(folder.path),
-        file=folder.provenance.name,
-        problem=problem,
-    )
+    return RunError(f"run folder {folder.path}: {folder.provenance.name}: {problem}", "bad_provenance")
 
 
 class _Documents:
@@ -456,16 +445,11 @@ class Following:
         except FileNotFoundError:
             return []
         except OSError as error:
-            raise RunError(
-                "{path}: {reason}", code="unreadable", path=str(self._path), reason=error.strerror
-            ) from None
+            raise RunError(f"{self._path}: {error.strerror}", "unreadable") from None
         lines = whole.split(b"\n")
         if max(map(len, (*lines, rest))) > MOST_ON_A_LINE:
             raise RunError(
-                "{path}: a line is longer than {most} characters, which is the limit",
-                code="long_line",
-                path=str(self._path),
-                most=MOST_ON_A_LINE,
+                f"{self._path}: a line is longer than {MOST_ON_A_LINE} characters, which is the limit", "long_line"
             )
         self._at += len(whole) + len(end)
         found = [self._check.document(line) for line in lines if line]

@@ -129,10 +129,10 @@ def read_spikes(folder: RunFolder) -> SpikeRecord | None:
         return SpikeRecord(trains, int(afferents[0]["seed"]), float(afferents[0]["path_m"]))
     except (OSError, ValueError, KeyError, TypeError, IndexError, csv.Error) as error:
         reason = str(error) or type(error).__name__
+        file = f"{SPIKES}.csv"
         raise RunError(
-            "run folder {run}: {file} cannot be read: {reason}; repeat rig nerve",
-            code="bad_spikes", run=str(folder.path), file=f"{SPIKES}.csv", reason=reason,
-        ) from None  # fmt: skip
+            f"run folder {folder.path}: {file} cannot be read: {reason}; repeat rig nerve", "bad_spikes"
+        ) from None
 
 
 def _finite(times: list[float]) -> Array:

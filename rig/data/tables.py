@@ -203,9 +203,7 @@ def foreign_in_one_line(path: Path) -> Iterator[None]:
     except FOREIGN as error:
         if is_coded(error):
             raise
-        raise RunError(
-            "run folder {run}: {problem}", code="foreign_run", run=str(path), problem=foreign(error)
-        ) from None
+        raise RunError(f"run folder {path}: {foreign(error)}", "foreign_run") from None
 
 
 Row = list[Any]

@@ -97,10 +97,10 @@ class AdaptiveRun:
         press = PossiblePress(choice["indentor"], choice["x_mm"], choice["target"], choice["value"])
         if not 0 <= number < len(self.presses) or self.presses[number] != press:
             raise BadInputError(
-                "choice {index} of the stopped run, {press}, is no longer press {possible} of those that may be "
-                "chosen: the journal, the finger or this program changed; start a new run",
-                code="choice_changed", index=choice["index"], press=press.title, possible=number,
-            )  # fmt: skip
+                f"choice {choice['index']} of the stopped run, {press.title}, is no longer press {number} of "
+                "those that may be chosen: the journal, the finger or this program changed; start a new run",
+                "choice_changed",
+            )
 
     @cached_property
     def recorded(self) -> list[Mapping[str, Any]]:
@@ -248,9 +248,9 @@ class AdaptiveRun:
         found = chooser.decision()
         if found.possible is not None and not 0 <= found.possible < len(self.presses):
             raise CountError(
-                "press {press} was chosen, which is none of the {presses} that were checked",
-                code="press_not_checked", press=found.possible, presses=len(self.presses),
-            )  # fmt: skip
+                f"press {found.possible} was chosen, which is none of the {len(self.presses)} that were checked",
+                "press_not_checked",
+            )
         return found
 
     def _record(self, engine: Engine, step: ChoosePress, found: Decision) -> None:

@@ -60,8 +60,5 @@ def checked_script(
             break
         found = shortened(found, len(found.made.order) - fewer)
     raise DesignError(
-        "{minutes:g} minutes are too short: the shortest script takes {needed_s:.0f} s",
-        code="too_few_minutes",
-        minutes=request.minutes,
-        needed_s=duration_s,
+        f"{request.minutes:g} minutes are too short: the shortest script takes {duration_s:.0f} s", "too_few_minutes"
     )

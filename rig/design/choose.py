@@ -139,10 +139,9 @@ class PressChooser:
         fitting = [some for some in combinations_of_shapes if self._room_s(some, minutes) >= shortest_s]
         if not fitting:
             raise DesignError(
-                "{minutes:g} minutes are too short: one press, with homing and zeroing, takes {needed_s:.0f} s",
-                code="too_few_minutes",
-                minutes=minutes,
-                needed_s=self.times.first_s + shortest_s,
+                f"{minutes:g} minutes are too short: one press, with homing and zeroing, takes "
+                f"{self.times.first_s + shortest_s:.0f} s",
+                "too_few_minutes",
             )
         found = []
         for n, some in enumerate(fitting):

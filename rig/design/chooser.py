@@ -62,9 +62,9 @@ class Choosing:
         needed_s = self.times.first_s + float(self.times.press_s.min())
         if needed_s > 60 * self.request.minutes:
             raise DesignError(
-                "{minutes:g} minutes are too short: the shortest press takes {needed_s:.0f} s",
-                code="too_few_minutes", minutes=self.request.minutes, needed_s=needed_s,
-            )  # fmt: skip
+                f"{self.request.minutes:g} minutes are too short: the shortest press takes {needed_s:.0f} s",
+                "too_few_minutes",
+            )
 
 
 class NextPressChooser(Protocol):
@@ -169,10 +169,7 @@ class ChooserProcess:
         far.close()
         try:
             if not self._near.poll(_BEGINS_S):
-                raise ChooserLostError(
-                    "--choose {source}: the source does not open within {within_s:g} s",
-                    source=what.source, within_s=_BEGINS_S,
-                )  # fmt: skip
+                raise ChooserLostError(f"--choose {what.source}: the source does not open within {_BEGINS_S:g} s")
             self.truth: Mapping[str, Any] | None = self._received()
         except BaseException:
             self.close()
@@ -246,11 +243,11 @@ def _serve(far: "Connection[Any, Any]", what: Choosing) -> None:
 def _ours(error: RigError) -> RigError:
     """Return an error that the process of the run can read: it must not import a module of the lab."""
     if not type(error).__module__.startswith("rig."):
-        return CountError(str(error), code=str(error.code))
+        return CountError(str(error), str(error.code))
     try:
         json.dumps(error.fields)
     except (TypeError, ValueError):
-        return CountError(str(error), code=str(error.code))
+        return CountError(str(error), str(error.code))
     return error
 
 

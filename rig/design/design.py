@@ -75,27 +75,18 @@ class DesignRequest:
         """Raise DesignError for candidates that do not exist; ShapeError for shapes that do not."""
         for name in self.candidates:
             if name not in CANDIDATES:
-                raise DesignError(
-                    "--candidates {candidate}: must be among {known}",
-                    code="unknown_candidate",
-                    candidate=name,
-                    known=", ".join(CANDIDATES),
-                )
+                raise DesignError(f"--candidates {name}: must be among {', '.join(CANDIDATES)}", "unknown_candidate")
         if len(set(self.candidates)) < 2 or len(set(self.candidates)) < len(self.candidates):
             raise DesignError(
-                "--candidates {candidates}: must be two or more different ones",
-                code="too_few_candidates",
-                candidates=", ".join(self.candidates),
+                f"--candidates {', '.join(self.candidates)}: must be two or more different ones", "too_few_candidates"
             )
         for number, shape in enumerate(self.shapes):
             parse_shape(shape)
             if shape in self.shapes[:number]:
-                raise DesignError("--shapes: {shape} is named twice; remove one", code="shape_twice", shape=shape)
+                raise DesignError(f"--shapes: {shape} is named twice; remove one", "shape_twice")
         for target in self.targets:
             if not (math.isfinite(target) and target > 0):
-                raise DesignError(
-                    "{key} = {value:g}: must be a positive number", code="not_positive", key=self.kind, value=target
-                )
+                raise DesignError(f"{self.kind} = {target:g}: must be a positive number", "not_positive")
 
 
 class Sizes(NamedTuple):
@@ -238,9 +229,7 @@ def bench_of(
     request.refuse()
     if plausible is not None and "receptor_depth_mm" in plausible.ranges:
         raise DesignError(
-            "{where}: receptor_depth_mm belongs into --receptor-below-mm; remove it",
-            code="depth_of_receptor",
-            where=plausible.source,
+            f"{plausible.source}: receptor_depth_mm belongs into --receptor-below-mm; remove it", "depth_of_receptor"
         )
     possible = possible_presses(request.shapes, request.kind, request.targets)
     table = response_table(config.finger, possible, *_nodes(request), plausible, count)

@@ -59,9 +59,8 @@ class Designed:
         """
         if script.design is None:
             raise DesignError(
-                "--choose: {file} has no DESIGN; write a script with `rig design`",
-                code="no_design", file=script.path.name,
-            )  # fmt: skip
+                f"--choose: {script.path.name} has no DESIGN; write a script with `rig design`", "no_design"
+            )
         try:
             block = _Block.model_validate(script.design["DESIGN"])
             planned = _planned(script.design["BLOCKS"], block.kind)
@@ -70,15 +69,14 @@ class Designed:
             raise around(DesignError, "{problem}", problem) from None
         except (TypeError, ValueError):
             raise DesignError(
-                "{file}, BLOCKS: must be shapes, each with pairs of numbers",
-                code="bad_blocks", file=script.path.name,
-            ) from None  # fmt: skip
+                f"{script.path.name}, BLOCKS: must be shapes, each with pairs of numbers", "bad_blocks"
+            ) from None
         values: dict[str, Any] = block.model_dump()
         fingers, unknowns = values.pop("fingers"), Unknowns(**values.pop("unknowns"))
         found = script.parameters.model_dump()
         held: dict[str, Any] = {key: float(found[key]) for key in ("hold_s", "rest_s") if key in found}
         if not held.get("hold_s", 1.0) > 0:
-            raise DesignError("--set hold_s=0: counts need a hold, more than 0 s", code="no_hold")
+            raise DesignError("--set hold_s=0: counts need a hold, more than 0 s", "no_hold")
         request = DesignRequest(**values, unknowns=unknowns, **held)
         request.refuse()
         possible = set(possible_presses(request.shapes, request.kind, request.targets))
@@ -87,9 +85,10 @@ class Designed:
                 parse_shape(press.shape)
             if press not in possible:
                 raise DesignError(
-                    "{file}, BLOCKS: {press} is none of the presses of DESIGN; design the session again",
-                    code="press_not_designed", file=script.path.name, press=press.title,
-                )  # fmt: skip
+                    f"{script.path.name}, BLOCKS: {press.title} is none of the presses of DESIGN; design the "
+                    "session again",
+                    "press_not_designed",
+                )
         plausible = None if fingers is None else PlausibleFingers(f"{script.path.name}, DESIGN", fingers)
         return cls(request, plausible, planned)
 

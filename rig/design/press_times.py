@@ -117,9 +117,6 @@ def allowed(
     if not kept:
         problem = "the finger model solves none of them" if first is None else str(first)
         raise DesignError(
-            "no press of {presses} is within the limits: {problem}",
-            code="all_refused",
-            presses=len(table.presses),
-            problem=problem,
+            f"no press of {len(table.presses)} is within the limits: {problem}", "all_refused"
         ) from None
     return table.only(kept)

@@ -186,7 +186,7 @@ def _finger_problems() -> Iterator[None]:
     try:
         yield
     except (ModelRangeError, MeshError, SurfaceError, ReceptorError) as error:
-        raise DesignError("finger: {problem}", code="no_finger", problem=str(error)) from None
+        raise DesignError(f"finger: {error}", "no_finger") from None
 
 
 def _solved(task: _Task) -> Floats:

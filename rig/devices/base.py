@@ -42,7 +42,7 @@ class StageAlarm(StageError):  # noqa: N818
     default_code = "alarm"
 
     def __init__(self, number: int | str, meaning: str, **fields: Any) -> None:
-        super().__init__("stage alarm {number}: {meaning}", number=number, meaning=meaning, **fields)
+        super().__init__(f"stage alarm {number}: {meaning}")
         self.number = number
         self.meaning = meaning
 
@@ -71,7 +71,7 @@ class StageNotHomed(StageError):  # noqa: N818
     default_code = "not_homed"
 
     def __init__(self, who: str) -> None:
-        super().__init__("{who} must be homed before a move; home the stage first", who=who)
+        super().__init__(f"{who} must be homed before a move; home the stage first")
 
 
 class StageHeld(StageError):  # noqa: N818
@@ -90,9 +90,7 @@ class StageHeld(StageError):  # noqa: N818
     default_code = "held"
 
     def __init__(self, state: str, who: str = "") -> None:
-        super().__init__(
-            "{who}the stage is held at its controller (state {state}); release the hold there", state=state, who=who
-        )
+        super().__init__(f"{who}the stage is held at its controller (state {state}); release the hold there")
 
 
 class StageOverridden(StageError):  # noqa: N818
@@ -122,13 +120,7 @@ class StageRejected(StageError):  # noqa: N818
     default_code = "line_refused"
 
     def __init__(self, number: int | str, line: str, meaning: str, **fields: Any) -> None:
-        super().__init__(
-            "the stage's controller refused {line!r} with error {number}: {meaning}",
-            number=number,
-            line=line,
-            meaning=meaning,
-            **fields,
-        )
+        super().__init__(f"the stage's controller refused {line!r} with error {number}: {meaning}")
         self.number = number
         self.line = line
         self.meaning = meaning

@@ -163,9 +163,9 @@ class GrblStage(Stage):
             if board == before:
                 return board
         raise StageError(
-            "{port}: the board reports different settings each time ($$); check the cable and stage.baud",
-            code="answers_differ",
-            port=self._transport.name,
+            f"{self._transport.name}: the board reports different settings each time ($$); check the cable and "
+            "stage.baud",
+            "answers_differ",
         )
 
     def _enforce(self, required: Mapping[int, float]) -> None:
@@ -204,10 +204,8 @@ class GrblStage(Stage):
             if self._clock.monotonic_s() - begun_s > REPLY_S and set(new) - {"Home"}:
                 self._link.in_step = False
                 raise StageTimeout(
-                    "{port}: the board neither answers '$H' nor homes (state {state}); home again",
-                    code="does_not_home",
-                    port=self._transport.name,
-                    state=new[-1],
+                    f"{self._transport.name}: the board neither answers '$H' nor homes (state {new[-1]}); home again",
+                    "does_not_home",
                 )
             yield None
             self._link.send_now(b"?")
@@ -260,9 +258,9 @@ class GrblStage(Stage):
             requests += 1
             if requests > (ASK_TIMES if fields.work is None else ASK_FOR_OFFSET):
                 raise StageError(
-                    "{port}: the status report contains no machine position; check setting $10 of the board",
-                    code="no_position",
-                    port=self._transport.name,
+                    f"{self._transport.name}: the status report contains no machine position; check setting $10 "
+                    "of the board",
+                    "no_position",
                 )
             fields = self._link.ask_status()
         self._last = fields.machine or machine_from(fields.work, self._link.offset)
@@ -365,12 +363,9 @@ class GrblStage(Stage):
         while (state := self._status().state) not in ("Hold:0", "Idle"):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: the stage is not at rest {timeout_s:g} s after a feed hold (state {state}); "
-                    "use the emergency stop",
-                    code="not_at_rest",
-                    port=self._transport.name,
-                    timeout_s=HALT_S,
-                    state=state,
+                    f"{self._transport.name}: the stage is not at rest {HALT_S:g} s after a feed hold (state "
+                    f"{state}); use the emergency stop",
+                    "not_at_rest",
                 )
             if not is_held(state):
                 self.hold()  # The first byte may have been lost.
@@ -379,10 +374,9 @@ class GrblStage(Stage):
         state = self._status().state
         if state != "Idle":
             raise StageError(
-                "{port}: the board is in state {state} after a halt, so the position is lost; home again",
-                code="lost_in_halt",
-                port=self._transport.name,
-                state=state,
+                f"{self._transport.name}: the board is in state {state} after a halt, so the position is lost; "
+                "home again",
+                "lost_in_halt",
             )
         self._link.trusted = trusted and self._link.times_stopped == times
 
@@ -403,10 +397,9 @@ class GrblStage(Stage):
         while is_held(self._status().state):
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: the stage is still held after {timeout_s:g} s; release the hold at its controller",
-                    code="still_held",
-                    port=self._transport.name,
-                    timeout_s=timeout_s,
+                    f"{self._transport.name}: the stage is still held after {timeout_s:g} s; release the hold at "
+                    "its controller",
+                    "still_held",
                 )
             self._link.send_now(b"~")
             self._listen(POLL_S)
@@ -476,12 +469,7 @@ class GrblStage(Stage):
             )
 
     def _still_jogging(self, timeout_s: float) -> StageTimeout:
-        return StageTimeout(
-            "{port}: the stage still jogs after {timeout_s:g} s",
-            code="still_jogging",
-            port=self._transport.name,
-            timeout_s=timeout_s,
-        )
+        return StageTimeout(f"{self._transport.name}: the stage still jogs after {timeout_s:g} s", "still_jogging")
 
     def end_jog(self, timeout_s: float = 5.0) -> None:
         """Send 0x85 until the board is at rest, since a cancel before the jog begins is lost.
@@ -491,9 +479,7 @@ class GrblStage(Stage):
         """
         if not self._link.in_step:
             raise StageError(
-                "{port}: a command may still wait in the board; stop the stage",
-                code="line_waits",
-                port=self._transport.name,
+                f"{self._transport.name}: a command may still wait in the board; stop the stage", "line_waits"
             )
         deadline_s = self._clock.monotonic_s() + timeout_s
         self._jogged = None
@@ -516,9 +502,9 @@ class GrblStage(Stage):
         """Switch coolant (M8, M9) or spindle (M3, M5); the board does so when all earlier motion has ended."""
         if self._output == "off":
             raise StageError(
-                "{port}: no output of the board is configured; set sync.output to coolant or spindle",
-                code="no_output",
-                port=self._transport.name,
+                f"{self._transport.name}: no output of the board is configured; set sync.output to coolant or "
+                "spindle",
+                "no_output",
             )
         self._link.command(OUTPUT_WORDS[self._output][on], look_s=LOOK_S)
 
@@ -541,17 +527,13 @@ class GrblStage(Stage):
             self._link.refuse_interference(now.state)
             if now.state.startswith(("Alarm", "Sleep", "Check")):
                 raise StageError(
-                    "{port}: the board changed to state {state} during a move; remove the cause, then home",
-                    code="left_move",
-                    port=self._transport.name,
-                    state=now.state,
+                    f"{self._transport.name}: the board changed to state {now.state} during a move; remove the "
+                    "cause, then home",
+                    "left_move",
                 )
             if self._clock.monotonic_s() >= deadline_s:
                 raise StageTimeout(
-                    "{port}: the move did not end in time (state {state})",
-                    code="not_over",
-                    port=self._transport.name,
-                    state=now.state,
+                    f"{self._transport.name}: the move did not end in time (state {now.state})", "not_over"
                 )
             if self._clock.monotonic_s() >= due_s:
                 yield now

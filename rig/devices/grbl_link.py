@@ -122,17 +122,12 @@ def number_after(line: str, prefix: str) -> int | None:
 def refuse_move(target: Mapping[str, float], speed_mm_s: float) -> None:
     """Raise MoveError for a move that no line can express."""
     if not target:
-        raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", code="no_target")
+        raise MoveError("a move needs at least one of x_mm, y_mm, z_mm", "no_target")
     for name, value in (*target.items(), ("speed_mm_s", speed_mm_s)):
         if not math.isfinite(value):
-            raise MoveError("{name} must be a finite number, got {value}", code="not_finite", name=name, value=value)
+            raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
     if speed_mm_s < SLOWEST_MM_S:
-        raise MoveError(
-            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-            code="too_slow",
-            least_mm_s=SLOWEST_MM_S,
-            speed_mm_s=speed_mm_s,
-        )
+        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
 
 
 def number(value: float, decimals: int = 4) -> str:
@@ -286,22 +281,18 @@ class GrblLink:
             else:
                 self.in_step = self.trusted = False
                 raise StageTimeout(
-                    "{port}: no answer to {line!r} within {timeout_s:g} s; check the power, the cable and stage.baud",
-                    code="no_reply",
-                    port=self.name,
-                    line=line,
-                    timeout_s=timeout_s,
+                    f"{self.name}: no answer to {line!r} within {timeout_s:g} s; check the power, the cable and "
+                    "stage.baud",
+                    "no_reply",
                 )
 
     def require_in_step(self, line: str) -> None:
         """Raise StageError if the board may still owe a reply to another line."""
         if not self.in_step:
             raise StageError(
-                "{port}: the board may still owe an answer, so {line!r} was not sent; home the stage, which "
+                f"{self.name}: the board may still owe an answer, so {line!r} was not sent; home the stage, which "
                 "resets the board",
-                code="needs_reset",
-                port=self.name,
-                line=line,
+                "needs_reset",
             )
 
     def _refuse_error(self, reply: str, line: str) -> None:
@@ -333,9 +324,8 @@ class GrblLink:
                     break
         self.trusted = False
         raise StageTimeout(
-            "{port}: no answer to a status request (?); check that it is a GRBL board, and stage.baud",
-            code="no_status",
-            port=self.name,
+            f"{self.name}: no answer to a status request (?); check that it is a GRBL board, and stage.baud",
+            "no_status",
         )
 
     def void_offset(self) -> None:
@@ -366,9 +356,8 @@ class GrblLink:
                 self.offset, self.overrides = None, FULL
                 return
         raise StageTimeout(
-            "{port}: no startup message after a reset; check that it is a GRBL board, and stage.baud",
-            code="no_banner",
-            port=self.name,
+            f"{self.name}: no startup message after a reset; check that it is a GRBL board, and stage.baud",
+            "no_banner",
         )
 
     def _await_banner(self) -> bool:
@@ -393,7 +382,7 @@ class GrblLink:
         if is_banner(line):
             # The banner may have crossed a line, which may or may not still be answered.
             self.in_step, self.trusted, self.offset, self.overrides = False, False, None, FULL
-            raise StageReset("{port}: the board restarted ({line}); home again", port=self.name, line=line)
+            raise StageReset(f"{self.name}: the board restarted ({line}); home again")
         code = number_after(line, "ALARM:")
         if code is not None:
             self.in_step = self.trusted = False
@@ -627,10 +616,7 @@ def doubt_about_zero(
     link.refuse_interference(fields.state)
     if fields.state != "Idle":
         raise StageError(
-            "{port}: the board is in state {state} before a move, expected Idle",
-            code="not_idle",
-            port=link.name,
-            state=fields.state,
+            f"{link.name}: the board is in state {fields.state} before a move, expected Idle", "not_idle"
         )
     if link.offset is None:
         return Doubt("the status report after G92 contains no WCO", "no_offset", {})

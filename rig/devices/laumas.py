@@ -69,11 +69,8 @@ class LaumasForce:
         while not self.read().stable:
             if self._clock.monotonic_s() >= deadline_s:
                 raise ForceBusy(
-                    "{port}: transmitter {device_id}: no stable load within {timeout_s:g} s; let the load "
-                    "settle and zero again",
-                    code="no_stable_load",
-                    timeout_s=SETTLE_S,
-                    **self._who,
+                    f"{self._label}: no stable load within {SETTLE_S:g} s; let the load settle and zero again",
+                    "no_stable_load",
                 )
             self._clock.wait_s(self.sample_period_s)
         self._command(settings.zero_command if settings.weight == "gross" else settings.tare_command)
@@ -81,10 +78,7 @@ class LaumasForce:
         left_gwt = self.read().force_n / GWT_N
         if abs(left_gwt) > self.resolution_gwt:
             raise ForceBusy(
-                "{port}: transmitter {device_id}: the weight is {left_gwt:.3g} gwt after zeroing; zero again",
-                code="not_zeroed",
-                left_gwt=left_gwt,
-                **self._who,
+                f"{self._label}: the weight is {left_gwt:.3g} gwt after zeroing; zero again", "not_zeroed"
             )
 
     def tare(self) -> None:
@@ -109,13 +103,9 @@ class LaumasForce:
         units = registers[UNITS - STATUS]
         if units != self._settings.units_word:
             raise ForceError(
-                "{port}: transmitter {device_id}: division and unit (register {register}) are 0x{word:04X}, "
-                "but force.laumas.units_word is 0x{expected_word:04X}; make them equal",
-                code="wrong_unit",
-                register=UNITS,
-                word=units,
-                expected_word=self._settings.units_word,
-                **self._who,
+                f"{self._label}: division and unit (register {UNITS}) are 0x{units:04X}, but force.laumas.units_word "
+                f"is 0x{self._settings.units_word:04X}; make them equal",
+                "wrong_unit",
             )
         return registers
 
@@ -136,17 +126,11 @@ class LaumasForce:
     def _refuse(self, status: int, *, negative: bool) -> None:
         bits = self._settings.bits
         if _bit(status, bits.cell_error):
-            raise ForceBroken(
-                "{port}: transmitter {device_id}: load cell error; check the cable of the cell",
-                code="cell_error",
-                **self._who,
-            )
+            raise ForceBroken(f"{self._label}: load cell error; check the cable of the cell", "cell_error")
         if _bit(status, bits.converter_error):
             raise ForceBroken(
-                "{port}: transmitter {device_id}: the analog-to-digital converter has failed; see the "
-                "manual of the transmitter",
-                code="converter_error",
-                **self._who,
+                f"{self._label}: the analog-to-digital converter has failed; see the manual of the transmitter",
+                "converter_error",
             )
         for bit, code, problem in (
             (bits.over_max, "over_max", "the weight exceeds the maximum set in the transmitter"),
@@ -156,7 +140,7 @@ class LaumasForce:
         ):
             if _bit(status, bit):
                 kind = ForceUnderload if negative else ForceOverload
-                raise kind("{port}: transmitter {device_id}: {problem}", code=code, problem=problem, **self._who)
+                raise kind(f"{self._label}: {problem}", code)
 
     def _command(self, number: int) -> None:
         with self._errors():
@@ -172,10 +156,10 @@ class LaumasForce:
         try:
             yield
         except ModbusTimeout as error:
-            raise ForceTimeout("{problem}", code=silent, problem=str(error), **self._who) from error
+            raise ForceTimeout(f"{error}", silent) from error
         except ModbusError as error:
             code = "refused" if isinstance(error, ModbusRefused) else "garbled"
-            raise ForceError("{problem}", code=code, problem=str(error), **self._who) from error
+            raise ForceError(f"{error}", code) from error
 
     @property
     def _who(self) -> dict[str, Any]:

@@ -61,11 +61,9 @@ class LeadshineStage(Stage):
         x, z = self._drives["x"], self._drives["z"]
         if x.device_id == z.device_id and any(may_be_renamed(drive.bus.name) for drive in (x, z)):
             raise StageError(
-                "{port}: both drives have device_id {device}, and their ports may change names; give them different "
-                "numbers, or name the ports as in /dev/serial/by-id",
-                code="port_may_change",
-                port=z.bus.name,
-                device=z.device_id,
+                f"{z.bus.name}: both drives have device_id {z.device_id}, and their ports may change names; give "
+                "them different numbers, or name the ports as in /dev/serial/by-id",
+                "port_may_change",
             )
 
     def homing(self) -> Looks:
@@ -180,7 +178,7 @@ class LeadshineStage(Stage):
         if self._output is None or self._output.words is None:
             raise StageError(
                 "no output of a drive is configured; set sync.output to drive, and its register and words",
-                code="no_output",
+                "no_output",
             )
         address, on_word, off_word = self._output.words
         self._drives[self._output.drive].write_word(address, on_word if on else off_word)
@@ -240,7 +238,7 @@ class LeadshineStage(Stage):
 
     def _drive(self, axis: Axis) -> LeadshineDrive:
         if axis not in self._drives:
-            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=axis)
+            raise StageError(f"the stage has no drive for the {axis} axis; set it by hand", "no_drive")
         return self._drives[axis]
 
     def _up_first(self) -> tuple[LeadshineDrive, LeadshineDrive]:
@@ -327,13 +325,9 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         return None
     if silent:
         raise StageError(
-            "{port}: of the Leadshine drives {first} and {second}, only one answers; drive {silent} does not; check "
-            "its power, cable and address, or set its port under [stage.drives]",
-            code="one_drive",
-            port=stage.port,
-            first=ids[0],
-            second=ids[1],
-            silent=silent[0],
+            f"{stage.port}: of the Leadshine drives {ids[0]} and {ids[1]}, only one answers; drive {silent[0]} "
+            "does not; check its power, cable and address, or set its port under [stage.drives]",
+            "one_drive",
         )
     return f"Leadshine drives {ids[0]} and {ids[1]}"
 

@@ -158,14 +158,12 @@ class LeadshineDrive:
         Raises StageError, also if the drive does not confirm it; MoveError.
         """
         if not math.isfinite(lowest_mm):
-            raise MoveError(
-                "{name} must be a finite number, got {value}", code="not_finite", name="lowest_mm", value=lowest_mm
-            )
+            raise MoveError(f"lowest_mm must be a finite number, got {lowest_mm}", "not_finite")
         status = self.status()
         self._refuse(status)
         self._refuse_unhomed(status)
         if Status.RUNNING in status:
-            raise StageError(f"{_DRIVE} is moving; a soft limit can be set only at rest", code="runs", **self._names)
+            raise StageError(f"{self._label} is moving; a soft limit can be set only at rest", "runs")
         lowest = self._pulses(min(max(lowest_mm, -self.travel_mm), 0.0))
         if self.pulses_per_mm > 0:
             self._set("negative soft limit", NEGATIVE_LIMIT, words(lowest))
@@ -194,7 +192,7 @@ class LeadshineDrive:
             nonlocal begun
             begun = begun or Status.RUNNING in status or Status.HOMED not in status
             if not begun and self._clock.monotonic_s() >= begins_by_s:
-                raise StageError(f"{_DRIVE} did not start to home; home again", code="did_not_home", **self._names)
+                raise StageError(f"{self._label} did not start to home; home again", "did_not_home")
             return begun and Status.HOMED in status and self._commanded() == 0
 
         yield from self._until(at_home, HOME_S, START_S, "homing")
@@ -223,13 +221,7 @@ class LeadshineDrive:
         yield from self._until(there, late_s, expected_s, f"the move to {to_mm:g} mm", look_s)
         at_mm = self.position_mm()
         if abs(at_mm - target / self.pulses_per_mm) > TOLERANCE_MM:
-            raise StageError(
-                f"{_DRIVE} is at {{at_mm:.4f}} mm instead of {{target_mm:g}} mm",
-                code="not_there",
-                at_mm=at_mm,
-                target_mm=to_mm,
-                **self._names,
-            )
+            raise StageError(f"{self._label} is at {at_mm:.4f} mm instead of {to_mm:g} mm", "not_there")
         self._loose = False
 
     def go_on(self, by_mm: float, speed_mm_s: float, keep_on: Callable[[], bool]) -> None:
@@ -282,10 +274,7 @@ class LeadshineDrive:
                 problem = error
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
-            f"{_DRIVE} still moves {{timeout_s:g}} s after a quick stop; use the emergency stop",
-            code="still_runs",
-            timeout_s=STOP_S,
-            **self._names,
+            f"{self._label} still moves {STOP_S:g} s after a quick stop; use the emergency stop", "still_runs"
         )
 
     def write_word(self, register: int, value: int) -> None:
@@ -321,12 +310,7 @@ class LeadshineDrive:
         rpm = math.floor(60 * pulses_s / self._settings.pulses_per_rev + 1e-9)
         if rpm < 1:
             slowest = self._settings.pulses_per_rev / 60 / abs(self.pulses_per_mm)
-            raise MoveError(
-                "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-                code="too_slow",
-                least_mm_s=slowest,
-                speed_mm_s=speed_mm_s,
-            )
+            raise MoveError(f"speed_mm_s must be at least {slowest:.4f}, got {speed_mm_s}", "too_slow")
         return rpm
 
     # --- motion commands ---
@@ -352,11 +336,8 @@ class LeadshineDrive:
         once, again = self._commanded(), self._commanded()
         if once != again:
             raise StageError(
-                f"{_DRIVE} reports {{once}} and then {{again}} pulses at rest; check whether it moves",
-                code="answers_differ",
-                once=once,
-                again=again,
-                **self._names,
+                f"{self._label} reports {once} and then {again} pulses at rest; check whether it moves",
+                "answers_differ",
             )
         return again
 
@@ -378,12 +359,7 @@ class LeadshineDrive:
                 return
             if self._clock.monotonic_s() >= begun_s + most_s:
                 raise StageTimeout(
-                    f"{_DRIVE}: {{what}} takes longer than {{timeout_s:.1f}} s (status {{status!r}})",
-                    code="not_over",
-                    what=what,
-                    timeout_s=most_s,
-                    status=status,
-                    **self._names,
+                    f"{self._label}: {what} takes longer than {most_s:.1f} s (status {status!r})", "not_over"
                 )
             if self._clock.monotonic_s() >= due_s:
                 yield status
@@ -394,9 +370,7 @@ class LeadshineDrive:
         if Status.HOMED not in status:
             self.harmless = False
             raise StageError(
-                f"{_DRIVE} is no longer homed, probably because it was switched off; home again",
-                code="lost_home",
-                **self._names,
+                f"{self._label} is no longer homed, probably because it was switched off; home again", "lost_home"
             )
 
     def _refuse(self, status: Status) -> None:
@@ -405,7 +379,7 @@ class LeadshineDrive:
             meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see its manual')} ({code:X} hex)"
             raise StageAlarm(code, meaning, **self._names)
         if Status.ENABLED not in status:
-            raise StageError(f"{_DRIVE} is not enabled; enable it", code="not_enabled", **self._names)
+            raise StageError(f"{self._label} is not enabled; enable it", "not_enabled")
 
     def _travel_s(self, pulses: int, rpm: int) -> float:
         pulses_s = rpm * self._settings.pulses_per_rev / 60
@@ -430,13 +404,7 @@ class LeadshineDrive:
         if found != values:
             self.harmless = False
             raise StageError(
-                f"{_DRIVE}: {{name}} (0x{{register:04X}}) is {{found}}, expected {{expected}}",
-                code="not_as_configured",
-                name=name,
-                register=register,
-                found=found,
-                expected=values,
-                **self._names,
+                f"{self._label}: {name} (0x{register:04X}) is {found}, expected {values}", "not_as_configured"
             )
 
     def _read(self, register: int, count: int = 1) -> list[int]:
@@ -462,7 +430,7 @@ class LeadshineDrive:
         return {**error.fields, "axis": self.axis, "problem": str(error)}
 
     def _stopped(self) -> StageError:
-        return StageError(f"{_DRIVE} was stopped", code="stopped", **self._names)
+        return StageError(f"{self._label} was stopped", "stopped")
 
     @property
     def _names(self) -> dict[str, Any]:

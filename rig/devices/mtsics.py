@@ -92,10 +92,7 @@ class MtSicsForce:
             raise self._garbled(" ".join(words))
         if words[3] != "g":
             raise ForceError(
-                "{port}: the balance reports the unit {unit}; set it to g",
-                code="wrong_unit",
-                port=self._transport.name,
-                unit=words[3],
+                f"{self._transport.name}: the balance reports the unit {words[3]}; set it to g", "wrong_unit"
             )
         return float(words[2]) * GWT_N * self._scale
 
@@ -109,11 +106,9 @@ class MtSicsForce:
             # A late reply must not count as the reply to the next command.
             self._in_step = False
             raise ForceTimeout(
-                "{port}: the balance did not answer {command} within {timeout_s:g} s; check the power and the cable",
-                code="no_reply",
-                port=self._transport.name,
-                command=command,
-                timeout_s=timeout_s,
+                f"{self._transport.name}: the balance did not answer {command} within {timeout_s:g} s; check the "
+                "power and the cable",
+                "no_reply",
             )
         words = line.split()
         self._check(words, command)
@@ -123,31 +118,17 @@ class MtSicsForce:
         port = self._transport.name
         if words[0] in _SYNTAX:
             code, problem = _SYNTAX[words[0]]
-            raise ForceError(
-                "{port}: the balance {problem} ({reply} to {command})",
-                code=code,
-                port=port,
-                problem=problem,
-                reply=words[0],
-                command=command,
-            )
+            raise ForceError(f"{port}: the balance {problem} ({words[0]} to {command})", code)
         if len(words) < 2 or words[0] != command[:1]:
             raise self._garbled(" ".join(words))
         if words[1] == "+":
-            raise ForceOverload("{port}: the balance is overloaded; remove the load", code="overload", port=port)
+            raise ForceOverload(f"{port}: the balance is overloaded; remove the load", "overload")
         if words[1] == "-":
             raise ForceUnderload(
-                "{port}: the balance is underloaded; check that nothing lifts it off its support",
-                code="underload",
-                port=port,
+                f"{port}: the balance is underloaded; check that nothing lifts it off its support", "underload"
             )
         if words[1] == "I":
-            raise ForceBusy(
-                "{port}: the balance is busy or found no stable value ({command}); try again",
-                code="busy",
-                port=port,
-                command=command,
-            )
+            raise ForceBusy(f"{port}: the balance is busy or found no stable value ({command}); try again", "busy")
 
     def _hello(self, *commands: str) -> str:
         self._in_step = False
@@ -160,9 +141,7 @@ class MtSicsForce:
                     self._in_step = True
                     return line[4:].strip(' "')
         raise ForceTimeout(
-            "{port}: no balance answers; check the power, the cable and force.baud",
-            code="no_device",
-            port=self._transport.name,
+            f"{self._transport.name}: no balance answers; check the power, the cable and force.baud", "no_device"
         )
 
     def _send(self, command: str) -> None:
@@ -171,10 +150,8 @@ class MtSicsForce:
     def _garbled(self, answer: str) -> ForceError:
         self._in_step = False
         return ForceError(
-            "{port}: the balance sent a garbled answer, {reply!r}; check the cable and force.baud",
-            code="garbled",
-            port=self._transport.name,
-            reply=answer,
+            f"{self._transport.name}: the balance sent a garbled answer, {answer!r}; check the cable and force.baud",
+            "garbled",
         )
 
 

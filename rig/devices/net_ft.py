@@ -209,10 +209,8 @@ class NetFtForce:
         while len(last) < _STEADY_READINGS or max(last) - min(last) > self._settings.steady_gwt * GWT_N:
             if self._clock.monotonic_s() >= deadline_s:
                 raise ForceBusy(
-                    "{port}: no steady load within {timeout_s:g} s; let it settle and zero again",
-                    code="no_stable_load",
-                    port=self._records.name,
-                    timeout_s=SETTLE_S,
+                    f"{self._records.name}: no steady load within {SETTLE_S:g} s; let it settle and zero again",
+                    "no_stable_load",
                 )
             if last:
                 self._clock.wait_s(self.sample_period_s)
@@ -256,19 +254,15 @@ class NetFtForce:
         if b"HTTP/" in data:
             return self._bad_page("no end")
         return ForceTimeout(
-            "{port}: no page netftapi2.xml within {timeout_s:g} s; check the power, the cable, force.port and "
-            "force.net_ft.http_port",
-            code="no_device",
-            port=self._records.name,
-            timeout_s=PAGE_S,
+            f"{self._records.name}: no page netftapi2.xml within {PAGE_S:g} s; check the power, the cable, "
+            "force.port and force.net_ft.http_port",
+            "no_device",
         )
 
     def _bad_page(self, what: str) -> ForceError:
         return ForceError(
-            "{port}: the page netftapi2.xml of the sensor cannot be used ({what}); it has the counts",
-            code="no_counts",
-            port=self._records.name,
-            what=what,
+            f"{self._records.name}: the page netftapi2.xml of the sensor cannot be used ({what}); it has the counts",
+            "no_counts",
         )
 
     def _checked(self, text: str) -> SensorPage:
@@ -291,11 +285,8 @@ class NetFtForce:
         for known, unit in units:
             if unit not in known:
                 raise ForceError(
-                    "{port}: the sensor reports the unit {unit}; set it to one of {known}",
-                    code="wrong_unit",
-                    port=self._records.name,
-                    unit=unit,
-                    known=", ".join(known),
+                    f"{self._records.name}: the sensor reports the unit {unit}; set it to one of {', '.join(known)}",
+                    "wrong_unit",
                 )
         self._refuse_slow(page)
         return page
@@ -303,21 +294,16 @@ class NetFtForce:
     def _refuse_slow(self, page: SensorPage) -> None:
         if page.rate_hz is not None and page.rate_hz < LOWEST_HZ:
             raise ForceError(
-                "{port}: the sensor sends {rate_hz} records/s; set its RDT output rate to at least {lowest_hz}",
-                code="slow_records",
-                port=self._records.name,
-                rate_hz=page.rate_hz,
-                lowest_hz=LOWEST_HZ,
+                f"{self._records.name}: the sensor sends {page.rate_hz} records/s; set its RDT output rate to at "
+                f"least {LOWEST_HZ}",
+                "slow_records",
             )
         cutoff_hz = _CUTOFFS_HZ[page.filter_number] if page.filter_number in range(len(_CUTOFFS_HZ)) else 1
         if cutoff_hz is not None and 1 / cutoff_hz > self.sample_period_s + self._latency_s:
             raise ForceError(
-                "{port}: the low-pass filter of the sensor ({cutoff_hz} Hz) delays readings; use a faster one, or "
-                "set force.latency_s to at least {latency_s:.3g}",
-                code="slow_filter",
-                port=self._records.name,
-                cutoff_hz=cutoff_hz,
-                latency_s=1 / cutoff_hz,
+                f"{self._records.name}: the low-pass filter of the sensor ({cutoff_hz} Hz) delays readings; use a "
+                f"faster one, or set force.latency_s to at least {1 / cutoff_hz:.3g}",
+                "slow_filter",
             )
 
     def _word(self, text: str, tag: str) -> str:
@@ -380,17 +366,12 @@ class NetFtForce:
                 return found
         if self._odd:
             raise ForceError(
-                "{port}: {count} datagrams are not records of {bytes} bytes; check force.port",
-                code="garbled",
-                port=self._records.name,
-                count=self._odd,
-                bytes=_RECORD.itemsize,
+                f"{self._records.name}: {self._odd} datagrams are not records of {_RECORD.itemsize} bytes; check "
+                "force.port",
+                "garbled",
             )
         raise ForceTimeout(
-            "{port}: no new record within {timeout_s:g} s; check the power and the cable",
-            code="no_reply",
-            port=self._records.name,
-            timeout_s=within_s,
+            f"{self._records.name}: no new record within {within_s:g} s; check the power and the cable", "no_reply"
         )
 
     def _take(self, data: bytes) -> NDArray[Any] | None:

@@ -40,24 +40,13 @@ def one_axis(
         if value is not None:
             refuse_not_finite(name, value)
     if speed_mm_s < SLOWEST_MM_S:
-        raise MoveError(
-            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-            code="too_slow",
-            least_mm_s=SLOWEST_MM_S,
-            speed_mm_s=speed_mm_s,
-        )
+        raise MoveError(f"speed_mm_s must be at least {SLOWEST_MM_S:.4f}, got {speed_mm_s}", "too_slow")
     if y_mm is not None and abs(y_mm - set_y_mm) > _SAME_PLACE_MM:
-        raise MoveError(
-            "y_mm must be {set_mm:g}, the position set by hand, got {y_mm:g}",
-            code="set_by_hand",
-            set_mm=set_y_mm,
-            y_mm=y_mm,
-        )
+        raise MoveError(f"y_mm must be {set_y_mm:g}, the position set by hand, got {y_mm:g}", "set_by_hand")
     moves = {axis: mm for axis, mm in (("x", x_mm), ("z", z_mm)) if mm is not None}
     if len(moves) > 1 or not (moves or y_mm is not None):
         raise MoveError(
-            "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line",
-            code="not_one_axis",
+            "a move needs exactly one of x_mm and z_mm: two drives cannot keep a straight line", "not_one_axis"
         )
     return next(iter(moves.items()), (None, set_y_mm))
 
@@ -65,7 +54,7 @@ def one_axis(
 def refuse_not_finite(name: str, value: float) -> None:
     """Raise MoveError for a number that is not finite."""
     if not math.isfinite(value):
-        raise MoveError("{name} must be a finite number, got {value}", code="not_finite", name=name, value=value)
+        raise MoveError(f"{name} must be a finite number, got {value}", "not_finite")
 
 
 class _Look(Protocol):
@@ -188,36 +177,24 @@ class WatchedAxis(Generic[Look]):
 
     def _refuse_late(self, deadline_s: float, what: str, most_s: float) -> None:
         if self._clock.monotonic_s() >= deadline_s:
-            raise StageTimeout(
-                "{port}: {axis} axis: {what} takes longer than {timeout_s:.1f} s",
-                code="not_over",
-                what=what,
-                timeout_s=most_s,
-                **self._names,
-            )
+            raise StageTimeout(f"{self._label}: {what} takes longer than {most_s:.1f} s", "not_over")
 
     def _homes_the_wrong_way(self) -> StageError:
         return StageError(
-            "{port}: {axis} axis moves away from home while homing; check the settings of the controller, and its "
-            "limit switches",
-            code="homes_the_wrong_way",
-            **self._names,
+            f"{self._label} moves away from home while homing; check the settings of the controller, and its limit "
+            "switches",
+            "homes_the_wrong_way",
         )
 
     def _stopped(self) -> StageError:
-        return StageError("{port}: {axis} axis was stopped", code="stopped", **self._names)
+        return StageError(f"{self._label} was stopped", "stopped")
 
 
 def whole_speed(speed_mm_s: float, unit: float) -> int:
     """Return a speed as a whole number of a drive's units, `unit` of them for 1 mm/s. Raises MoveError below 1."""
     native = math.floor(speed_mm_s * unit + 1e-9)
     if native < 1:
-        raise MoveError(
-            "speed_mm_s must be at least {least_mm_s:.4f}, got {speed_mm_s}",
-            code="too_slow",
-            least_mm_s=1 / unit,
-            speed_mm_s=speed_mm_s,
-        )
+        raise MoveError(f"speed_mm_s must be at least {1 / unit:.4f}, got {speed_mm_s}", "too_slow")
     return native
 
 
@@ -378,7 +355,7 @@ class TwoAxisStage(Stage, Generic[AnAxis, Look]):
 
     def _axis(self, name: Axis) -> AnAxis:
         if name not in self._axes:
-            raise StageError("the stage has no drive for the {axis} axis; set it by hand", code="no_drive", axis=name)
+            raise StageError(f"the stage has no drive for the {name} axis; set it by hand", "no_drive")
         return self._axes[name]
 
     def _up_first(self) -> tuple[AnAxis, AnAxis]:

@@ -232,18 +232,10 @@ def find(of: type[K], name: str) -> K:
     offers = _offered().get(f"{of.room}.{name}", ())
     if not offers:
         known = names(of.room)
-        raise KindError(
-            "must be {either}",
-            code="unknown_kind",
-            either=either([repr(one) for one in known]),
-            kinds=known,
-            kind=name,
-        )
+        raise KindError(f"must be {either([repr(one) for one in known])}", "unknown_kind")
     if len(offers) > 1:
         raise KindError(
-            "offered by {packages}; uninstall one of these packages",
-            code="offered_twice",
-            packages=" and ".join(map(package, offers)),
+            f"offered by {' and '.join(map(package, offers))}; uninstall one of these packages", "offered_twice"
         )
     return _loaded(of, name, offers[0])
 
@@ -266,19 +258,11 @@ def problems() -> Iterator[KindError]:
         of = next((kind for kind in KINDS if kind.room == room), None)
         if of is None or not name:
             yield KindError(
-                "{package}: entry point {entry!r} of {group} must be named stage.NAME or force.NAME",
-                code="bad_entry_point",
-                package=who,
-                entry=point,
-                group=GROUP,
+                f"{who}: entry point {point!r} of {GROUP} must be named stage.NAME or force.NAME", "bad_entry_point"
             )
         elif name in BUILT_IN[of.room]:
             yield KindError(
-                "{package}: {room}.kind = {kind!r} is the name of a built-in driver, which is used instead",
-                code="name_taken",
-                package=who,
-                room=room,
-                kind=name,
+                f"{who}: {room}.kind = {name!r} is the name of a built-in driver, which is used instead", "name_taken"
             )
         else:
             try:
@@ -310,29 +294,12 @@ def _loaded(of: type[K], name: str, point: EntryPoint) -> K:
         found = point.load()
     except (Exception, SystemExit) as error:  # Importing a package may raise anything.
         what = " ".join(str(error).split())
-        raise KindError(
-            "{package} cannot be used: {error}: {what}",
-            code="not_imported",
-            package=package(point),
-            error=type(error).__name__,
-            what=what,
-        ) from error
+        raise KindError(f"{package(point)} cannot be used: {type(error).__name__}: {what}", "not_imported") from error
     if not isinstance(found, of):
-        raise KindError(
-            "{package} cannot be used: {entry} is not a {expected}",
-            code="wrong_type",
-            package=package(point),
-            entry=point.value,
-            expected=of.__name__,
-        )
+        raise KindError(f"{package(point)} cannot be used: {point.value} is not a {of.__name__}", "wrong_type")
     if found.name != name:
         raise KindError(
-            "{package} cannot be used: {entry} is named {found!r}, expected {kind!r}",
-            code="wrong_name",
-            package=package(point),
-            entry=point.value,
-            found=found.name,
-            kind=name,
+            f"{package(point)} cannot be used: {point.value} is named {found.name!r}, expected {name!r}", "wrong_name"
         )
     return found
 
@@ -436,17 +403,15 @@ class KnownBench(BenchSettings):
         allowed = find(StageKind, self.stage.kind).outputs
         if self.sync.output not in allowed:
             raise RuleError(
-                "sync.output: {output!r} is not available on a {stage} stage; allowed: {allowed}",
-                code="no_such_output",
-                output=self.sync.output,
-                allowed=either(allowed),
-                stage=self.stage.kind,
+                f"sync.output: {self.sync.output!r} is not available on a {self.stage.kind} stage; allowed: "
+                f"{either(allowed)}",
+                "no_such_output",
             )
         if self.sync.output == "drive" and self.sync.words is None:
             raise RuleError(
                 "sync: output = 'drive' requires register_address, on_word and off_word, from the manual of "
                 "the drive",
-                code="incomplete_sync",
+                "incomplete_sync",
             )
         return self
 

@@ -294,10 +294,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
     def refuse_unreferenced(self, status: AxisStatus) -> None:
         """Refuse a controller that is no longer homed or whose motor is off. Raises StageReset."""
         if not self.is_referenced(status):
-            raise StageReset(
-                "{port}: {axis} axis is no longer homed, or its motor is off; home again",
-                **self._names,
-            )
+            raise StageReset(f"{self._label} is no longer homed, or its motor is off; home again")
 
     def refuse_far_edge(self, status: AxisStatus) -> None:
         """Refuse the limit switch away from home, which lies outside the travel; after `refuse_alarm`.
@@ -319,11 +316,9 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         """Refuse the controller of another axis, which would move that axis. Raises StageError."""
         if self._settings.serial is None and may_be_renamed(self._link.name):
             raise StageError(
-                "{port}: {axis} axis: this port may have another controller after the next start; set serial = "
-                "{serial} under [stage.standa.{axis}], or name the port as in /dev/serial/by-id",
-                code="port_may_change",
-                serial=serial,
-                **self._names,
+                f"{self._label}: this port may have another controller after the next start; set serial = {serial} "
+                f"under [stage.standa.{self.name}], or name the port as in /dev/serial/by-id",
+                "port_may_change",
             )
         if self._settings.serial not in (None, serial):
             self._refuse_setting("serial number", serial, self._settings.serial)
@@ -348,10 +343,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             except StageError as error:
                 problem, sent = error, False
         raise problem or StageTimeout(
-            "{port}: {axis} axis still moves {timeout_s:g} s after a stop; use the emergency stop",
-            code="still_runs",
-            timeout_s=most_s,
-            **self._names,
+            f"{self._label} still moves {most_s:g} s after a stop; use the emergency stop", "still_runs"
         )
 
     def _refuse_interference(self, status: AxisStatus, command: int) -> None:
@@ -361,7 +353,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self.refuse_far_edge(status)
         self._refuse_buttons(status)
         if status.command & COMMAND != command:
-            raise StageOverridden("{port}: {axis} axis: another program has interrupted the motion", **self._names)
+            raise StageOverridden(f"{self._label}: another program has interrupted the motion")
 
     def _refuse_buttons(self, status: AxisStatus) -> None:
         if status.inputs & BUTTONS or (status.busy and status.command & COMMAND in (LEFT, RIGHT)):
@@ -404,30 +396,18 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
         raise StageError(
-            "{port}: {axis} axis: {setting} of the controller is {found}, expected {expected}",
-            code="not_as_configured",
-            setting=setting,
-            found=found,
-            expected=expected,
-            **self._names,
+            f"{self._label}: {setting} of the controller is {found}, expected {expected}", "not_as_configured"
         )
 
     def _not_homed(self, status: AxisStatus) -> StageError:
         return StageError(
-            "{port}: {axis} axis did not home: it is at {position} (command state {command}); home again",
-            code="did_not_home",
-            position=self._at(status),
-            command=status.command,
-            **self._names,
+            f"{self._label} did not home: it is at {self._at(status)} (command state {status.command}); home again",
+            "did_not_home",
         )
 
     def _not_there(self, at: int, target_mm: float) -> StageError:
         return StageError(
-            "{port}: {axis} axis is at {at_mm:.4f} mm instead of {target_mm:g} mm",
-            code="not_there",
-            at_mm=at / self.steps_per_mm,
-            target_mm=target_mm,
-            **self._names,
+            f"{self._label} is at {at / self.steps_per_mm:.4f} mm instead of {target_mm:g} mm", "not_there"
         )
 
     @property
@@ -448,10 +428,9 @@ class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
         x, z = self._axes["x"], self._axes["z"]
         if x.serial == z.serial:
             raise StageError(
-                "the ports of both axes lead to one Standa controller, {serial}; correct stage.port or "
+                f"the ports of both axes lead to one Standa controller, {z.serial}; correct stage.port or "
                 "stage.standa.x_port",
-                code="one_controller_for_two",
-                serial=z.serial,
+                "one_controller_for_two",
             )
         return found
 
@@ -477,7 +456,7 @@ class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):
 
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a Standa controller is supported. Raises StageError."""
-        raise StageError("a Standa stage has no output for pulses; set sync.output to off", code="no_output")
+        raise StageError("a Standa stage has no output for pulses; set sync.output to off", "no_output")
 
     def close(self) -> None:
         for link in self._links:
@@ -515,9 +494,8 @@ def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:
     own = stage.own(StandaSettings)
     if stage.port == own.x_port:
         raise StageError(
-            "stage.port and stage.standa.x_port are both {port}; every controller has a port of its own",
-            code="one_port_for_two",
-            port=stage.port,
+            f"stage.port and stage.standa.x_port are both {stage.port}; every controller has a port of its own",
+            "one_port_for_two",
         )
     links: list[StandaLink] = []
     try:

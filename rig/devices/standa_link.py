@@ -182,19 +182,14 @@ class StandaLink:
 
     def _garbled(self, letters: str, heard: bytes) -> StageError:
         return StageError(
-            "{port}: Standa controller, command {command}: the reply {heard} is garbled; check the cable",
-            code="garbled",
-            port=self.name,
-            command=letters,
-            heard=heard[:SHOWN].hex(" "),
+            f"{self.name}: Standa controller, command {letters}: the reply {heard[:SHOWN].hex(' ')} is garbled; "
+            "check the cable",
+            "garbled",
         )
 
     def _silent(self, what: str, timeout_s: float) -> StageTimeout:
         return StageTimeout(
-            "{port}: Standa controller, command {command}: no reply within {timeout_s:g} s; check the power, the "
-            "cable and the port",
-            code="no_reply",
-            port=self.name,
-            command=what,
-            timeout_s=timeout_s,
+            f"{self.name}: Standa controller, command {what}: no reply within {timeout_s:g} s; check the power, "
+            "the cable and the port",
+            "no_reply",
         )

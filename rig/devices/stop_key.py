@@ -72,7 +72,7 @@ class StopKey:
     def pressed(self) -> bool:
         """Whether the key is held down. Raises StopKeyError if that is unknown."""
         if self.problem:
-            raise StopKeyError("{problem}", code=self._why, path=str(self.path), problem=self.problem)
+            raise StopKeyError(f"{self.problem}", self._why)
         return bool(self._held)
 
     def arm(self, on_press: Callable[[], object]) -> None:
@@ -124,10 +124,7 @@ def _opened(path: Path) -> int:
         file = os.open(path, (os.O_RDWR if pipe else os.O_RDONLY) | _NONBLOCK)
     except OSError as error:
         raise StopKeyError(
-            "{path}: {problem}; connect the stop button, or correct stop.device",
-            code="not_opened",
-            path=str(path),
-            problem=_what(error),
+            f"{path}: {_what(error)}; connect the stop button, or correct stop.device", "not_opened"
         ) from None
     if pipe:
         return file
@@ -136,10 +133,7 @@ def _opened(path: Path) -> int:
     except OSError as error:
         os.close(file)
         raise StopKeyError(
-            "{path}: cannot be reserved for the rig: {problem}; close other programs that use it",
-            code="not_grabbed",
-            path=str(path),
-            problem=_what(error),
+            f"{path}: cannot be reserved for the rig: {_what(error)}; close other programs that use it", "not_grabbed"
         ) from None
     return file
 

@@ -156,11 +156,11 @@ class TextCellSettings(Settings):
     def _has_one_value(cls, line: str) -> str:
         names = _FIELD.findall(line)
         if names.count("value") != 1 or not set(names) <= set(_FIELDS) or not line.isprintable():
-            raise RuleError("needs {value} once, and no other field than {skip}", code="bad_line_format")
+            raise RuleError("needs {value} once, and no other field than {skip}", "bad_line_format")
         if _PART_OF_NUMBER.search(line):
-            raise RuleError("digits and the point belong to {value}; leave them out", code="part_of_number")
+            raise RuleError("digits and the point belong to {value}; leave them out", "part_of_number")
         if _LONE_MINUS.search(line):
-            raise RuleError("the minus belongs to {value}; leave it out", code="sign_beside_value")
+            raise RuleError("the minus belongs to {value}; leave it out", "sign_beside_value")
         return line
 
     @field_validator("unit")
@@ -168,15 +168,14 @@ class TextCellSettings(Settings):
     def _agrees_with_line(cls, unit: str, info: ValidationInfo) -> str:
         before, _, after = _FIELD.sub(_placeholder, info.data.get("line", "")).partition(_HERE)
         if word := _other_unit(before, after, unit):
-            raise RuleError("is {unit}, but line has {word!r}; make them agree", code="unit_beside_line", unit=unit,
-                            word=word)  # fmt: skip
+            raise RuleError(f"is {unit}, but line has {word!r}; make them agree", "unit_beside_line")
         return unit
 
     @field_validator("ignore")
     @classmethod
     def _none_is_empty(cls, ignore: tuple[str, ...]) -> tuple[str, ...]:
         if not all(ignore):
-            raise RuleError("an empty beginning would ignore every line", code="empty_beginning")
+            raise RuleError("an empty beginning would ignore every line", "empty_beginning")
         return ignore
 
     @cached_property
@@ -238,10 +237,9 @@ class TextCellForce:
         if last:
             raise self._garbled(last)
         raise ForceTimeout(
-            "{port}: no line within {timeout_s:g} s; check the power, the cable, force.baud and force.text_cell.poll",
-            code="no_device",
-            port=self._transport.name,
-            timeout_s=settings.start_s,
+            f"{self._transport.name}: no line within {settings.start_s:g} s; check the power, the cable, "
+            "force.baud and force.text_cell.poll",
+            "no_device",
         )
 
     def read(self) -> ForceReading:
@@ -260,10 +258,8 @@ class TextCellForce:
                 self._clock.wait_s(self.sample_period_s)
                 continue
             raise ForceBusy(
-                "{port}: the load is {left_gwt:.3g} gwt after zeroing; let it settle and zero again",
-                code="not_zeroed",
-                port=self._transport.name,
-                left_gwt=left_gwt,
+                f"{self._transport.name}: the load is {left_gwt:.3g} gwt after zeroing; let it settle and zero again",
+                "not_zeroed",
             )
 
     @property
@@ -292,10 +288,8 @@ class TextCellForce:
         while len(last) < _STEADY_READINGS or max(last) - min(last) > self._settings.steady_gwt:
             if self._clock.monotonic_s() >= deadline_s:
                 raise ForceBusy(
-                    "{port}: no steady load within {timeout_s:g} s; let it settle and zero again",
-                    code="no_stable_load",
-                    port=self._transport.name,
-                    timeout_s=SETTLE_S,
+                    f"{self._transport.name}: no steady load within {SETTLE_S:g} s; let it settle and zero again",
+                    "no_stable_load",
                 )
             self._clock.wait_s(self.sample_period_s)
             last = [*last, self._shown_gwt()][-_STEADY_READINGS:]
@@ -310,10 +304,7 @@ class TextCellForce:
         value = self._value(line)
         if value is not None and _NO_NUMBER.fullmatch(value):
             raise ForceBroken(
-                "{port}: the board sends {value} instead of a number; check the cell and its cable",
-                code="no_number",
-                port=port,
-                value=value,
+                f"{port}: the board sends {value} instead of a number; check the cell and its cable", "no_number"
             )
         if value is None or not _NUMBER.fullmatch(value):
             raise self._garbled(line)
@@ -321,10 +312,7 @@ class TextCellForce:
         if abs(shown_gwt) >= settings.full_scale_gwt:
             kind, code = (ForceOverload, "overload") if shown_gwt > 0 else (ForceUnderload, "underload")
             raise kind(
-                "{port}: {shown_gwt:.4g} gwt is not within force.text_cell.full_scale_gwt; remove the load",
-                code=code,
-                port=port,
-                shown_gwt=shown_gwt,
+                f"{port}: {shown_gwt:.4g} gwt is not within force.text_cell.full_scale_gwt; remove the load", code
             )
         return shown_gwt * self._scale
 
@@ -381,9 +369,8 @@ class TextCellForce:
         while not in_step and self._transport.read(self._silence_s):
             if self._clock.monotonic_s() >= until_s:
                 raise ForceError(
-                    "{port}: the board sends lines without a request; remove force.text_cell.poll",
-                    code="not_polled",
-                    port=self._transport.name,
+                    f"{self._transport.name}: the board sends lines without a request; remove force.text_cell.poll",
+                    "not_polled",
                 )
         self._reader.discard()
         self._transport.write(self._settings.poll.encode("utf-8"))
@@ -395,10 +382,7 @@ class TextCellForce:
 
     def _timeout(self, timeout_s: float) -> ForceTimeout:
         return ForceTimeout(
-            "{port}: no line within {timeout_s:g} s; check the power and the cable",
-            code="no_reply",
-            port=self._transport.name,
-            timeout_s=timeout_s,
+            f"{self._transport.name}: no line within {timeout_s:g} s; check the power and the cable", "no_reply"
         )
 
     def _garbled(self, line: str) -> ForceError:

@@ -170,16 +170,14 @@ class TmclAxis(WatchedAxis[Look]):
             if found.max_speed != self._max_speed:
                 return self._was_reset(found)
             if found.target != target:
-                return StageOverridden("{port}: {axis} axis: another program has changed the target", **self._names)
+                return StageOverridden(f"{self._label}: another program has changed the target")
             if not low - self._tolerance <= found.position <= high + self._tolerance:
                 return self._not_there(found, to_mm)
             fastest_mm = FAST_FACTOR * speed_mm_s * (self._clock.monotonic_s() - begun_s) + FAST_MM
             if abs(found.position - start) > fastest_mm * abs(self.steps_per_mm):
                 return StageError(
-                    "{port}: {axis} axis moves faster than {speed_mm_s:g} mm/s; check speed_unit and microstep_um",
-                    code="too_fast",
-                    speed_mm_s=speed_mm_s,
-                    **self._names,
+                    f"{self._label} moves faster than {speed_mm_s:g} mm/s; check speed_unit and microstep_um",
+                    "too_fast",
                 )
             return None
 
@@ -303,9 +301,7 @@ class TmclAxis(WatchedAxis[Look]):
         (speed,), search = self._link.ask(self.motor, (SPEED,))
         if speed or search:
             self._command(RFS, END_SEARCH)
-            raise StageError(
-                "{port}: {axis} axis moves without a command; check the addresses", code="moves", **self._names
-            )
+            raise StageError(f"{self._label} moves without a command; check the addresses", "moves")
 
     def clear_flags(self) -> None:
         """Forget flags that the module no longer reports. Raises StageAlarm if it still does."""
@@ -352,10 +348,7 @@ class TmclAxis(WatchedAxis[Look]):
                 problem = error
             self._clock.wait_s(POLL_S)
         raise problem or StageTimeout(
-            "{port}: {axis} axis still moves {timeout_s:g} s after a stop; use the emergency stop",
-            code="still_runs",
-            timeout_s=within_s,
-            **self._names,
+            f"{self._label} still moves {within_s:g} s after a stop; use the emergency stop", "still_runs"
         )
 
     def _rests(self) -> bool:
@@ -370,7 +363,7 @@ class TmclAxis(WatchedAxis[Look]):
         found = self.look()
         self.refuse_alarms(found) if trusted else self.refuse_flags()
         if found.busy:
-            raise StageOverridden("{port}: {axis} axis moves already; another program moves it", **self._names)
+            raise StageOverridden(f"{self._label} moves already; another program moves it")
         if trusted:
             self.refuse_news(found)
         return found.position
@@ -390,39 +383,23 @@ class TmclAxis(WatchedAxis[Look]):
 
     def _refuse_setting(self, setting: str, parameter: int, found: object, expected: object) -> None:
         raise StageError(
-            "{port}: {axis} axis: {setting} of the module (parameter {parameter}) is {found}, expected {expected}",
-            code="not_as_configured",
-            setting=setting,
-            parameter=parameter,
-            found=found,
-            expected=expected,
-            **self._names,
+            f"{self._label}: {setting} of the module (parameter {parameter}) is {found}, expected {expected}",
+            "not_as_configured",
         )
 
     def _not_there(self, found: Look, target_mm: float) -> StageError:
-        return StageError(
-            "{port}: {axis} axis is at {at_mm:.4f} mm instead of {target_mm:g} mm",
-            code="not_there",
-            at_mm=found.position_mm,
-            target_mm=target_mm,
-            **self._names,
-        )
+        return StageError(f"{self._label} is at {found.position_mm:.4f} mm instead of {target_mm:g} mm", "not_there")
 
     def _did_not_home(self, found: Look) -> StageError:
         return StageError(
-            "{port}: {axis} axis did not home: it is at position {position}; check search_mode, and home again",
-            code="did_not_home",
-            position=found.position,
-            **self._names,
+            f"{self._label} did not home: it is at position {found.position}; check search_mode, and home again",
+            "did_not_home",
         )
 
     def _was_reset(self, found: Look) -> StageReset:
         return StageReset(
-            "{port}: {axis} axis: maximum speed is {found}, was set to {expected}; the module was switched off, or "
-            "another program uses it; home again",
-            found=found.max_speed,
-            expected=self._max_speed,
-            **self._names,
+            f"{self._label}: maximum speed is {found.max_speed}, was set to {self._max_speed}; the module was "
+            "switched off, or another program uses it; home again"
         )
 
     @property
@@ -468,7 +445,7 @@ class TmclStage(TwoAxisStage[TmclAxis, Look]):
 
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a module is supported. Raises StageError."""
-        raise StageError("a TMCL stage has no output for pulses; set sync.output to off", code="no_output")
+        raise StageError("a TMCL stage has no output for pulses; set sync.output to off", "no_output")
 
     def close(self) -> None:
         self._link.close()
@@ -530,13 +507,10 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
     named = [f"module {motor.address}, motor {motor.number}" for motor in motors]
     if silent:
         raise StageError(
-            "{port}: of the TMCL motors {first} and {second}, only one answers; {silent} does not; check its power, "
-            "cable and address, or set the addresses under [stage.tmcl]",
-            code="one_motor",
-            port=transport.name,
-            first=named[0],
-            second=named[1],
-            silent=named[motors.index(silent[0])],
+            f"{transport.name}: of the TMCL motors {named[0]} and {named[1]}, only one answers; "
+            f"{named[motors.index(silent[0])]} does not; check its power, cable and address, or set the addresses "
+            "under [stage.tmcl]",
+            "one_motor",
         )
     return f"TMCL {named[0]} and {named[1]}"
 

@@ -136,12 +136,9 @@ class TmclLink:
             if once == before:
                 return once
         raise StageError(
-            "{port}: TMCL module {device} names itself {once!r} and then {again!r}; check the cable and stage.baud",
-            code="answers_differ",
-            port=self.name,
-            device=motor.address,
-            once=before,
-            again=once,
+            f"{self.name}: TMCL module {motor.address} names itself {before!r} and then {once!r}; check the cable "
+            "and stage.baud",
+            "answers_differ",
         )
 
     def send_now(self, motors: Sequence[Motor]) -> None:
@@ -241,16 +238,14 @@ class TmclLink:
         about = "{port}: TMCL module {device}, motor {motor}, {command}: "
         if heard:
             return StageError(
-                f"{about}{{heard}} is not a reply; check the cable, stage.baud and host_address",
-                code="garbled",
-                heard=heard[: 4 * LENGTH].hex(" "),
-                **self._about(request),
+                f"{self._about(request)}: {heard[: 4 * LENGTH].hex(' ')} is not a reply; check the cable, stage.baud "
+                "and host_address",
+                "garbled",
             )
         return StageTimeout(
-            f"{about}no reply within {{timeout_s:g}} s; check the power, the cable, stage.baud and the address",
-            code="no_reply",
-            timeout_s=REPLY_S,
-            **self._about(request),
+            f"{self._about(request)}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the "
+            "address",
+            "no_reply",
         )
 
     def _about(self, request: TmclRequest) -> dict[str, Any]:

@@ -181,11 +181,9 @@ class ZaberAxis(WatchedAxis[Reply]):
         at = self._position(reply)
         if warnings & (UNREFERENCED | {INTERRUPTED}) or abs(at) > self._tolerance:
             raise StageError(
-                "{port}: {axis} axis did not home: it is at {position} with the warnings {warnings}; home again",
-                code="did_not_home",
-                position=at,
-                warnings=" ".join(sorted(warnings)) or "none",
-                **self._names,
+                f"{self._label} did not home: it is at {at} with the warnings {' '.join(sorted(warnings)) or 'none'}; "
+                "home again",
+                "did_not_home",
             )
 
     def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Reply]:
@@ -301,10 +299,7 @@ class ZaberAxis(WatchedAxis[Reply]):
             found |= set(rest)
             if not count.isdigit() or int(count) != len(rest):
                 raise StageError(
-                    "{port}: {axis} axis: {heard!a} is not a list of warnings",
-                    code="no_warnings",
-                    heard=" ".join((count, *rest)),
-                    **self._names,
+                    f"{self._label}: {' '.join((count, *rest))!a} is not a list of warnings", "no_warnings"
                 )
         self.warned = frozenset(found)
         return self.warned
@@ -319,10 +314,7 @@ class ZaberAxis(WatchedAxis[Reply]):
     def refuse_unreferenced(self, warnings: frozenset[str]) -> None:
         """Refuse a device that has lost its home position. Raises StageReset."""
         if warnings & UNREFERENCED:
-            raise StageReset(
-                "{port}: {axis} axis is no longer homed, probably because it was switched off; home again",
-                **self._names,
-            )
+            raise StageReset(f"{self._label} is no longer homed, probably because it was switched off; home again")
 
     def clear_warnings(self) -> None:
         """Clear the warnings that stay until they are cleared. Raises StageAlarm if a fault is still there."""
@@ -360,10 +352,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         if MANUAL in warnings:
             raise StageHeld(MANUAL, f"{self._link.name}: {self.name} axis: ")
         if INTERRUPTED in warnings:
-            raise StageOverridden(
-                "{port}: {axis} axis: another program or the device itself has interrupted the motion",
-                **self._names,
-            )
+            raise StageOverridden(f"{self._label}: another program or the device itself has interrupted the motion")
 
     def _standing(self) -> int:
         """Return the position at rest."""
@@ -394,13 +383,7 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def _whole(self, data: str, question: str) -> int:
         if not re.fullmatch(r"-?\d{1,10}", data):
-            raise StageError(
-                "{port}: {axis} axis: {heard!a} is not a reply to {command!r}",
-                code="no_number",
-                heard=data,
-                command=question,
-                **self._names,
-            )
+            raise StageError(f"{self._label}: {data!a} is not a reply to {question!r}", "no_number")
         return int(data)
 
     def _ask(self, words: str) -> Reply:
@@ -411,29 +394,18 @@ class ZaberAxis(WatchedAxis[Reply]):
 
     def _refuse_setting(self, setting: str, found: object, expected: object) -> None:
         raise StageError(
-            "{port}: {axis} axis: {setting} of the device is {found}, expected {expected}",
-            code="not_as_configured",
-            setting=setting,
-            found=found,
-            expected=expected,
-            **self._names,
+            f"{self._label}: {setting} of the device is {found}, expected {expected}", "not_as_configured"
         )
 
     def _not_there(self, at: int, target: int) -> StageError:
         return StageError(
-            "{port}: {axis} axis is at {at_mm:.4f} mm instead of {target_mm:g} mm",
-            code="not_there",
-            at_mm=-at / self._counts_per_mm,
-            target_mm=-target / self._counts_per_mm,
-            **self._names,
+            f"{self._label} is at {-at / self._counts_per_mm:.4f} mm instead of {-target / self._counts_per_mm:g} mm",
+            "not_there",
         )
 
     def _still_moves(self, timeout_s: float) -> StageTimeout:
         return StageTimeout(
-            "{port}: {axis} axis still moves {timeout_s:g} s after a stop; use the emergency stop",
-            code="still_runs",
-            timeout_s=timeout_s,
-            **self._names,
+            f"{self._label} still moves {timeout_s:g} s after a stop; use the emergency stop", "still_runs"
         )
 
     @property
@@ -483,7 +455,7 @@ class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):
 
     def set_output(self, on: bool) -> None:
         """Refuse: no output of a Zaber device is supported. Raises StageError."""
-        raise StageError("a Zaber stage has no output for pulses; set sync.output to off", code="no_output")
+        raise StageError("a Zaber stage has no output for pulses; set sync.output to off", "no_output")
 
     def close(self) -> None:
         self._link.close()
@@ -543,13 +515,10 @@ def _probe(opener: Opener, clock: Clock, settings: BenchSettings) -> str | None:
         (answers,) = found
         silent = own.x.address + own.z.address - answers
         raise StageError(
-            "{port}: of the Zaber devices {first} and {second}, only one answers; device {silent} does not; check "
-            "its power, cable and address, or set the addresses under [stage.zaber]",
-            code="one_device",
-            port=transport.name,
-            first=own.x.address,
-            second=own.z.address,
-            silent=silent,
+            f"{transport.name}: of the Zaber devices {own.x.address} and {own.z.address}, only one answers; "
+            f"device {silent} does not; check its power, cable and address, or set the addresses under "
+            "[stage.zaber]",
+            "one_device",
         )
     return "Zaber devices " + " and ".join(f"{address} (id {device_id})" for address, device_id in found.items())
 

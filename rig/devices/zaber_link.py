@@ -168,22 +168,13 @@ class ZaberLink:
         about = "{port}: Zaber device {device}, axis {axis}, command {command!r}: "
         if open_line:
             raise StageError(
-                f"{about}the reply has no checksum; set comm.checksum of the device to 1",
-                code="no_checksum",
-                **fields,
+                f"{self._label}: the reply has no checksum; set comm.checksum of the device to 1", "no_checksum"
             )
         if garbled:
-            raise StageError(
-                f"{about}{{heard!a}} is garbled; check the cable and stage.baud",
-                code="garbled",
-                heard=garbled,
-                **fields,
-            )
+            raise StageError(f"{self._label}: {garbled!a} is garbled; check the cable and stage.baud", "garbled")
         raise StageTimeout(
-            f"{about}no reply within {{timeout_s:g}} s; check the power, the cable, stage.baud and the address",
-            code="no_reply",
-            timeout_s=REPLY_S,
-            **fields,
+            f"{self._label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
+            "no_reply",
         )
 
     def _note_alert(self, content: str) -> None:

@@ -125,10 +125,9 @@ class BenchMemory:
                 self._path.unlink()  # possible even on a full disk
             if self.read().contact == before:
                 raise RecordError(
-                    "cannot write {path}, which still records that the finger is not touched; free disk "
+                    f"cannot write {self._path}, which still records that the finger is not touched; free disk "
                     "space or make it writable",
-                    code="says_not_touched",
-                    path=str(self._path),
+                    "says_not_touched",
                 )
 
     def _write(self, **changes: object) -> None:

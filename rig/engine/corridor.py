@@ -44,27 +44,20 @@ class Corridor:
             highest_mm = max(start_mm, target_mm + (overrun_mm if target_mm > start_mm else 0.0)) + self.tolerance_mm
             if not lowest_mm <= is_mm <= highest_mm:
                 return EngineError(
-                    f"{self._commanded(start_mm, target_mm)}, but the stage reports {{axis}} = {{at_mm:.3f}} mm",
-                    code="off_its_way",
-                    axis=axis,
-                    from_mm=start_mm,
-                    to_mm=target_mm,
-                    at_mm=is_mm,
+                    f"{_commanded(axis, start_mm, target_mm)}, but the stage reports {axis} = {is_mm:.3f} mm",
+                    "off_its_way",
                 )
             gone_mm = max(gone_mm, abs(is_mm - start_mm))
         lasted_s = now_s - self.begun_s
         if gone_mm > self.speed_mm_s * lasted_s + self.tolerance_mm:
             return EngineError(
-                "commanded {speed_mm_s:g} mm/s, but the stage reports {gone_mm:.3f} mm after {lasted_s:.3f} s",
-                code="ahead_of_its_speed",
-                speed_mm_s=self.speed_mm_s,
-                gone_mm=gone_mm,
-                lasted_s=lasted_s,
+                f"commanded {self.speed_mm_s:g} mm/s, but the stage reports {gone_mm:.3f} mm after {lasted_s:.3f} s",
+                "ahead_of_its_speed",
             )
         return None
 
-    @staticmethod
-    def _commanded(start_mm: float, target_mm: float) -> str:
-        if math.isclose(start_mm, target_mm, abs_tol=1e-9):
-            return "commanded no motion of {axis} at {from_mm:.3f} mm"
-        return "commanded {axis} from {from_mm:.3f} to {to_mm:.3f} mm"
+
+def _commanded(axis: str, start_mm: float, target_mm: float) -> str:
+    if math.isclose(start_mm, target_mm, abs_tol=1e-9):
+        return f"commanded no motion of {axis} at {start_mm:.3f} mm"
+    return f"commanded {axis} from {start_mm:.3f} to {target_mm:.3f} mm"

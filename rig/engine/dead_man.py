@@ -158,15 +158,14 @@ def _jogging(
             raise StageError(
                 "jog: the stage stopped although the key was held; release the hold at the controller, then "
                 "jog again",
-                code="jog_stood_still",
+                "jog_stood_still",
             )
         stood = stood + 1 if now.state == "Idle" and ahead_mm > step_mm + _ROUNDING_MM else 0
         if stood > _STANDS:
             raise StageError(
-                "jog: the stage stopped {short_mm:.3f} mm short of its target; release the hold at the "
+                f"jog: the stage stopped {ahead_mm:.3f} mm short of its target; release the hold at the "
                 "controller, then jog again",
-                code="jog_cut_short",
-                short_mm=ahead_mm,
+                "jog_cut_short",
             )
         # rounded like the commands, so that their sum is exact
         left_mm = round(slice_mm if by_mm is None else min(slice_mm, by_mm - commanded_mm), 4)

@@ -33,11 +33,12 @@ from rig.engine.motion import (
     insist,
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
-from rig.errors import NotReadyError, RecordError, TripError, code_of, recast
+from rig.errors import NotReadyError, RecordError, TripError
 from rig.records import NO_PRESS, Phase, PressId, as_fine
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
+from rig_shared.errors import code_of
 
 _T = TypeVar("_T")
 
@@ -144,7 +145,7 @@ class Engine:
 
     def not_allowed(self, verb: str) -> NotReadyError:
         """Return the error for a verb that the present state does not allow."""
-        return NotReadyError("{verb}: not allowed while {state}", verb=verb, state=self.state.value)
+        return NotReadyError(f"{verb}: not allowed while {self.state.value}")
 
     def next_index(self) -> int:
         """Return a new index, unique in the run."""
@@ -204,7 +205,7 @@ class Engine:
                 self.sensing.begin_motion(away=away)
             self.guarded(motion)
         except NoReadingError as error:
-            self.trip(recast(TripError, error))
+            self.trip(TripError(str(error), error.code))
         except (TouchError, PausedMotionError):
             return False  # The reading at rest is more accurate. What asked for the pause acts after the motion.
         except InterruptedMotionError as interruption:
@@ -213,7 +214,7 @@ class Engine:
                 raise  # The lift after a trip continues.
             if isinstance(interruption.__cause__, RecordError):
                 self._lift_unrecorded(interruption.__cause__)
-            reason, force_gwt = recast(TripError, interruption), interruption.force_gwt
+            reason, force_gwt = TripError(str(interruption), interruption.code), interruption.force_gwt
             if force_gwt is None:
                 self.trip(reason)
             self._trip_with(partial(self._record_sample, NO_PRESS, "moving", force_gwt), reason, force_gwt)
@@ -225,31 +226,29 @@ class Engine:
             return
         self.beat()
         if problem := self._suspended() or self.stop_problem(at_rest=False):
-            raise recast(InterruptedMotionError, problem)
+            raise InterruptedMotionError(str(problem), problem.code)
         try:
             force_gwt = self.sensing.glance_gwt()
         except NoReadingError as error:
             if self.sensing.away:
                 return  # Nothing holds the indentor on the finger; the reading at rest will report a dead sensor.
-            raise recast(InterruptedMotionError, error) from error
+            raise InterruptedMotionError(str(error), error.code) from error
         self._last_gwt = force_gwt if self.sensing.zeroed else None
         if force_gwt is not None:
             self._renew_lift(force_gwt)
         if force_gwt is None or self.sensing.unloads(force_gwt):
             return
         if passed := self.trips.passed_any(force_gwt):
-            raise InterruptedMotionError(
-                f"{passed.sentence} while {{phase}}", code=passed.code, **passed.fields, phase="moving"
-            )
+            raise InterruptedMotionError(f"{passed} while moving", passed.code, force_gwt)
         if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
-            raise TouchError("a touch", force_gwt)
+            raise TouchError("a touch", force_gwt=force_gwt)
         before_s, self._glanced_s = self._glanced_s, self.clock.monotonic_s()
         if self._glanced_s - before_s > self._late_s:
-            raise PausedMotionError("a late reading", force_gwt, code="late_reading")
+            raise PausedMotionError("a late reading", "late_reading", force_gwt)
         if self._each is not None:
             self._each(force_gwt)
             if self.contact.over or self.bench.operator.pause.asked():
-                raise PausedMotionError("a pause", force_gwt)
+                raise PausedMotionError("a pause", force_gwt=force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:
         """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
@@ -344,13 +343,8 @@ class Engine:
     @property
     def not_lifted(self) -> TripError:
         """Trip for the last measurement of contact."""
-        known, unread = self._known, self._unread if self._known.kind == "raised" else None
-        where = {"x_mm": known.x_mm, "height_mm": known.height_mm, "force_gwt": known.force_gwt}
-        about = {"contact": known.kind, "words": known.words, **where}
-        if unread is None:
-            return TripError("not lifted: {words}", code="not_lifted", **about)
-        why = {"unread": str(unread), "error_code": unread.fields.get("error_code", unread.code)}
-        return TripError("not lifted: {words}: {unread}", code="not_lifted", **about, **why)
+        unread = f": {self._unread}" if self._known.kind == "raised" and self._unread is not None else ""
+        return TripError(f"not lifted: {self._known.words}{unread}", "not_lifted")
 
     def be_clear(self) -> None:
         """Record that the indentor is clear of the finger, which ends the contact time and the heartbeat."""
@@ -420,7 +414,7 @@ class Engine:
         try:
             self._record_sample(press, phase, force_gwt, doi_mm, also=also, record=self._journalled)
         except RecordError as error:
-            raise recast(InterruptedMotionError, error) from error
+            raise InterruptedMotionError(str(error), error.code) from error
 
     def _record_sample(
         self,
@@ -466,8 +460,8 @@ class Engine:
             self.contact.end()
         sample = partial(self._record_sample, NO_PRESS, "rest", force_gwt, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force_gwt):
-            words = f"{passed.sentence} in a wait at clearance: the finger has come up to the indentor"
-            self._trip_with(sample, TripError(words, code=f"{passed.code}_at_rest", **passed.fields), force_gwt)
+            words = f"{passed} in a wait at clearance: the finger has come up to the indentor"
+            self._trip_with(sample, TripError(words, f"{passed.code}_at_rest"), force_gwt)
         if recorded:
             sample()
         if self.contact.over:
@@ -486,7 +480,7 @@ class Engine:
         try:
             reading = read()
         except NoReadingError as error:
-            self.trip(recast(TripError, error))
+            self.trip(TripError(str(error), error.code))
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
@@ -502,10 +496,9 @@ class Engine:
         if for_s <= _SUSPENDED_S or not self.may_touch:
             return None
         return TripError(
-            "the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; switch "
+            f"the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; switch "
             "its sleep off",
-            code="suspended",
-            for_s=for_s,
+            "suspended",
         )
 
     def doi_mm(self, contact_height_mm: float, force_gwt: float) -> float:
@@ -642,7 +635,7 @@ class Engine:
         self.heartbeat.look()
         if self.heartbeat.lost and self.state is not State.TRIPPED:
             words = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
-            self.trip(TripError(words, code="heartbeat_lost"))
+            self.trip(TripError(words, "heartbeat_lost"))
         if self.may_touch:
             self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
 
@@ -658,5 +651,6 @@ class Engine:
 
 def _not_left(reason: TripError, error: Exception) -> TripError:
     """Return a trip whose lift failed."""
-    fields = {**reason.fields, "reason": str(reason), "lift": str(error), "lift_code": code_of(error)}
-    return TripError("{reason}; and the lift failed: {lift}", code=reason.code, **fields)
+    failed = TripError(f"{reason}; and the lift failed: {error}", reason.code)
+    failed.lift_code = code_of(error)
+    return failed

@@ -13,7 +13,7 @@ from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.engine import Engine
 from rig.engine.motion import InterruptedMotionError, StrayedError
 from rig.engine.sensing import AT_REST_S, NOISE_WIDTH, NoReadingError, zero_readings_gwt
-from rig.errors import TripError, recast
+from rig.errors import TripError
 from rig.units import GWT_N
 
 STEP_MM, STEPS = 0.05, 6
@@ -58,7 +58,7 @@ class _Watch:
         except NoReadingError as error:
             if error.out_of_range:
                 return math.inf
-            engine.trip(recast(TripError, error))
+            engine.trip(TripError(str(error), error.code))
         return abs(force_gwt) if sensing.absolute else force_gwt
 
     def steady_gwt(self) -> float:
@@ -114,7 +114,7 @@ def _begin(engine: Engine) -> _Watch:
         watch.offset_gwt = 0.0 if sensing.absolute else force_gwt
     except NoReadingError as error:
         if not (sensing.zeroed or error.out_of_range):
-            engine.trip(recast(TripError, error))
+            engine.trip(TripError(str(error), error.code))
     sensing.shakes_gwt = max(min(NOISE_WIDTH * noise_gwt, _NOISIEST_GWT) - sensing.touch_gwt, 0.0)
     watch.growth_gwt = sensing.touch_gwt + sensing.shakes_gwt
     return watch
@@ -191,8 +191,8 @@ def _find_cause(watch: _Watch, way_mm: float) -> Cause:
         effect_gwt = up_gwt - (force_gwt + watch.read_gwt()) / 2
         if abs(effect_gwt) < watch.least_gwt:
             if passed := engine.trips.passed_any(force_gwt):
-                words = f"{passed.sentence} while homing, and does not depend on the height"
-                engine.trip(TripError(words, code=passed.code, **passed.fields), force_gwt)
+                words = f"{passed} while homing, and does not depend on the height"
+                engine.trip(TripError(words, passed.code), force_gwt)
             return _report(engine, "not the finger", force_gwt)
         if effect_gwt < 0:
             return _report(engine, "finger", force_gwt)
@@ -240,13 +240,10 @@ def _lift(watch: _Watch) -> float:
 def _refuse_wrong_way(watch: _Watch, force_gwt: float, back_mm: float) -> NoReturn:
     before_gwt = watch.before_gwt if watch.engine.sensing.absolute else 0.0
     wrong = TripError(
-        "the z axis runs the wrong way: homing moves up, but the force grew from {before_gwt:.2f} gwt to {grown_to}, "
-        "and fell on the way down; the stage was moved back by {back_mm:.2f} mm; check the motor plug and the "
-        "direction setting of the axis",
-        code="homing_wrong_way",
-        before_gwt=before_gwt,
-        grown_to=_words(force_gwt),
-        back_mm=back_mm,
+        f"the z axis runs the wrong way: homing moves up, but the force grew from {before_gwt:.2f} gwt to "
+        f"{_words(force_gwt)}, and fell on the way down; the stage was moved back by {back_mm:.2f} mm; check the "
+        "motor plug and the direction setting of the axis",
+        "homing_wrong_way",
     )
     watch.engine.trip(wrong, _known(force_gwt))
 
@@ -254,20 +251,18 @@ def _refuse_wrong_way(watch: _Watch, force_gwt: float, back_mm: float) -> NoRetu
 def _refuse_finger(watch: _Watch) -> NoReturn:
     force_gwt = _lift(watch)
     moves = TripError(
-        "the finger came up twice while the stage homed; the stage lifted as far as possible, to {left}; keep the "
-        "finger still, then home again",
-        code="finger_moves",
-        left=_words(force_gwt),
+        "the finger came up twice while the stage homed; the stage lifted as far as possible, to "
+        f"{_words(force_gwt)}; keep the finger still, then home again",
+        "finger_moves",
     )
     watch.engine.trip(moves, _known(force_gwt))
 
 
 def _refuse_disturbance(engine: Engine, force_gwt: float) -> NoReturn:
     disturbed = TripError(
-        "homing was halted several times by a force that the height does not explain, last {grown_to}; keep the "
-        "finger still, check the sensor and its mounting, then home again",
-        code="homing_disturbed",
-        grown_to=_words(force_gwt),
+        f"homing was halted several times by a force that the height does not explain, last {_words(force_gwt)}; "
+        "keep the finger still, check the sensor and its mounting, then home again",
+        "homing_disturbed",
     )
     engine.trip(disturbed, _known(force_gwt))
 
@@ -314,7 +309,7 @@ def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
         try:
             dead_man_jog(stage, engine.clock, lambda: direction, speed_mm_s, by_mm, lambda at: None)
         except StrayedError as strayed:
-            raise recast(StageError, strayed) from strayed
+            raise StageError(str(strayed), strayed.code) from strayed
         except StageAlarm as alarm:  # There was none before the step.
             ended_by = alarm
             stage.unlock()

@@ -94,8 +94,13 @@ class Approach:
         force = engine.read_force_gwt(self.press, phase)
         readings.append((engine.height_mm, force))
         if force <= -engine.sensing.touch_gwt:
-            words = "the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
-            engine.trip(TripError(words, code="reads_backwards", force_gwt=force), force)
+            engine.trip(
+                TripError(
+                    f"the sensor reads {force:.2f} gwt (a pull) during the descent; check its sign and mounting",
+                    "reads_backwards",
+                ),
+                force,
+            )
         if force < engine.sensing.touch_gwt:
             return False
         self._refuse_contact_too_high()
@@ -109,14 +114,11 @@ class Approach:
     def _miss(self, lowest_mm: float) -> NoReturn:
         """Trip: the coarse touch must reappear within one coarse increment, or the sensor is dead."""
         felt_before = lowest_mm > self.lowest_mm
-        place = "no contact at x = {x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex"
         again = ", although the force showed a touch there just before" if felt_before else ""
         missed = TripError(
-            f"{place}{again}; check the force sensor, the position of the finger and frame.apex_z_mm",
-            code="no_contact",
-            x_mm=self.engine.x_mm,
-            lowest_mm=lowest_mm,
-            felt_before=felt_before,
+            f"no contact at x = {self.engine.x_mm:g} mm down to {lowest_mm:.3f} mm from the nominal apex{again}; "
+            "check the force sensor, the position of the finger and frame.apex_z_mm",
+            "no_contact",
         )
         self.engine.trip(missed)
 
@@ -124,12 +126,9 @@ class Approach:
         engine = self.engine
         if engine.height_mm > self.highest_mm:
             too_high = TripError(
-                "contact at x = {x_mm:g} mm is {height_mm:.3f} mm above the nominal apex, expected below "
-                "{highest_mm:.3f} mm; check the position of the finger and frame.apex_z_mm",
-                code="contact_too_high",
-                x_mm=engine.x_mm,
-                height_mm=engine.height_mm,
-                highest_mm=self.highest_mm,
+                f"contact at x = {engine.x_mm:g} mm is {engine.height_mm:.3f} mm above the nominal apex, expected "
+                f"below {self.highest_mm:.3f} mm; check the position of the finger and frame.apex_z_mm",
+                "contact_too_high",
             )
             engine.trip(too_high)
 
@@ -203,9 +202,8 @@ def ramp(
     """
     if not ramps(engine.settings.stage):
         raise NotReadyError(
-            "ramp: a {kind} stage has no motion at constant speed under force monitoring",
-            code="no_ramps",
-            kind=engine.settings.stage.kind,
+            f"ramp: a {engine.settings.stage.kind} stage has no motion at constant speed under force monitoring",
+            "no_ramps",
         )
     target = Target("doi_mm", doi_mm)
 
@@ -337,11 +335,11 @@ def ready_to_indent(engine: Engine) -> None:
     """Raise NotReadyError unless the rig is homed, zeroed, at a position and clear, with an indentor mounted."""
     engine.require_clear("indent")
     if engine.indentor is None:
-        raise NotReadyError("indent: no indentor is mounted; mount one first", code="no_indentor")
+        raise NotReadyError("indent: no indentor is mounted; mount one first", "no_indentor")
     if not engine.sensing.zeroed:
-        raise NotReadyError("indent: the force sensor is not zeroed; zero it first", code="not_zeroed")
+        raise NotReadyError("indent: the force sensor is not zeroed; zero it first", "not_zeroed")
     if not engine.placed:
         raise NotReadyError(
-            "indent: the stage has not moved to a position since homing; move to one first", code="not_placed"
+            "indent: the stage has not moved to a position since homing; move to one first", "not_placed"
         )
     engine.contact.refuse_more()

@@ -62,10 +62,7 @@ class Trips:
         """Return the trip that a reading of a press exceeds, or None."""
         if abs(force_gwt) > self.lowest_gwt:
             return TripError(
-                f"force {{force_gwt:.2f}} gwt exceeds the {self.lowest} of {{limit_gwt:.2f}} gwt",
-                code=self.lowest_code,
-                force_gwt=force_gwt,
-                limit_gwt=self.lowest_gwt,
+                f"force {force_gwt:.2f} gwt exceeds the {self.lowest} of {self.lowest_gwt:.2f} gwt", self.lowest_code
             )
         return None
 
@@ -73,10 +70,7 @@ class Trips:
         """Return an error if any reading exceeds the hard trip, else None."""
         if abs(force_gwt) > self.hard_gwt:
             return TripError(
-                "force {force_gwt:.2f} gwt exceeds the hard trip of {limit_gwt:.2f} gwt",
-                code="hard_trip",
-                force_gwt=force_gwt,
-                limit_gwt=self.hard_gwt,
+                f"force {force_gwt:.2f} gwt exceeds the hard trip of {self.hard_gwt:.2f} gwt", "hard_trip"
             )
         return None
 
@@ -130,11 +124,9 @@ class ContactTime:
         """Raise LimitError if the contact time exceeds limits.max_contact_s."""
         if self.over:
             raise LimitError(
-                "the finger has been touched for {contact_s:.1f} s in this run, longer than "
-                "limits.max_contact_s = {limit_s:g} s",
-                code="contact_time",
-                contact_s=self.total_s,
-                limit_s=self._longest_s,
+                f"the finger has been touched for {self.total_s:.1f} s in this run, longer than "
+                f"limits.max_contact_s = {self._longest_s:g} s",
+                "contact_time",
             )
 
 
@@ -167,33 +159,21 @@ def refuse_height(
     habits, fastest = settings.habits, settings.limits.max_press_speed_mm_s
     if longer_than_an_increment(settings, from_mm, to_mm, min(free_mm, habits.clearance_mm)):
         raise LimitError(
-            "a move down to {to_mm:.3f} mm exceeds habits.increment_mm, the longest move below clearance",
-            code="longer_than_an_increment",
-            to_mm=to_mm,
+            f"a move down to {to_mm:.3f} mm exceeds habits.increment_mm, the longest move below clearance",
+            "longer_than_an_increment",
         )
     if to_mm < min(from_mm, habits.clearance_mm) and speed_mm_s > fastest:
         raise LimitError(
-            "a move below clearance at {speed_mm_s:g} mm/s exceeds limits.max_press_speed_mm_s = {limit_mm_s:g} mm/s",
-            code="too_fast",
-            speed_mm_s=speed_mm_s,
-            limit_mm_s=fastest,
+            f"a move below clearance at {speed_mm_s:g} mm/s exceeds limits.max_press_speed_mm_s = {fastest:g} mm/s",
+            "too_fast",
         )
     machine_mm, travel_mm = settings.frame.apex_z_mm + to_mm, settings.stage.travel_mm[2]
     if not -travel_mm - 1e-9 <= machine_mm <= 1e-9:
         raise LimitError(
-            "machine z = {z_mm:.3f} mm is outside the stage's travel, {lowest_mm:g} … 0 mm",
-            code="outside_travel",
-            z_mm=machine_mm,
-            lowest_mm=-travel_mm,
+            f"machine z = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm", "outside_travel"
         )
     if machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise LimitError(
-            "machine z = {z_mm:.3f} mm is below {floor}",
-            code="below_floor",
-            z_mm=machine_mm,
-            floor=settings.floor,
-            floor_mm=settings.bounds.lowest_z_mm,
-        )
+        raise LimitError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}", "below_floor")
 
 
 CONTACT_EXPONENT = 1.5  # F ∝ d^1.5, a sphere pressed on an elastic solid (Hertz)
@@ -374,12 +354,11 @@ class RampBound:
         """Raise an error of this kind for a ramp at x_mm that would trip too near to its own force."""
         if self.trip_gwt < RAMP_MARGIN * self.force_gwt:
             raise kind(
-                "a ramp at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast: it needs up to {stop_mm:.2g} mm to "
-                "stop, and would have to trip at {trip_gwt:.3g} gwt to stay below {bound_gwt:.3g} gwt, too near to "
-                "the {force_gwt:.3g} gwt at its depth; ramp at most at {fastest_mm_s:.2g} mm/s",
-                code="ramp_too_fast",
-                x_mm=x_mm,
-                **vars(self),
+                f"a ramp at x = {x_mm:g} mm at {self.speed_mm_s:g} mm/s is too fast: it needs up to "
+                f"{self.stop_mm:.2g} mm to stop, and would have to trip at {self.trip_gwt:.3g} gwt to stay below "
+                f"{self.bound_gwt:.3g} gwt, too near to the {self.force_gwt:.3g} gwt at its depth; ramp at most at "
+                f"{self.fastest_mm_s:.2g} mm/s",
+                "ramp_too_fast",
             )
 
 

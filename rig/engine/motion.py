@@ -3,12 +3,11 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S, Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
 from rig.engine.corridor import PRINTED_MM, Corridor
-from rig.errors import RigError, recast
+from rig.errors import RigError
 from rig.settings import RigSettings
 
 _ATTEMPTS = 5
@@ -19,10 +18,8 @@ class InterruptedMotionError(RigError):
 
     default_code = "felt"
 
-    def __init__(
-        self, reason: str = "", /, force_gwt: float | None = None, *, code: str | None = None, **fields: Any
-    ) -> None:
-        super().__init__(reason, code=code, **({} if force_gwt is None else {"force_gwt": force_gwt}), **fields)
+    def __init__(self, sentence: str = "", code: str | None = None, force_gwt: float | None = None) -> None:
+        super().__init__(sentence, code)
         self.force_gwt = force_gwt
 
 
@@ -43,8 +40,8 @@ class StrayedError(InterruptedMotionError):
 
     default_code = "strayed"
 
-    def __init__(self, reason: str, at: StageStatus, /, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(reason, code=code, **fields)
+    def __init__(self, sentence: str, at: StageStatus, code: str | None = None) -> None:
+        super().__init__(sentence, code)
         self.at = at
 
 
@@ -58,7 +55,7 @@ def refuse_strayed(corridor: Corridor, at: StageStatus, stage: Stage, clock: Clo
     again = stage.status()
     strayed = corridor.strayed(again, clock.monotonic_s())
     if strayed is not None:
-        raise StrayedError(strayed.sentence, again, code=strayed.code, **strayed.fields)
+        raise StrayedError(str(strayed), again, strayed.code)
 
 
 def insist(lift: Callable[[], None]) -> None:
@@ -139,7 +136,7 @@ class Motion:
                 self._check(at, seen, halt, corridor)
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
-            raise recast(InterruptedMotionError, error) from error
+            raise InterruptedMotionError(str(error), error.code) from error
         except RigError:
             raise
         except Exception:  # an error in this program or in a driver
@@ -163,7 +160,7 @@ class Motion:
             self._stage.stop()  # At once: a halt would first slow down, farther the wrong way.
             self.set_position(strayed.at)
             if not trusted:  # The stage has lost its position.
-                raise recast(StageError, strayed) from strayed
+                raise StageError(str(strayed), strayed.code) from strayed
             raise
         except InterruptedMotionError:
             self._come_to_rest(seen, halt)

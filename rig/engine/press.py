@@ -18,7 +18,7 @@ from rig.engine.limits import (
 )
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.verbs import safe_point
-from rig.errors import LimitError, TripError, recast
+from rig.errors import LimitError, TripError
 from rig.records import ContactFit, Hold, Phase, PressId, Target, force_tolerance_gwt
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
@@ -163,19 +163,18 @@ class Press:
             engine.record_in_motion(self.id, "ramp", force, here_mm)
             if gone_mm > unread_mm:
                 raise InterruptedMotionError(
-                    "the stage moved by {gone_mm:.3f} mm without a force reading, farther than the {limit_mm:.3f} mm "
-                    "that a ramp may",
+                    f"the stage moved by {gone_mm:.3f} mm without a force reading, farther than the "
+                    f"{unread_mm:.3f} mm that a ramp may",
+                    "ramp_unread",
                     force,
-                    code="ramp_unread",
-                    gone_mm=gone_mm,
-                    limit_mm=unread_mm,
                 )
             if lost := self._lost_finger(force, late_mm):
-                raise recast(InterruptedMotionError, lost)
+                raise InterruptedMotionError(str(lost), lost.code, force)
             expected_gwt = bound.force_gwt * (max(here_mm, 0.0) / doi_mm) ** CONTACT_EXPONENT
             feels = force >= _LOST_SHARE * self._touch.threshold_gwt  # Below, the finger is lost, or not yet reached.
             if feels and unchanged.too_long(force, engine.height_mm, expected_gwt):
-                raise recast(InterruptedMotionError, _frozen(force))
+                frozen = _frozen(force)
+                raise InterruptedMotionError(str(frozen), frozen.code, force)
 
         return each
 
@@ -194,10 +193,9 @@ class Press:
                 return
             self._press_by(doi_mm - self._doi_mm)
         raise LimitError(
-            "DOI {doi_mm:g} mm was not reached within {moves} moves; check calibration.compliance_mm_per_n",
-            code="doi_not_reached",
-            doi_mm=doi_mm,
-            moves=_MAX_SEEK_MOVES,
+            f"DOI {doi_mm:g} mm was not reached within {_MAX_SEEK_MOVES} moves; check "
+            "calibration.compliance_mm_per_n",
+            "doi_not_reached",
         )
 
     def _seek_force(self, target_gwt: float) -> None:
@@ -224,22 +222,17 @@ class Press:
                 smallest_before = step
             self._press_by(step)
         raise LimitError(
-            "force {target_gwt:g} gwt did not settle within {moves} moves; check the force sensor for noise "
-            "and drift",
-            code="force_not_settled",
-            target_gwt=target_gwt,
-            moves=_MAX_SEEK_MOVES,
+            f"force {target_gwt:g} gwt did not settle within {_MAX_SEEK_MOVES} moves; check the force sensor for "
+            "noise and drift",
+            "force_not_settled",
         )
 
     def _refuse_to_and_fro(self, step_mm: float, before_mm: float, target_gwt: float) -> None:
         if step_mm * before_mm < 0:
             raise LimitError(
-                "force {target_gwt:g} gwt cannot be held within ± {tolerance_gwt:.3g} gwt: one step of the "
-                "stage ({step_mm:g} mm) changes it by more",
-                code="step_too_coarse",
-                target_gwt=target_gwt,
-                step_mm=self._smallest_mm,
-                tolerance_gwt=self._tolerance_gwt(target_gwt),
+                f"force {target_gwt:g} gwt cannot be held within ± {self._tolerance_gwt(target_gwt):.3g} gwt: one "
+                f"step of the stage ({self._smallest_mm:g} mm) changes it by more",
+                "step_too_coarse",
             )
 
     def _tolerance_gwt(self, target_gwt: float) -> float:
@@ -281,11 +274,9 @@ class Press:
         if force_gwt >= least_gwt or below_mm < self._habits.increment_mm + late_mm - 1e-9:
             return None
         return TripError(
-            "the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable "
-            "and sign, and whether the finger has moved away",
-            code="lost_finger",
-            force_gwt=force_gwt,
-            below_mm=below_mm,
+            f"the sensor reads {force_gwt:.2f} gwt {below_mm:.2f} mm below the touch; check its cable and sign, "
+            "and whether the finger has moved away",
+            "lost_finger",
         )
 
     def _to_force(self, force_gwt: float) -> float:
@@ -300,10 +291,9 @@ class Press:
         room = TRIP_MARGIN * self._to_force(engine.trip_gwt)
         if room < min(step_mm, self._smallest_mm):
             raise LimitError(
-                f"the next move at x = {{x_mm:g}} mm would exceed the {engine.trips.lowest} of {{limit_gwt:.2f}} gwt",
-                code=f"next_move_past_{engine.trips.lowest_code}",
-                x_mm=engine.x_mm,
-                limit_gwt=engine.trip_gwt,
+                f"the next move at x = {engine.x_mm:g} mm would exceed the {engine.trips.lowest} of "
+                f"{engine.trip_gwt:.2f} gwt",
+                f"next_move_past_{engine.trips.lowest_code}",
             )
         step = max(min(step_mm, self._habits.increment_mm, room), -self._habits.increment_mm)
         self._refuse_too_deep(self._doi_mm + step)
@@ -319,11 +309,9 @@ class Press:
         deepest = self._engine.settings.limits.max_doi_mm
         if doi_mm > deepest + 1e-9:
             raise LimitError(
-                "DOI {doi_mm:.3f} mm at x = {x_mm:g} mm would exceed limits.max_doi_mm = {limit_mm:g} mm",
-                code="too_deep",
-                doi_mm=doi_mm,
-                x_mm=self._engine.x_mm,
-                limit_mm=deepest,
+                f"DOI {doi_mm:.3f} mm at x = {self._engine.x_mm:g} mm would exceed limits.max_doi_mm = "
+                f"{deepest:g} mm",
+                "too_deep",
             )
 
     def _force_after(self, step_mm: float) -> float:
@@ -412,9 +400,9 @@ class Press:
 
 def _frozen(force_gwt: float) -> TripError:
     return TripError(
-        "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading or a stalled motor",
-        code="frozen",
-        force_gwt=force_gwt,
+        f"the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading or a stalled "
+        "motor",
+        "frozen",
     )
 
 

@@ -27,25 +27,18 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     if abs(off) > band:
         engine.alarm(
             TripError(
-                "reference press index {index} deviates by {deviation:+.1%} from the first one, more than "
-                "limits.reference_band = {band:g}",
-                code="reference_off",
-                index=found.index,
-                deviation=off,
-                band=band,
+                f"reference press index {found.index} deviates by {off:+.1%} from the first one, more than "
+                f"limits.reference_band = {band:g}",
+                "reference_off",
             )
         )
     low, high = promised_gwt or (-math.inf, math.inf)
     if not low <= forces_gwt[-1] <= high:
         engine.alarm(
             TripError(
-                "reference press index {index} reads {force_gwt:.3g} gwt, but {low_gwt:.3g} … {high_gwt:.3g} gwt "
+                f"reference press index {found.index} reads {forces_gwt[-1]:.3g} gwt, but {low:.3g} … {high:.3g} gwt "
                 "is predicted for the identified finger; check that the finger has not moved",
-                code="not_as_met",
-                index=found.index,
-                force_gwt=forces_gwt[-1],
-                low_gwt=low,
-                high_gwt=high,
+                "not_as_met",
             )
         )
 
@@ -86,11 +79,13 @@ def _pressed(engine: Engine, to_gwt: float) -> list[tuple[float, float]]:
         safe_point(engine)
         step = habits.increment_mm if engine.height_mm > search_mm else settings.stage.resolution_mm
         if engine.height_mm - step < -search_mm:
-            words = (
-                "no block found down to {lowest_mm:.3f} mm from the nominal apex; set frame.apex_z_mm to the "
-                "top of the block"
+            engine.trip(
+                TripError(
+                    f"no block found down to {-search_mm:.3f} mm from the nominal apex; set frame.apex_z_mm to the "
+                    "top of the block",
+                    "no_block",
+                )
             )
-            engine.trip(TripError(words, code="no_block", lowest_mm=-search_mm))
         engine.go_to_height(engine.height_mm - step, habits.approach_speed_mm_s)
         force = engine.read_force_gwt(NO_PRESS, "compliance")
         if force >= engine.sensing.touch_gwt:
@@ -105,12 +100,9 @@ def _fitted(readings: list[tuple[float, float]], resolution_mm: float) -> Compli
     height, force_n = height[settled], force_n[settled]
     if len(force_n) < _FEWEST:
         raise LimitError(
-            "only {steps} steps of {step_mm:g} mm lie within the force, at least {fewest} are needed; press "
-            "with more force, or treat the rig as rigid",
-            code="too_few_steps",
-            steps=len(force_n),
-            step_mm=resolution_mm,
-            fewest=_FEWEST,
+            f"only {len(force_n)} steps of {resolution_mm:g} mm lie within the force, at least {_FEWEST} are "
+            "needed; press with more force, or treat the rig as rigid",
+            "too_few_steps",
         )
     slope, offset = np.polyfit(force_n, height, 1)
     left_mm = height - (slope * force_n + offset)

@@ -16,7 +16,7 @@ from rig.devices.base import (
     ZeroedByDriver,
 )
 from rig.devices.registry import ForceKind, find
-from rig.errors import RigError, code_of
+from rig.errors import RigError
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -60,24 +60,20 @@ def read(sensor: ForceSensor, clock: Clock, wait_s: float, max_age_s: float = ma
     try:
         reading = sensor.read()
     except (ForceError, TransportError) as error:
-        raise NoReadingError("no force reading: {error}", error=str(error), error_code=code_of(error)) from error
+        raise NoReadingError(f"no force reading: {error}") from error
     if not math.isfinite(reading.force_n):
-        raise NoReadingError(
-            "the force reading is {force_n}, not a number", code="not_a_number", force_n=reading.force_n
-        )
+        raise NoReadingError(f"the force reading is {reading.force_n}, not a number", "not_a_number")
     if reading.t_s < requested_s:
         raise NoReadingError(
-            "the force reading is stale: the sensor took it {older_s:.3f} s before the request",
-            code="stale_reading",
-            older_s=requested_s - reading.t_s,
+            f"the force reading is stale: the sensor took it {requested_s - reading.t_s:.3f} s before the request",
+            "stale_reading",
         )
     age_s = clock.monotonic_s() - requested_s
     if age_s > max_age_s + _TINY_S:
         raise NoReadingError(
-            "the force reading took {age_s:.3f} s, longer than the maximum sample age of the sensor, {max_age_s:g} s",
-            code="too_old",
-            age_s=age_s,
-            max_age_s=max_age_s,
+            f"the force reading took {age_s:.3f} s, longer than the maximum sample age of the sensor, "
+            f"{max_age_s:g} s",
+            "too_old",
         )
     return reading
 
@@ -211,12 +207,9 @@ class Sensing:
                     return force_gwt
                 if late:
                     raise NoReadingError(
-                        "the force at rest changed from {before_gwt:.2f} to {force_gwt:.2f} gwt in {apart_s:g} s: "
-                        "the sensor drifts",
-                        code="unsteady",
-                        before_gwt=before_gwt,
-                        force_gwt=force_gwt,
-                        apart_s=APART_S,
+                        f"the force at rest changed from {before_gwt:.2f} to {force_gwt:.2f} gwt in {APART_S:g} "
+                        "s: the sensor drifts",
+                        "unsteady",
                     )
             before_gwt = force_gwt
             self._pause(APART_S - self.wait_s, meanwhile)

@@ -32,19 +32,16 @@ def mount(engine: Engine, indentor: str) -> None:
     """Ask the operator to mount an indentor; the rig must be clear of the finger."""
     if engine.may_touch or engine.state is State.TRIPPED:
         raise NotReadyError(
-            "mount: not allowed while {state}, because the indentor may touch the finger; lift it first",
-            code="may_touch",
-            state=engine.state.value,
+            f"mount: not allowed while {engine.state.value}, because the indentor may touch the finger; lift it "
+            "first",
+            "may_touch",
         )
     engine.indentor = None
     engine.touched.forget()
     mounted = engine.bench.operator.mount(indentor, LooksAtClearance(engine, engine.clock, handled=True))
     if mounted != indentor:
         raise NotReadyError(
-            "mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}",
-            code="wrong_indentor",
-            mounted=mounted,
-            indentor=indentor,
+            f"mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}", "wrong_indentor"
         )
     engine.indentor = indentor
     engine.record("mount", {"indentor": indentor})
@@ -53,7 +50,7 @@ def mount(engine: Engine, indentor: str) -> None:
 def home(engine: Engine) -> None:
     """Home the stage; from then on the position is trusted."""
     if engine.state is State.TRIPPED:
-        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", code="tripped")
+        raise NotReadyError("home: not allowed after a trip; an operator must reset the rig first", "tripped")
     engine.touched.forget()
     engine.heartbeat.rest()  # Homing lifts first, and lasts longer than the heartbeat allows.
     controller = engine.guarded(engine.bench.stage.connect)
@@ -65,13 +62,10 @@ def home(engine: Engine) -> None:
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
     touched, found = engine.may_touch, engine.measure_contact()
     if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
-        fields = {"reason": str(passed), "contact": found.kind, "not_lifted": str(engine.not_lifted)}
-        both = TripError("{reason}; {not_lifted}", code=passed.code, **passed.fields, **fields)
-        engine.trip(both, found.force_gwt)
+        engine.trip(TripError(f"{passed}; {engine.not_lifted}", passed.code), found.force_gwt)
     if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
         left = engine.not_lifted
-        homed = TripError(f"{{phase}}, and {left.sentence}", code=left.code, **left.fields, phase="homed")
-        engine.trip(homed, found.force_gwt)
+        engine.trip(TripError(f"homed, and {left}", left.code), found.force_gwt)
     engine.be_clear()
     engine.record("home", {"controller": controller, **_contact(engine)})
 
@@ -143,11 +137,9 @@ def zero(engine: Engine) -> None:
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(
             TripError(
-                "the zero of the force sensor has drifted by {drift_gwt:+.2f} gwt, more than "
-                "limits.zero_drift_gwt = {band_gwt:g} gwt",
-                code="zero_drift",
-                drift_gwt=drift_gwt,
-                band_gwt=band_gwt,
+                f"the zero of the force sensor has drifted by {drift_gwt:+.2f} gwt, more than "
+                f"limits.zero_drift_gwt = {band_gwt:g} gwt",
+                "zero_drift",
             )
         )
     if lifts:
@@ -162,24 +154,19 @@ def refused_zero(sensing: Sensing, zero: ForceZero) -> TripError | None:
     if zero.noise_gwt <= most_gwt:
         return None
     return TripError(
-        "the readings of the zero scatter by {noise_gwt:.2f} gwt (standard deviation), more than {most_gwt:.2f} gwt, "
-        "{steps:g} steps of the sensor: the finger moved, or the cell is too noisy; keep the finger away and zero "
-        "again, shield the cell, or set force.resolution_gwt to its real step",
-        code="zero_scatters",
-        noise_gwt=zero.noise_gwt,
-        most_gwt=most_gwt,
-        steps=NOISE_STEPS,
+        f"the readings of the zero scatter by {zero.noise_gwt:.2f} gwt (standard deviation), more than "
+        f"{most_gwt:.2f} gwt, {NOISE_STEPS:g} steps of the sensor: the finger moved, or the cell is too noisy; "
+        "keep the finger away and zero again, shield the cell, or set force.resolution_gwt to its real step",
+        "zero_scatters",
     )
 
 
 def changed_zero(change_gwt: float) -> TripError:
     """Return the error for a zero from which a lift has changed the force as a touch does."""
     return TripError(
-        "the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {lift_mm:g} mm after the zero; "
-        "the finger touches it, so keep the finger away and zero again",
-        code="zero_in_contact",
-        change_gwt=change_gwt,
-        lift_mm=ZERO_LIFT_MM,
+        f"the force changed by {change_gwt:+.2f} gwt when the indentor was lifted by {ZERO_LIFT_MM:g} mm after "
+        "the zero; the finger touches it, so keep the finger away and zero again",
+        "zero_in_contact",
     )
 
 
@@ -202,12 +189,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
     for name, mm, (low, high) in (("x", x_mm, limits.x_mm), ("along", along_mm, limits.along_mm)):
         if not low <= mm <= high:
             raise LimitError(
-                "move_to: {axis} = {at_mm:g} mm is outside limits.{axis}_mm = {low_mm:g} … {high_mm:g} mm",
-                code="outside_limits",
-                axis=name,
-                at_mm=mm,
-                low_mm=low,
-                high_mm=high,
+                f"move_to: {name} = {mm:g} mm is outside limits.{name}_mm = {low:g} … {high:g} mm", "outside_limits"
             )
     safe_point(engine)
     with _counted_from_here(engine):
@@ -362,9 +344,7 @@ def safe_point(engine: Engine) -> None:
     engine.touched.forget()  # the operator may move the finger
     engine.record("paused", {"reason": "operator"})
     if not pause.go_on(LooksAtClearance(engine, engine.clock, handled=True)):
-        raise RunAborted(
-            "stopped by the operator at a safe point; the indentor is lifted", code="stopped_at_a_safe_point"
-        )
+        raise RunAborted("stopped by the operator at a safe point; the indentor is lifted", "stopped_at_a_safe_point")
     engine.record("resumed", {"by": "operator"})
     if pressing:
         raise PressPaused("paused by the operator")
@@ -410,10 +390,8 @@ def _refuse_contact_at_rest(engine: Engine) -> None:
 def _refuse_contact(engine: Engine, force_gwt: float) -> None:
     if abs(force_gwt) >= engine.sensing.touch_gwt:
         touched = TripError(
-            "the sensor reads {force_gwt:.2f} gwt at clearance, {height_mm:.2f} mm above the nominal apex; check "
-            "whether the finger has come up, frame.apex_z_mm, and the zero of the sensor",
-            code="touch_at_clearance",
-            force_gwt=force_gwt,
-            height_mm=engine.height_mm,
+            f"the sensor reads {force_gwt:.2f} gwt at clearance, {engine.height_mm:.2f} mm above the nominal "
+            "apex; check whether the finger has come up, frame.apex_z_mm, and the zero of the sensor",
+            "touch_at_clearance",
         )
         engine.trip(touched, force_gwt)

@@ -99,12 +99,10 @@ class Identification:
         for goal in self.options.goals:
             if goal.doi_mm > self._deepest_mm(goal.indentor):
                 raise ModelRangeError(
-                    "{indentor} to {doi_mm:.2f} mm: the model predicts its force only to {deepest_mm:.2f} "
-                    "mm; choose a smaller depth or a wider patch of the mesh",
-                    code="goal_too_deep",
-                    indentor=goal.indentor,
-                    doi_mm=goal.doi_mm,
-                    deepest_mm=self._deepest_mm(goal.indentor),
+                    f"{goal.indentor} to {goal.doi_mm:.2f} mm: the model predicts its force only to "
+                    f"{self._deepest_mm(goal.indentor):.2f} mm; choose a smaller depth or a wider patch of the "
+                    "mesh",
+                    "goal_too_deep",
                 )
         self._chance = np.random.default_rng(self.seed)
         self.learned = self.before = nothing_learned(self.predicted.prior, self._chance)

@@ -78,11 +78,9 @@ def find(run: Run, config: Config, finger: Fingertip) -> FittedFrame:
     free = [0, 1, 3] if np.ptp(places[:, 2]) == 0 else [0, 1, 2, 3, 4]
     if len(places) <= len(free) + 1 or np.ptp(places[:, 0]) == 0:
         raise BadInputError(
-            "run folder {path} has {touches} touches; at least {least}, at several x, are needed",
-            code="too_few_touches",
-            path=str(run.folder.path),
-            touches=len(places),
-            least=len(free) + 2,
+            f"run folder {run.folder.path} has {len(places)} touches; at least {len(free) + 2}, at several x, are "
+            "needed",
+            "too_few_touches",
         )
     skin = _Skin(finger)
 
@@ -102,9 +100,8 @@ def _radius(run: Run, touches: Sequence[Mapping[str, object]]) -> float:
     kind, _, radius = next(iter(names), "").partition(":")
     if len(names) != 1 or kind != "sphere":
         raise BadInputError(
-            "run folder {path} has no touches by a single sphere; give a run of the protocol find_finger",
-            code="not_one_sphere",
-            path=str(run.folder.path),
+            f"run folder {run.folder.path} has no touches by a single sphere; give a run of the protocol find_finger",
+            "not_one_sphere",
         )
     return float(radius)
 

@@ -98,7 +98,7 @@ class IdentificationScript:
             rig.note(f"press ended early: {error}")
         measured = measured_press(self._events, self._begun()[-1], self.identification.settings)
         if measured is None:
-            raise LimitError("the press ended before it gave enough readings", code="press_cut_short")
+            raise LimitError("the press ended before it gave enough readings", "press_cut_short")
         report = self.identification.take(press, measured)
         rig.note(json.dumps(_noted(report)))
         self._say(report)

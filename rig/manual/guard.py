@@ -7,7 +7,7 @@ from rig.engine.limits import TRIP_MARGIN, FingerStiffness, SidewaysLimit, Trips
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.press import Unanswered
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
-from rig.errors import LimitError, TripError, recast
+from rig.errors import LimitError, TripError
 from rig.settings import RigSettings
 from rig.units import GWT_N
 
@@ -53,17 +53,16 @@ class Guard:
         problem = self.read_at_rest(meanwhile)
         if problem is not None and problem.code == "unsteady":
             words = (
-                f"{problem.sentence}; no lateral motion after a touch: move up first, or use "
+                f"{problem}; no lateral motion after a touch: move up first, or use "
                 "`rig zero --anyway` if nothing touches the indentor"
             )
-            raise LimitError(words, code=problem.code, **problem.fields)
+            raise LimitError(words, problem.code)
         force_gwt = self.from_air_gwt
         if force_gwt is not None and abs(force_gwt) >= self.touch_gwt:
             raise LimitError(
-                "the sensor reads {force_gwt:.2f} gwt; no lateral motion after a touch: move up first, "
-                "or use `rig zero --anyway` if nothing touches the indentor",
-                code="touches_still",
-                force_gwt=force_gwt,
+                f"the sensor reads {force_gwt:.2f} gwt; no lateral motion after a touch: move up first, or use "
+                "`rig zero --anyway` if nothing touches the indentor",
+                "touches_still",
             )
         self._sensing.begin_motion(away=False)
 
@@ -102,7 +101,7 @@ class Guard:
             raise LimitError(
                 "the force sensor has no zero, so a touch cannot be measured; nothing was moved: use `rig zero` "
                 "while nothing touches the indentor; to move without force, use --without-force",
-                code="not_zeroed",
+                "not_zeroed",
             )
         try:
             if not self._sensing.zeroed:
@@ -111,15 +110,15 @@ class Guard:
             self._sensing.begin_motion(away=up)
         except NoReadingError as error:
             if not (up and error.out_of_range):
-                words = f"{error.sentence}; nothing was moved; to move without force, use --without-force"
-                raise LimitError(words, code=error.code, **error.fields) from error
+                words = f"{error}; nothing was moved; to move without force, use --without-force"
+                raise LimitError(words, error.code) from error
             self.force_gwt, self._touched_z_mm = None, None
             self._sensing.begin_motion(away=up)
             return
         self.force_gwt = self._rest_gwt
         if (above := self.above_trip) and not up:
-            words = f"{above.sentence}; nothing was moved: move up first, or run `rig zero`"
-            raise LimitError(words, code=above.code, **above.fields)
+            words = f"{above}; nothing was moved: move up first, or run `rig zero`"
+            raise LimitError(words, above.code)
         if not (down and self._touched_z_mm is not None):
             self._touched_z_mm, self._air_gwt, self._stiffness_gwt_mm = None, self._rest_gwt, 0.0
 
@@ -155,7 +154,7 @@ class Guard:
         except NoReadingError as error:
             self.force_gwt = None
             if not self._up:
-                raise recast(InterruptedMotionError, error) from error
+                raise InterruptedMotionError(str(error), error.code) from error
         if self.force_gwt is None or self._sensing.unloads(self.force_gwt):
             return
         self._refuse_trip(self.force_gwt)
@@ -169,12 +168,12 @@ class Guard:
             force_gwt = self._sensing.settled().force_n / GWT_N
         except NoReadingError as error:
             self.force_gwt = None
-            raise recast(InterruptedMotionError, error) from error
+            raise InterruptedMotionError(str(error), error.code) from error
         self.force_gwt = self._rest_gwt = force_gwt
         self._refuse_trip(force_gwt)
         if force_gwt <= self._air_gwt - self._sensing.touch_gwt:
-            words = "the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
-            raise InterruptedMotionError(words, force_gwt, code="reads_backwards")
+            words = f"the sensor reads {force_gwt:.2f} gwt (a pull) during the descent; check its sign and mounting"
+            raise InterruptedMotionError(words, "reads_backwards", force_gwt)
         self._refuse_silence(before_gwt, force_gwt, z_mm, step_mm)
         if step_mm > 0 and force_gwt - before_gwt > 0.5 * self._sensing.resolution_gwt:
             self._stiffness_gwt_mm = (force_gwt - before_gwt) / step_mm
@@ -186,16 +185,15 @@ class Guard:
             return
         if z_mm < self._touched_z_mm - _LOST_INCREMENTS * self._increment_mm and not self._touches(force_gwt):
             raise InterruptedMotionError(
-                "{force_gwt:.2f} gwt, {below_mm:.2f} mm below a touch; check for a frozen reading",
+                f"{force_gwt:.2f} gwt, {self._touched_z_mm - z_mm:.2f} mm below a touch; check for a frozen reading",
+                "lost_finger",
                 force_gwt,
-                code="lost_finger",
-                below_mm=self._touched_z_mm - z_mm,
             )
         # A touch found during a motion has no stiffness yet; it is at least the touch force per increment.
         stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
         if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
-            words = "the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
-            raise InterruptedMotionError(words, force_gwt, code="frozen")
+            words = f"the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
+            raise InterruptedMotionError(words, "frozen", force_gwt)
 
     def _touches(self, force_gwt: float) -> bool:
         touch_gwt = self._sensing.touch_gwt
@@ -205,13 +203,12 @@ class Guard:
         if self._touched_z_mm is None and self._touches(force_gwt):
             self._touched_z_mm = z_mm
             raise InterruptedMotionError(
-                "touched, {more_gwt:.2f} gwt more than before; start a new motion to continue",
+                f"touched, {force_gwt - self._air_gwt:.2f} gwt more than before; start a new motion to continue",
+                "touched",
                 force_gwt,
-                code="touched",
-                more_gwt=force_gwt - self._air_gwt,
             )
 
     def _refuse_trip(self, force_gwt: float) -> None:
         passed = self._trips.passed_any(force_gwt)
         if passed:
-            raise recast(InterruptedMotionError, passed)
+            raise InterruptedMotionError(str(passed), passed.code, force_gwt)

@@ -14,7 +14,7 @@ from rig.engine.contact import KnownContact
 from rig.engine.dead_man import DOWN, UP, Direction
 from rig.engine.limits import AT_MM
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
-from rig.errors import BadInputError, around, recast
+from rig.errors import BadInputError
 from rig.manual.guard import Guard
 from rig.manual.jog import ByHand, Show
 from rig.session.script_run import stopped_at_once
@@ -24,8 +24,9 @@ from rig.transport.wire import TransportError
 
 def no_force_readings(error: Exception) -> BadInputError:
     """Return the error for a motion without a reading from the sensor."""
-    sentence = "{problem}; nothing was moved. To move without force readings, use --without-force"
-    return around(BadInputError, sentence, error, code="not_felt")
+    return BadInputError(
+        f"{error}; nothing was moved. To move without force readings, use --without-force", "not_felt"
+    )
 
 
 def feel(sensing: Sensing) -> Sensing:
@@ -105,12 +106,12 @@ def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
     try:
         zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
         if refused := verbs.refused_zero(sensing, zero):
-            raise recast(LimitError, refused)
+            raise LimitError(str(refused), refused.code)
         if hand is not None:
             _refuse_changed(settings, sensing, hand)
     except NoReadingError as error:
         sensing.zero = None
-        raise around(LimitError, "{problem}; zero the sensor again", error, code="no_reading") from error
+        raise LimitError(f"{error}; zero the sensor again", "no_reading") from error
     except BaseException:
         sensing.zero = None
         raise
@@ -120,11 +121,11 @@ def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
 
 def not_checked(error: StageError | TransportError) -> StageError:
     """Return the error for a zero without a stage that could check it by a lift."""
-    sentence = (
-        "the zero cannot be checked by a lift of {lift_mm:g} mm: {problem}; home first (`rig home`), or, if nothing "
-        "touches the indentor, use --anyway"
+    return StageError(
+        f"the zero cannot be checked by a lift of {ZERO_LIFT_MM:g} mm: {error}; home first (`rig home`), or, if "
+        "nothing touches the indentor, use --anyway",
+        error.code,
     )
-    return around(StageError, sentence, error, lift_mm=ZERO_LIFT_MM)
 
 
 def _make_room(settings: RigSettings, hand: ByHand) -> None:
@@ -140,9 +141,10 @@ def _refuse_changed(settings: RigSettings, sensing: Sensing, hand: ByHand) -> No
     _moved_by(settings, hand, UP, ZERO_LIFT_MM)
     change_gwt = hand.measured_contact().force_gwt
     if change_gwt is None:
-        raise LimitError("no steady force after the lift; zero the sensor again", code="no_reading")
+        raise LimitError("no steady force after the lift; zero the sensor again", "no_reading")
     if abs(change_gwt) >= sensing.touch_gwt:
-        raise recast(LimitError, verbs.changed_zero(change_gwt))
+        changed = verbs.changed_zero(change_gwt)
+        raise LimitError(str(changed), changed.code)
 
 
 def _moved_by(settings: RigSettings, hand: ByHand, direction: Direction, by_mm: float) -> None:
@@ -153,9 +155,9 @@ def _moved_by(settings: RigSettings, hand: ByHand, direction: Direction, by_mm: 
     except StageError as error:
         raise not_checked(error) from error
     if moved.problem is not None:
-        raise around(LimitError, "{problem}; nothing was zeroed; keep the finger away", moved.problem)
+        raise LimitError(f"{moved.problem}; nothing was zeroed; keep the finger away", moved.problem.code)
     if abs(moved.at.z_mm - from_mm) < by_mm - AT_MM:
-        raise not_checked(StageError("the stage did not move", code="did_not_move"))
+        raise not_checked(StageError("the stage did not move", "did_not_move"))
 
 
 def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
@@ -163,25 +165,20 @@ def _refuse_touched(sensing: Sensing, last: LastKnown) -> None:
     if last.zero is None:
         if last.contact is not None and last.contact.kind not in ("lifted", "raised"):
             raise LimitError(
-                "there is no zero on record, and the indentor is {words}, so nothing was zeroed; free the finger and "
-                "home, or, if nothing touches the indentor, use --anyway",
-                code="maybe_touched",
-                words=last.contact.words,
-                contact=last.contact.kind,
+                f"there is no zero on record, and the indentor is {last.contact.words}, so nothing was zeroed; "
+                "free the finger and home, or, if nothing touches the indentor, use --anyway",
+                "maybe_touched",
             )
         return
     try:
         force_gwt = sensing.at_rest_gwt()
     except NoReadingError as error:
         remedy = "let the sensor settle, or use --anyway if nothing touches the indentor"
-        raise around(LimitError, "{problem}; nothing was zeroed; " + remedy, error) from error
+        raise LimitError(f"{error}; nothing was zeroed; {remedy}", error.code) from error
     if abs(force_gwt) >= sensing.touch_gwt:
         taken = datetime.fromtimestamp(last.zero_unix_s).isoformat(" ", "minutes")
         raise LimitError(
-            "the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "
-            "{high_gwt:.2f} gwt, so nothing was zeroed; if nothing touches the indentor, use --anyway",
-            code="maybe_touched",
-            force_gwt=force_gwt,
-            taken=taken,
-            high_gwt=sensing.touch_gwt,
+            f"the sensor reads {force_gwt:.2f} gwt from the last recorded zero ({taken}), more than "
+            f"{sensing.touch_gwt:.2f} gwt, so nothing was zeroed; if nothing touches the indentor, use --anyway",
+            "maybe_touched",
         )

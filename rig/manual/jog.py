@@ -11,7 +11,7 @@ from rig.engine.contact import FRESH_S, ContactKind, KnownContact, contact_at
 from rig.engine.dead_man import DOWN, SLICE_S, UP, Direction, dead_man_jog, jog_up_from_rest
 from rig.engine.limits import AT_MM, late_reading_s, park_height_mm
 from rig.engine.motion import InterruptedMotionError, StrayedError, insist
-from rig.errors import LimitError, RigError, code_of, recast
+from rig.errors import LimitError, RigError
 from rig.manual.guard import Guard
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
@@ -124,11 +124,9 @@ class ByHand:
             return self._ended(direction, at, interruption)
         except StageOverridden as error:
             self._stage.halt()
-            return self._ended(direction, at, recast(InterruptedMotionError, error))
+            return self._ended(direction, at, InterruptedMotionError(str(error), error.code))
         except ValueError as error:
-            raise LimitError(
-                "{error}; nothing was moved", code="refused_by_the_stage", error=str(error), error_code=code_of(error)
-            ) from error
+            raise LimitError(f"{error}; nothing was moved", "refused_by_the_stage") from error
         return Moved(end, self._force_gwt)
 
     def _below_clearance(self, at: StageStatus, by_mm: float | None) -> None:
@@ -255,12 +253,11 @@ class ByHand:
             if above_mm > _TINY_MM:
                 step_mm = min(habits.descent_step_mm, left_mm, above_mm)
             if height_mm - step_mm < self._lowest_mm - _TINY_MM:
-                raise recast(InterruptedMotionError, self._too_deep(height_mm - step_mm))
+                deep = self._too_deep(height_mm - step_mm)
+                raise InterruptedMotionError(str(deep), deep.code)
         room_mm = math.inf if self._guard is None else self._guard.room_mm
         if room_mm < self._settings.stage.resolution_mm:
-            raise InterruptedMotionError(
-                "the next step down would pass the soft trip", code="next_step_past_soft_trip"
-            )
+            raise InterruptedMotionError("the next step down would pass the soft trip", "next_step_past_soft_trip")
         return min(step_mm, room_mm)
 
     def _up_to(self, z_mm: float) -> None:
@@ -275,7 +272,7 @@ class ByHand:
                 pass
         except StageOverridden as error:
             self._stage.halt()
-            raise recast(InterruptedMotionError, error) from error
+            raise InterruptedMotionError(str(error), error.code) from error
 
     def _height_mm(self, at: StageStatus) -> float | None:
         """Return the height above the nominal apex (mm), or None if unknown."""
@@ -289,37 +286,31 @@ class ByHand:
         height_mm = self._height_mm(at)
         if height_mm is not None and height_mm - by_mm < self._lowest_mm - _TINY_MM:
             deep = self._too_deep(height_mm - by_mm)
-            raise LimitError(f"{deep.sentence}; nothing was moved", code=deep.code, **deep.fields)
+            raise LimitError(f"{deep}; nothing was moved", deep.code)
 
     def _too_deep(self, height_mm: float) -> LimitError:
         return LimitError(
-            "{depth_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = {limit_mm:g} mm; "
-            "check frame.apex_z_mm = {apex_z_mm:g}",
-            code="too_deep",
-            depth_mm=-height_mm,
-            limit_mm=self._settings.limits.max_doi_mm,
-            apex_z_mm=self._settings.frame.apex_z_mm,
+            f"{-height_mm:.2f} mm below the nominal apex is deeper than limits.max_doi_mm = "
+            f"{self._settings.limits.max_doi_mm:g} mm; check frame.apex_z_mm = {self._settings.frame.apex_z_mm:g}",
+            "too_deep",
         )
 
     def _ended(self, direction: Direction, start: StageStatus, interruption: InterruptedMotionError) -> Moved:
         """End a motion: lift off a touch that ended one sideways; above a trip, lift back to where it began."""
-        at, above, words = self._stage.status(), None, "{reason}"
-        fields = {**interruption.fields, "reason": str(interruption)}
+        at, above, words = self._stage.status(), None, str(interruption)
         if self._guard is not None and direction != UP:
             self._guard.look()  # The stage moved on a little after the cause.
             above = self._guard.above_trip
         if above is not None and str(above) not in str(interruption):
-            words += "; then {then}"
-            fields |= {"then": str(above), "then_code": above.code}
+            words += f"; then {above}"
         lifted_mm = 0.0
         if self._settings.limits.on_trip != "stop":
             lifted_mm = self._lift_back(start, at, above) if direction.axis == "z" else self._lift_off(at)
         if lifted_mm > _TINY_MM:
             at = self._stage.status()
-            words += "; lifted by {lifted_mm:.2f} mm"
-            fields["lifted_mm"] = lifted_mm
+            words += f"; lifted by {lifted_mm:.2f} mm"
         self._show(at, self._force_gwt)
-        return Moved(at, self._force_gwt, InterruptedMotionError(words, code=interruption.code, **fields))
+        return Moved(at, self._force_gwt, InterruptedMotionError(words, interruption.code, interruption.force_gwt))
 
     def _lift_back(self, start: StageStatus, at: StageStatus, above: RigError | None) -> float:
         """Lift above a trip to where the motion began, or by clearance if that is less; return how far (mm)."""

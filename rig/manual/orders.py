@@ -38,12 +38,7 @@ class HoldRequest(BaseModel):
         except ValidationError as error:
             first = error.errors()[0]
             raise LimitError(
-                "{do}: {key}: {problem}",
-                code="invalid_request",
-                do="hold",
-                key=".".join(map(str, first["loc"])),
-                rule=first["type"],
-                problem=plain_rule(first["msg"]),
+                f"hold: {'.'.join(map(str, first['loc']))}: {plain_rule(first['msg'])}", "invalid_request"
             ) from None
 
     @property
@@ -77,16 +72,14 @@ class Holds:
         ago_s = self._clock.unix_s() - hold.unix_s
         if not -AHEAD_S <= ago_s < HOLD_S:
             raise LimitError(
-                "the button signal is {ago_s:.2f} s old, at most {high_s:g} s are allowed; press the button again",
-                code="late_hold",
-                ago_s=ago_s,
-                high_s=HOLD_S,
+                f"the button signal is {ago_s:.2f} s old, at most {HOLD_S:g} s are allowed; press the button again",
+                "late_hold",
             )
         if self._is_over(hold):
-            raise NotReadyError("that motion has ended; press the button again", code="motion_over")
+            raise NotReadyError("that motion has ended; press the button again", "motion_over")
         if self.press is None or not hold.is_of(self.press):
             if self.live:
-                raise NotReadyError("busy: {busy}", code="busy", busy="another button is held")
+                raise NotReadyError("busy: another button is held", "busy")
             self.drop()
             self.press = hold
         self._held.say(hold.direction, max(ago_s, 0.0))
@@ -160,7 +153,7 @@ class Orders:
         with self._lock:
             self._refuse_stopped()
             if self.busy not in (None, "jog"):
-                raise NotReadyError("busy: {busy}", code="busy", busy=self.busy)
+                raise NotReadyError(f"busy: {self.busy}", "busy")
             self._holds.take(hold)
 
     def release(self, tab: str, press: int) -> None:
@@ -174,7 +167,7 @@ class Orders:
             if verb != "home":
                 self._refuse_stopped()
             if self.busy is not None:
-                raise NotReadyError("busy: {busy}", code="busy", busy=self.busy)
+                raise NotReadyError(f"busy: {self.busy}", "busy")
             self._verb = verb
 
     def stop(self) -> None:
@@ -224,4 +217,4 @@ class Orders:
 
     def _refuse_stopped(self) -> None:
         if self.stopped:
-            raise NotReadyError("stopped: {next}", code="stopped", next=HOME_FIRST)
+            raise NotReadyError(f"stopped: {HOME_FIRST}", "stopped")

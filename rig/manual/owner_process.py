@@ -65,13 +65,7 @@ def _since(request: Request) -> int | None:
     since = request.get("since")
     if since is None or (isinstance(since, int) and since >= 0):
         return since
-    raise LimitError(
-        "{do}: {key} = {value!r} must be a number of readings, at least 0",
-        code="invalid_request",
-        do="status",
-        key="since",
-        value=since,
-    )
+    raise LimitError(f"status: since = {since!r} must be a number of readings, at least 0", "invalid_request")
 
 
 def _press(request: Request) -> tuple[str, int]:
@@ -79,11 +73,7 @@ def _press(request: Request) -> tuple[str, int]:
     if isinstance(tab, str) and isinstance(press, int):
         return tab, press
     raise LimitError(
-        "{do}: tab = {tab!r} must be text and press = {press!r} a whole number, as in a hold",
-        code="invalid_request",
-        do="release",
-        tab=tab,
-        press=press,
+        f"release: tab = {tab!r} must be text and press = {press!r} a whole number, as in a hold", "invalid_request"
     )
 
 

@@ -96,11 +96,9 @@ class DrawingProcess:
                 return near.recv()
         except (EOFError, OSError):
             self.close()
-            raise DrawingError("the drawing process ended; reload the page", code="process_ended") from None
+            raise DrawingError("the drawing process ended; reload the page", "process_ended") from None
         self.close()
-        raise DrawingError(
-            "the drawing was not ready within {within_s:g} s; reload the page", code="too_slow", within_s=PATIENCE_S
-        )
+        raise DrawingError(f"the drawing was not ready within {PATIENCE_S:g} s; reload the page", "too_slow")
 
     def close(self) -> None:
         """End the process."""

@@ -81,8 +81,8 @@ def ask_owner(owner: Owner | None, kind: str, do: str, within_s: float, **more: 
     """Return an owner's reply. Raises NoOwnerError if its kind is another, RefusedError, ControlError."""
     if owner is None or owner.kind != kind:
         if kind == "run":
-            raise NoOwnerError("no protocol is running", code="no_run")
-        raise NoOwnerError("manual control is off; take control first", code="bench_not_taken")
+            raise NoOwnerError("no protocol is running", "no_run")
+        raise NoOwnerError("manual control is off; take control first", "bench_not_taken")
     return owner.ask(do, within_s=within_s, **more)
 
 
@@ -106,7 +106,7 @@ def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor)
     """
     targets = _to_be_stopped(owners)
     if not targets:
-        raise NoOwnerError("no process owns the ports, so there is nothing to stop", code="nothing_to_stop")
+        raise NoOwnerError("no process owns the ports, so there is nothing to stop", "nothing_to_stop")
     stopping = partial(_stopped, sent)
     other_answers = pool.map(stopping, targets[1:])
     answers = [stopping(targets[0]), *other_answers]
@@ -115,7 +115,7 @@ def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor)
             raise problem
     stopped = [one.pid for one, answer in zip(targets, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
-        raise RefusedError("{problems}", code="all_refuse", problems="; ".join(map(str, answers)))
+        raise RefusedError(f"{'; '.join(map(str, answers))}", "all_refuse")
     return {"stopped": stopped, "words": f"the stop reached process {', '.join(map(str, stopped))}"}
 
 
@@ -130,10 +130,7 @@ def _stopped(sent: SentStops, owner: Owner) -> dict[str, Any] | ControlError:
     except ControlError as error:
         return error
     if "unconfirmed" in answer:
-        return ControlError(
-            "stop sent to process {pid}: {problem}",
-            code="stop_not_confirmed", pid=owner.pid, problem=answer["unconfirmed"],
-        )  # fmt: skip
+        return ControlError(f"stop sent to process {owner.pid}: {answer['unconfirmed']}", "stop_not_confirmed")
     return answer
 
 
@@ -174,14 +171,12 @@ class ManualProcess:
                     return
                 if self._process.poll() is not None:
                     if self.last_line:
-                        raise NotTakenError("{said}", code="refused", said=self.last_line)
+                        raise NotTakenError(f"{self.last_line}", "refused")
                     code = self._process.returncode
-                    raise NotTakenError("it ended with exit code {exit_code}", code="ended", exit_code=code)
+                    raise NotTakenError(f"it ended with exit code {code}", "ended")
                 await asyncio.sleep(_POLL_S)
             self._process.terminate()
-            raise NotTakenError(
-                "manual control did not start within {within_s:g} s", code="no_reply", within_s=READY_S
-            )
+            raise NotTakenError(f"manual control did not start within {READY_S:g} s", "no_reply")
 
     async def ended(self) -> None:
         """Wait until the process has ended; it holds the ports longer than its announcement. Raises NotTakenError."""
@@ -189,7 +184,7 @@ class ManualProcess:
             if self._process is None or self._process.poll() is not None:
                 return
             await asyncio.sleep(_POLL_S)
-        raise NotTakenError("manual control did not end within {within_s:g} s", code="not_left", within_s=READY_S)
+        raise NotTakenError(f"manual control did not end within {READY_S:g} s", "not_left")
 
     def leave(self) -> None:
         """End manual control, if it runs."""

@@ -52,12 +52,12 @@ class RequestError(RigError):
 async def body_of(request: Request) -> dict[str, Any]:
     """Return the JSON object of a request. Raises RequestError."""
     if request.headers.get("content-type", "").partition(";")[0].strip() != "application/json":
-        raise RequestError("content-type: must be application/json", code="content_type")
-    too_large = RequestError("body: at most {most} bytes are allowed", code="body_too_large", most=MOST_BYTES)
+        raise RequestError("content-type: must be application/json", "content_type")
+    too_large = RequestError(f"body: at most {MOST_BYTES} bytes are allowed", "body_too_large")
     if whole_of_text("content-length", request.headers.getlist("content-length") or ["0"]) > MOST_BYTES:
         raise too_large
     found = bytearray()
-    no_object = RequestError("body: must be a JSON object with each key once", code="no_json_object")
+    no_object = RequestError("body: must be a JSON object with each key once", "no_json_object")
     try:
         async for piece in request.stream():
             found += piece
@@ -84,7 +84,7 @@ def _each_once(pairs: Sequence[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _not_understood(code: str, key: str, expected: str) -> RequestError:
-    return RequestError("{key}: must be {expected}", code=code, key=key, expected=expected)
+    return RequestError(f"{key}: must be {expected}", code)
 
 
 class HeldButton(NamedTuple):
@@ -164,7 +164,7 @@ class BoundedPool:
         Raises ControlError, and then calls neither.
         """
         if not self._idle.acquire(blocking=False):
-            raise ControlError(self._problem, code=self._code)
+            raise ControlError(self._problem, self._code)
         try:
             begun = self._pool.submit(do, first())
         except BaseException:
@@ -228,7 +228,7 @@ class Posts:
 
         async def guarded(tab: str, body: Body) -> PostAnswer:
             if not self._watcher.tabs.may(tab, self._watcher.clock.monotonic_s()):
-                raise NoOwnerError("another tab has control; take control first", code="another_tab")
+                raise NoOwnerError("another tab has control; take control first", "another_tab")
             return await do(tab, body)
 
         return self._answered(guarded)
@@ -237,7 +237,7 @@ class Posts:
         async def answered(request: Request) -> Response:
             body, tab = await body_of(request), request.headers.get(TAB_HEADER, "")
             if not (0 < len(tab) <= 64 and tab.isascii() and tab.isprintable()):
-                raise RequestError("{header}: must be the name of the tab", code="no_tab", header=TAB_HEADER)
+                raise RequestError(f"{TAB_HEADER}: must be the name of the tab", "no_tab")
             try:
                 return JSONResponse({"ok": True, "problem": None, **await do(tab, body)})
             except (NoOwnerError, RefusedError) as error:
@@ -262,7 +262,7 @@ class Posts:
             asking = self._stopping.begin_behind(lambda: post_stop(self._watcher.owners), self._stop_all)
             done, _ = await asyncio.wait({asking}, timeout=_STOP_S)
         if not done:
-            raise ControlError(_NOT_YET, code=_NOT_YET_CODE)
+            raise ControlError(_NOT_YET, _NOT_YET_CODE)
         answer = asking.result()
         if isinstance(answer, Exception):
             raise answer
@@ -288,7 +288,7 @@ class Posts:
             if stop.done:
                 return {"stopped": list(stop.notified), "words": stop.words}
             words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
-            return ControlError("{words}", code="not_confirmed" if stop.sent else "not_sent", words=words)
+            return ControlError(f"{words}", "not_confirmed" if stop.sent else "not_sent")
         finally:
             answered.set()
 
@@ -319,24 +319,20 @@ class Posts:
 
     def _refuse_a_busy_bench(self) -> None:
         if not self._watcher.bench.configured:
-            raise NoOwnerError("no configuration; restart rig panel with --config", code="no_bench")
+            raise NoOwnerError("no configuration; restart rig panel with --config", "no_bench")
         ports = set(self._watcher.bench.ports)
         for owner in self._watcher.owners:
             if owner.kind == "run" and ports & set(owner.ports):
-                raise NoOwnerError(
-                    "a run owns the ports (process {pid}); end it first", code="ports_taken", pid=owner.pid
-                )
+                raise NoOwnerError(f"a run owns the ports (process {owner.pid}); end it first", "ports_taken")
 
     async def _hold(self, tab: str, body: Body) -> PostAnswer:
         """Forward the signal at once and only while it is fresh, so that no delayed signal moves the stage."""
         button = HeldButton.of(body)
         if self._watcher.tabs.is_released(button.press):
-            raise NoOwnerError("the button was released; press it again", code="let_go")
+            raise NoOwnerError("the button was released; press it again", "let_go")
         if abs(self._watcher.clock.unix_s() - button.unix_s) > HELD_S:
             raise NoOwnerError(
-                "the press is older than {most_s:g} s, or from another clock; press the button again",
-                code="too_old",
-                most_s=HELD_S,
+                f"the press is older than {HELD_S:g} s, or from another clock; press the button again", "too_old"
             )
         answer = self._reply_of(self._holding, "by hand", "hold", _HOLD_S, tab=tab, **button._asdict())
         try:

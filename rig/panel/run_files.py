@@ -67,7 +67,7 @@ class RunFiles:
         """Return the folder of a run, not a link. Raises RequestError."""
         path = self._out / name
         if not _named(name) or path.is_symlink() or not path.is_dir():
-            raise RequestError("there is no such run", code="no_such_run")
+            raise RequestError("there is no such run", "no_such_run")
         return path
 
 
@@ -94,7 +94,7 @@ def _plain_file(folder: Path, name: str) -> Path:
     except OSError:
         is_file = False
     if not is_file:
-        raise RequestError("there is no such file", code="no_such_file")
+        raise RequestError("there is no such file", "no_such_file")
     return path
 
 

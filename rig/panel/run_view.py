@@ -119,7 +119,7 @@ class RunView(RunFollower):
                 rows = _latest(rows) + self._taken(documents)
             self.take(())  # The course may have been written since.
             if not self.start and self._journal.damage is not None:
-                raise RunError(self._damage, code="no_start")
+                raise RunError(self._damage, "no_start")
         except (RunError, BadInputError) as error:
             self.problem = str(error)
         except FOREIGN as error:

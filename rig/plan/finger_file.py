@@ -32,7 +32,7 @@ def checked_relaxation(series: Relaxation) -> Relaxation:
     if any(not (share > 0 and tau_s > 0) for share, tau_s in series) or sum(share for share, _ in series) >= 1:
         raise RuleError(
             "not a Prony series: shares must be > 0 and sum to less than 1, time constants must be > 0 s",
-            code="no_prony_series",
+            "no_prony_series",
         )
     return series
 
@@ -65,28 +65,19 @@ class Posterior(Settings):
     def _goes_together(self) -> Self:
         n, rows = len(self.names), self.covariance
         if len(self.mean) != n or len(rows) != n or any(len(row) != n for row in rows):
-            raise RuleError(
-                "{names} names require {names} means and {names} rows of {names} covariances",
-                code="not_one_for_each_name",
-                names=n,
-            )
+            raise RuleError(f"{n} names require {n} means and {n} rows of {n} covariances", "not_one_for_each_name")
         if any(len(ends) != n for ends in (self.low, self.high) if ends is not None):
-            raise RuleError("{names} names require {names} ends of bands", code="not_one_for_each_name", names=n)
+            raise RuleError(f"{n} names require {n} ends of bands", "not_one_for_each_name")
         for k, row in enumerate(rows):
             if row[k] < 0:
                 raise RuleError(
-                    "covariance of {name}: the variance {variance:g} must be at least 0",
-                    code="negative_variance",
-                    name=self.names[k],
-                    variance=row[k],
+                    f"covariance of {self.names[k]}: the variance {row[k]:g} must be at least 0", "negative_variance"
                 )
             for j in range(k):
                 if abs(row[j] - rows[j][k]) > _ASYMMETRY * math.sqrt(row[k] * rows[j][j]):
                     raise RuleError(
-                        "covariance of {name} and {other}: the matrix must be symmetric",
-                        code="not_symmetric",
-                        name=self.names[k],
-                        other=self.names[j],
+                        f"covariance of {self.names[k]} and {self.names[j]}: the matrix must be symmetric",
+                        "not_symmetric",
                     )
         return self
 
@@ -119,15 +110,9 @@ class Draw(Settings):
     def _interpolated(self) -> Self:
         if not (DERMIS.low <= self.e_dermis <= DERMIS.high and FAT.low <= self.e_fat <= FAT.high):
             raise RuleError(
-                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g} is outside the range of the model: e_dermis "
-                "{e_dermis_low:g} … {e_dermis_high:g}, e_fat {e_fat_low:g} … {e_fat_high:g}",
-                code="beyond_interpolation",
-                e_dermis=self.e_dermis,
-                e_fat=self.e_fat,
-                e_dermis_low=DERMIS.low,
-                e_dermis_high=DERMIS.high,
-                e_fat_low=FAT.low,
-                e_fat_high=FAT.high,
+                f"e_dermis = {self.e_dermis:g}, e_fat = {self.e_fat:g} is outside the range of the model: "
+                f"e_dermis {DERMIS.low:g} … {DERMIS.high:g}, e_fat {FAT.low:g} … {FAT.high:g}",
+                "beyond_interpolation",
             )
         return self
 
@@ -166,11 +151,9 @@ class IdentifiedFinger(Settings):
     @model_validator(mode="after")
     def _one_hash_a_run(self) -> Self:
         if len(self.runs) != len(self.journals_sha256):
+            runs = len(self.runs)
             raise RuleError(
-                "{runs} runs require {runs} hashes, got {hashes}",
-                code="not_one_hash_a_run",
-                runs=len(self.runs),
-                hashes=len(self.journals_sha256),
+                f"{runs} runs require {runs} hashes, got {len(self.journals_sha256)}", "not_one_hash_a_run"
             )
         return self
 
@@ -197,10 +180,9 @@ def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:
     """Raise BadInputError for a collapsed identification."""
     if identified.collapsed or all(draw == identified.draw[0] for draw in identified.draw):
         raise BadInputError(
-            "{where}: the identification collapsed onto too few fingers, so its bands are meaningless; "
-            "repeat `rig identify` until it ends with exit code 0",
-            code="collapsed",
-            where=what,
+            f"{what}: the identification collapsed onto too few fingers, so its bands are meaningless; repeat "
+            "`rig identify` until it ends with exit code 0",
+            "collapsed",
         )
 
 
@@ -208,11 +190,9 @@ def refuse_flagged(what: str, identified: IdentifiedFinger, remedy: str = "") ->
     """Raise BadInputError for an identification that no finger of the prior explains; remedy: begins with a comma."""
     if identified.flagged is not None:
         raise BadInputError(
-            "{where}: no finger of the prior explains its presses: {why}; repeat `rig identify`{remedy}",
-            code="flagged",
-            where=what,
-            why=identified.flagged,
-            remedy=remedy,
+            f"{what}: no finger of the prior explains its presses: {identified.flagged}; repeat `rig "
+            f"identify`{remedy}",
+            "flagged",
         )
 
 
@@ -238,10 +218,9 @@ def tables_in(what: str, path: Path) -> dict[str, Any]:
         return toml_of(read_text(path, encoding="utf-8-sig", most=MOST_TOML_BYTES))
     except OSError as error:
         problem = str(error.strerror or error)
-        raise BadInputError("{where}: {problem}", code="unreadable", where=what, problem=problem) from None
+        raise BadInputError(f"{what}: {problem}", "unreadable") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise BadInputError("{where}: not valid TOML: {problem}", code="no_toml", where=what,
-                            problem=str(error)) from None  # fmt: skip
+        raise BadInputError(f"{what}: not valid TOML: {error}", "no_toml") from None
 
 
 def example_finger() -> dict[str, Any]:
@@ -263,13 +242,11 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
     """Validate the tables of a finger file. Raises BadInputError whose message begins with `what`."""
     if not is_finger_file(tables):
         raise BadInputError(
-            "{where}: no [identified] table; give a file that `rig identify` wrote",
-            code="no_identified_table",
-            where=what,
+            f"{what}: no [identified] table; give a file that `rig identify` wrote", "no_identified_table"
         )
     virtual = tables.get("virtual", {})
     if not isinstance(virtual, dict):
-        raise BadInputError("{where}: {key}: must be a table", code="invalid_table", where=what, key="virtual")
+        raise BadInputError(f"{what}: virtual: must be a table", "invalid_table")
     relaxation = virtual.get("relaxation", ())
     rest = {name: table for name, table in tables.items() if name != "virtual"}
     try:

@@ -243,11 +243,11 @@ def _with_band(
     lost, fingers = int((~converged).sum()), len(converged)
     if lost > _MOST_LOST * fingers:
         raise NoPredictionError(
-            "{indentor} at x = {x_mm:g} mm to {target} = {value:g}: the model does not converge for {lost} of the "
-            "{fingers} likely fingers; choose another depth or position, e.g. 0.1 mm from it",
-            code="likely_finger_not_converged", indentor=found.indentor, x_mm=found.x_mm, target=found.target.kind,
-            value=found.target.value, lost=lost, fingers=fingers,
-        )  # fmt: skip
+            f"{found.indentor} at x = {found.x_mm:g} mm to {found.target.kind} = {found.target.value:g}: the "
+            f"model does not converge for {lost} of the {fingers} likely fingers; choose another depth or "
+            "position, e.g. 0.1 mm from it",
+            "likely_finger_not_converged",
+        )
     if lost:
         _MODELS.warning(
             "%s at x = %g mm to %s = %g: the band leaves out %d of the %d likely fingers, for which the model does "
@@ -265,8 +265,9 @@ def _predicted(finger: "Fingertip", shape: Indentor, press: RequestedPress) -> P
     except ForceOutOfReachError as error:
         raise around(ForceTooDeepError, "{problem}", error) from None
     if not found.state.converged:
-        raise NoPredictionError("the model does not converge here (residual {residual:.0e})", code="not_converged",
-                                residual=found.state.residual)  # fmt: skip
+        raise NoPredictionError(
+            f"the model does not converge here (residual {found.state.residual:.0e})", "not_converged"
+        )
     return Prediction(
         *press,
         found.touch_height_mm - finger.apex_height_mm,

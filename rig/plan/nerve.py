@@ -120,9 +120,8 @@ def visits_of(run: Run, config: Config) -> Visits:
             else ("no_presses", "contains no press")
         )
         raise BadInputError(
-            "run folder {run}: this run {what}; spikes need a run with a touch and a press",
-            code=code, run=str(run.folder.path), what=what,
-        )  # fmt: skip
+            f"run folder {run.folder.path}: this run {what}; spikes need a run with a touch and a press", code
+        )
     return Visits(tuple(walk.found), walk.left_out)
 
 

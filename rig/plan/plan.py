@@ -101,9 +101,7 @@ def make_plan(
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(
-            "protocol {path}: run(rig) is asynchronous; define it with `def`, not `async def`",
-            code="asynchronous",
-            path=str(script.path),
+            f"protocol {script.path}: run(rig) is asynchronous; define it with `def`, not `async def`", "asynchronous"
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
     if before is not None and first_soft_trip_n is not None and not before.is_checked:
@@ -125,9 +123,8 @@ def make_plan(
         raise script_error(BadInputError, script.path, error, _REFUSALS) from None
     if not walk.pressed["data"]:
         raise BadInputError(
-            "protocol {path}: run(rig) makes no indentation; call rig.indent() at least once",
-            code="indents_nowhere",
-            path=str(script.path),
+            f"protocol {script.path}: run(rig) makes no indentation; call rig.indent() at least once",
+            "indents_nowhere",
         )
     refuse_unseen(plan, config)
     refuse_fast_ramps(plan, config)
@@ -139,12 +136,9 @@ def _refuse_other_trip(before: Run, planned_n: float) -> None:
     recorded_n = before.start["soft_trip_n"]
     if not (isinstance(recorded_n, float | int) and math.isclose(recorded_n, planned_n, rel_tol=1e-6)):
         raise BadInputError(
-            "run folder {path}: its journal, of an earlier version without checksums, gives a soft trip of "
-            "{recorded_n} N, but its protocol and configuration give {planned_n:.6g} N; start a new run",
-            code="other_soft_trip",
-            path=str(before.folder.path),
-            recorded_n=recorded_n,
-            planned_n=planned_n,
+            f"run folder {before.folder.path}: its journal, of an earlier version without checksums, gives a soft "
+            f"trip of {recorded_n} N, but its protocol and configuration give {planned_n:.6g} N; start a new run",
+            "other_soft_trip",
         )
 
 
@@ -183,17 +177,12 @@ def refuse_unseen(plan: Plan, config: Config) -> None:
         stiffness_gwt_mm = CONTACT_EXPONENT * press.highest_gwt / press.predicted_doi_mm
         rise_gwt = age.rise_gwt(speed_mm_s, stiffness_gwt_mm)
         if rise_gwt > left_gwt:
+            limit_mm_s = max(left_gwt, 0.0) / (stiffness_gwt_mm * age.age_s)
             raise BadInputError(
-                "a press at x = {x_mm:g} mm at {speed_mm_s:g} mm/s is too fast for the sensor: a sample is up to "
-                "{age_s:g} s old, in which the force rises by {rise_gwt:.2g} gwt, and the trip is {left_gwt:.2g} gwt "
-                "away; press at most at {limit_mm_s:.2g} mm/s",
-                code="too_fast_for_sensor",
-                x_mm=press.x_mm,
-                speed_mm_s=speed_mm_s,
-                rise_gwt=rise_gwt,
-                age_s=age.age_s,
-                left_gwt=left_gwt,
-                limit_mm_s=max(left_gwt, 0.0) / (stiffness_gwt_mm * age.age_s),
+                f"a press at x = {press.x_mm:g} mm at {speed_mm_s:g} mm/s is too fast for the sensor: a sample is "
+                f"up to {age.age_s:g} s old, in which the force rises by {rise_gwt:.2g} gwt, and the trip is "
+                f"{left_gwt:.2g} gwt away; press at most at {limit_mm_s:.2g} mm/s",
+                "too_fast_for_sensor",
             )
 
 

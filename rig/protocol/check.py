@@ -65,7 +65,7 @@ class Walk:
     def need(self, condition: bool, verb: str, before: str) -> None:
         """Raise an error if a verb comes before one that it requires."""
         if not condition:
-            raise BadInputError("{verb}: {before} must come first", code="comes_too_early", verb=verb, before=before)
+            raise BadInputError(f"{verb}: {before} must come first", "comes_too_early")
 
     def need_ready(self, verb: str) -> None:
         """Raise an error unless an indentor is mounted, the sensor zeroed and a position reached."""
@@ -79,11 +79,9 @@ class Walk:
         longest_s = self.settings.limits.max_contact_s
         if self.held_s > longest_s:
             raise BadInputError(
-                "{verb}: the finger would be held for {held_s:g} s in all, beyond limits.max_contact_s = {high:g}",
-                code="held_too_long",
-                verb=verb,
-                held_s=self.held_s,
-                high=longest_s,
+                f"{verb}: the finger would be held for {self.held_s:g} s in all, beyond limits.max_contact_s = "
+                f"{longest_s:g}",
+                "held_too_long",
             )
 
     def spot(self, purpose: Purpose = "data", presses: int = 0, marks: Mapping[str, Any] | None = None) -> Spot:
@@ -102,43 +100,39 @@ _MEANS = "{verb}: {key} = {value:g} at x = {x_mm:g} mm means "
 def checked_target(verb: str, doi_mm: float | None, force_gwt: float | None) -> Target:
     """Return the depth or the force; exactly one of them must be passed."""
     if (doi_mm is None) == (force_gwt is None):
-        raise BadInputError("{verb}: expected either doi_mm or force_gwt", code="not_one_target", verb=verb)
+        raise BadInputError(f"{verb}: expected either doi_mm or force_gwt", "not_one_target")
     kind: Literal["doi_mm", "force_gwt"] = "force_gwt" if doi_mm is None else "doi_mm"
     value = force_gwt if doi_mm is None else doi_mm
     refuse_no_number(verb, kind, value)
     target = Target(kind, float(value))  # type: ignore[arg-type]
     if not (math.isfinite(target.value) and target.value > 0):
-        raise BadInputError("{verb}: {key} = {value}: expected a positive number", code="not_positive", verb=verb,
-                            key=target.kind, value=target.value)  # fmt: skip
+        raise BadInputError(f"{verb}: {target.kind} = {target.value}: expected a positive number", "not_positive")
     return target
 
 
 def refuse_no_number(verb: str, name: str, value: object) -> None:
     """Raise an error unless a value is an integer or a float."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        raise BadInputError("{verb}: {key} = {value!r}: expected a number", code="no_number", verb=verb, key=name,
-                            value=value)  # fmt: skip
+        raise BadInputError(f"{verb}: {name} = {value!r}: expected a number", "no_number")
 
 
 def refuse_no_text(verb: str, value: object) -> None:
     """Raise an error unless a value is text."""
     if not isinstance(value, str):
-        raise BadInputError("{verb}: expected text, got {value!r}", code="no_text", verb=verb, value=value)
+        raise BadInputError(f"{verb}: expected text, got {value!r}", "no_text")
 
 
 def refuse_count(verb: str, name: str, value: object) -> None:
     """Raise an error unless a value is a whole number from 1 to 100."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 1 <= int(value) <= _MAX_COUNT:
-        raise BadInputError("{verb}: {key} = {value!r}: expected a whole number, 1 … {high}", code="no_count",
-                            verb=verb, key=name, value=value, high=_MAX_COUNT)  # fmt: skip
+        raise BadInputError(f"{verb}: {name} = {value!r}: expected a whole number, 1 … {_MAX_COUNT}", "no_count")
 
 
 def refuse_seconds(verb: str, name: str, value: float) -> None:
     """Raise an error for a duration that is negative or longer than an hour."""
     refuse_no_number(verb, name, value)
     if not 0 <= value <= _LONGEST_S:
-        raise BadInputError("{verb}: {key} = {value!r}: expected 0 … {high:g} s", code="outside_range", verb=verb,
-                            key=name, value=value, low=0.0, high=_LONGEST_S)  # fmt: skip
+        raise BadInputError(f"{verb}: {name} = {value!r}: expected 0 … {_LONGEST_S:g} s", "outside_range")
 
 
 def refuse_speeds(verb: str, speed_mm_s: float | None, settings: RigSettings) -> None:
@@ -156,13 +150,7 @@ def _refuse_speed(verb: str, name: str, speed_mm_s: float, limits: LimitSettings
     fastest = limits.max_press_speed_mm_s
     if not SLOWEST_MM_S <= speed_mm_s <= fastest:
         raise BadInputError(
-            "{verb}: {key} = {value!r}: expected {low:.2g} … {high:g} mm/s",
-            code="outside_range",
-            verb=verb,
-            key=name,
-            value=speed_mm_s,
-            low=SLOWEST_MM_S,
-            high=fastest,
+            f"{verb}: {name} = {speed_mm_s!r}: expected {SLOWEST_MM_S:.2g} … {fastest:g} mm/s", "outside_range"
         )
 
 
@@ -171,13 +159,8 @@ def refuse_target(verb: str, target: Target, limits: LimitSettings) -> None:
     limit = {"doi_mm": "max_doi_mm", "force_gwt": "max_force_gwt"}[target.kind]
     if target.value > getattr(limits, limit):
         raise BadInputError(
-            "{verb}: {key} = {value:g} is beyond limits.{limit} = {high:g}",
-            code="beyond_limit",
-            verb=verb,
-            key=target.kind,
-            value=target.value,
-            limit=limit,
-            high=getattr(limits, limit),
+            f"{verb}: {target.kind} = {target.value:g} is beyond limits.{limit} = {getattr(limits, limit):g}",
+            "beyond_limit",
         )
 
 
@@ -256,8 +239,9 @@ def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float
     """Raise an error for a value outside the two limits of that name."""
     low, high = limits
     if not low <= value <= high:
-        raise BadInputError("{verb}: {key} = {value:g} is outside limits.{key} = {low:g} … {high:g}",
-                            code="outside_limits", verb=verb, key=key, value=value, low=low, high=high)  # fmt: skip
+        raise BadInputError(
+            f"{verb}: {key} = {value:g} is outside limits.{key} = {low:g} … {high:g}", "outside_limits"
+        )
 
 
 def refuse_along(along_mm: float, settings: RigSettings) -> None:
@@ -266,12 +250,8 @@ def refuse_along(along_mm: float, settings: RigSettings) -> None:
     refuse_outside("move_to", "along_mm", along_mm, settings.limits.along_mm)
     if along_mm and not moves_along(settings.stage):
         raise BadInputError(
-            "{verb}: {key} = {value:g}: a {kind} stage has no axis along the finger",
-            code="no_such_axis",
-            verb="move_to",
-            key="along_mm",
-            value=along_mm,
-            kind=settings.stage.kind,
+            f"move_to: along_mm = {along_mm:g}: a {settings.stage.kind} stage has no axis along the finger",
+            "no_such_axis",
         )
 
 
@@ -279,10 +259,7 @@ def refuse_no_ramps(verb: str, stage: StageSettings) -> None:
     """Raise an error for a stage that cannot move into the finger at constant speed."""
     if not ramps(stage):
         raise BadInputError(
-            "{verb}: a {kind} stage has no motion at constant speed under force monitoring",
-            code="no_ramps",
-            verb=verb,
-            kind=stage.kind,
+            f"{verb}: a {stage.kind} stage has no motion at constant speed under force monitoring", "no_ramps"
         )
 
 
@@ -291,13 +268,8 @@ def refuse_travel(axis: Literal["x", "y", "z"], machine_mm: float, settings: Rig
     travel_mm = settings.stage.travel_mm["xyz".index(axis)]
     if not -travel_mm <= machine_mm <= 0:
         raise BadInputError(
-            "machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {low:g} … 0 mm",
-            code="outside_travel",
-            axis=axis,
-            machine_mm=machine_mm,
-            low=-travel_mm,
-            high=0.0,
+            f"machine {axis} = {machine_mm:.3f} mm is outside the stage's travel, {-travel_mm:g} … 0 mm",
+            "outside_travel",
         )
     if axis == "z" and machine_mm < settings.bounds.lowest_z_mm - 1e-9:
-        raise BadInputError("machine z = {machine_mm:.3f} mm is below {floor}", code="below_floor", axis=axis,
-                            machine_mm=machine_mm, low=settings.bounds.lowest_z_mm, floor=settings.floor)  # fmt: skip
+        raise BadInputError(f"machine z = {machine_mm:.3f} mm is below {settings.floor}", "below_floor")

@@ -121,8 +121,9 @@ class Patience:
         self._steps += 1
         self._on_step(self._steps)
         if self._steps > MOST_STEPS:
-            raise BadInputError("{verb}: the script makes more than {high} steps, which is the limit",
-                                code="too_many_steps", verb=step.verb, high=MOST_STEPS)  # fmt: skip
+            raise BadInputError(
+                f"{step.verb}: the script makes more than {MOST_STEPS} steps, which is the limit", "too_many_steps"
+            )
         _alarm_in(0.0)
         try:
             return self._then.handle(step, spot)

@@ -98,13 +98,10 @@ def _refuse_other(recorded: Asked, asked: Asked, press: PressId) -> None:
     if not keys:
         return
     raise BadInputError(
-        "{purpose} press index {index}: the script now asks for {asked}, where the run has {recorded}, so it would "
-        "be another run; seed what is random (random.Random(7).shuffle), sort what is a set, and start a new run",
-        code="another_press",
-        purpose=press.purpose,
-        index=press.index,
-        asked=_in_words(asked, keys),
-        recorded=_in_words(recorded, keys),
+        f"{press.purpose} press index {press.index}: the script now asks for {_in_words(asked, keys)}, where the "
+        f"run has {_in_words(recorded, keys)}, so it would be another run; seed what is random "
+        "(random.Random(7).shuffle), sort what is a set, and start a new run",
+        "another_press",
     )
 
 

@@ -288,18 +288,18 @@ class RangeParameters(ProtocolParameters):
         begin, end = self.from_mm, self.to_mm
         if begin is None and end is None:
             if self.spacing_mm is not None:
-                raise RuleError("spacing_mm = {spacing_mm:g}: expected from_mm and to_mm beside it",
-                                code="spacing_of_no_range", spacing_mm=self.spacing_mm)  # fmt: skip
+                raise RuleError(
+                    f"spacing_mm = {self.spacing_mm:g}: expected from_mm and to_mm beside it", "spacing_of_no_range"
+                )
         elif begin is None or end is None:
             given, missing = ("to_mm", "from_mm") if begin is None else ("from_mm", "to_mm")
-            raise RuleError("{given} without {missing}: expected both ends of the range", code="half_a_range",
-                            given=given, missing=missing)  # fmt: skip
+            raise RuleError(f"{given} without {missing}: expected both ends of the range", "half_a_range")
         elif begin == end:
-            raise RuleError("from_mm = {from_mm:g}, to_mm = {to_mm:g}: expected two ends that differ",
-                            code="empty_range", from_mm=begin, to_mm=end)  # fmt: skip
+            raise RuleError(f"from_mm = {begin:g}, to_mm = {end:g}: expected two ends that differ", "empty_range")
         elif self._steps(begin, end) >= _MOST_POSITIONS:
-            raise RuleError("{positions} positions: expected {high} or fewer", code="too_many_positions",
-                            positions=self._steps(begin, end) + 1, high=_MOST_POSITIONS)  # fmt: skip
+            raise RuleError(
+                f"{self._steps(begin, end) + 1} positions: expected {_MOST_POSITIONS} or fewer", "too_many_positions"
+            )
         return self
 
     def _steps(self, begin: float, end: float) -> int:

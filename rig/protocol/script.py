@@ -53,8 +53,7 @@ def find_script(name: str) -> Path:
     if path.parent == Path() and shipped.is_file():
         return shipped
     known = ", ".join(sorted(p.stem for p in shipped_protocols().glob("*.py")))
-    raise BadInputError("protocol {name!r}: no such file, and not a shipped one ({known})", code="no_such_protocol",
-                        name=name, known=known)  # fmt: skip
+    raise BadInputError(f"protocol {name!r}: no such file, and not a shipped one ({known})", "no_such_protocol")
 
 
 def load_script(name: str, assignments: Sequence[str] = ()) -> Script:
@@ -68,13 +67,11 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     module, imported = _import(path)
     run = getattr(module, "run", None)
     if not callable(run):
-        raise BadInputError("protocol {path}: has no run(rig)", code="no_run", path=str(path))
+        raise BadInputError(f"protocol {path}: has no run(rig)", "no_run")
     kind = getattr(module, "Parameters", ProtocolParameters)
     if not (isinstance(kind, type) and issubclass(kind, ProtocolParameters)):
         raise BadInputError(
-            "protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters",
-            code="wrong_parameters",
-            path=str(path),
+            f"protocol {path}: Parameters must be a subclass of rig.protocol.ProtocolParameters", "wrong_parameters"
         )
     try:
         checked = kind.model_validate(parameters)
@@ -99,11 +96,8 @@ def _metadata(path: Path, found: Any) -> Mapping[str, Any]:
     unknown = [key for key in found if key not in _METADATA] if isinstance(found, Mapping) else [type(found).__name__]
     if unknown:
         raise BadInputError(
-            "protocol {path}: METADATA has {unknown!r}; it is a dictionary with the keys {known}",
-            code="unknown_metadata",
-            path=str(path),
-            unknown=unknown[0],
-            known=", ".join(_METADATA),
+            f"protocol {path}: METADATA has {unknown[0]!r}; it is a dictionary with the keys {', '.join(_METADATA)}",
+            "unknown_metadata",
         )
     known: Mapping[str, Any] = found
     return known
@@ -112,23 +106,21 @@ def _metadata(path: Path, found: Any) -> Mapping[str, Any]:
 def _files(path: Path, names: Any) -> dict[str, bytes]:
     """Return the files that a script names in METADATA["files"]. Raises BadInputError."""
     if not isinstance(names, (list, tuple)) or not all(isinstance(name, str) for name in names):
-        raise BadInputError('protocol {path}: METADATA["files"] must be a list of file names', code="wrong_files",
-                            path=str(path))  # fmt: skip
+        raise BadInputError(f'protocol {path}: METADATA["files"] must be a list of file names', "wrong_files")
     found = {}
     for name in names:
         if Path(name).name != name or _of_a_run(name):
             raise BadInputError(
-                'protocol {path}: METADATA["files"] names {name!r}; give a file beside the script, without a folder, '
-                "whose name no file of a run has",
-                code="wrong_files",
-                path=str(path),
-                name=name,
+                f'protocol {path}: METADATA["files"] names {name!r}; give a file beside the script, without a '
+                "folder, whose name no file of a run has",
+                "wrong_files",
             )
         try:
             found[name] = read_bytes(path.parent / name)
         except OSError as error:
-            raise BadInputError('protocol {path}: METADATA["files"] names {name!r}: {problem}', code="wrong_files",
-                                path=str(path), name=name, problem=error.strerror) from None  # fmt: skip
+            raise BadInputError(
+                f'protocol {path}: METADATA["files"] names {name!r}: {error.strerror}', "wrong_files"
+            ) from None
     return found
 
 
@@ -218,8 +210,7 @@ class _Beside(MetaPathFinder):
 def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
     """Import a script; return its module and the modules beside it that it imported, by file name."""
     if path.suffix.lower() != ".py":
-        raise BadInputError("protocol {path}: not a Python file; its name must end in .py", code="no_python_file",
-                            path=str(path))  # fmt: skip
+        raise BadInputError(f"protocol {path}: not a Python file; its name must end in .py", "no_python_file")
     loader, finder = _ScriptLoader(f"protocol_{path.stem}", str(path)), _Beside(path.parent)
     spec = spec_from_file_location(loader.name, path, loader=loader)
     assert spec is not None
@@ -231,11 +222,7 @@ def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
         return module, {file.name: read_bytes(file) for file in finder.found.values()}
     except SyntaxError as error:
         raise BadInputError(
-            "protocol {path}, line {line}: {problem}",
-            code="no_python",
-            path=error.filename or str(path),
-            line=error.lineno or 1,
-            problem=error.msg,
+            f"protocol {error.filename or str(path)}, line {error.lineno or 1}: {error.msg}", "no_python"
         ) from None
     except (Exception, SystemExit) as error:
         found = failed_in_script(path, error)
@@ -253,8 +240,8 @@ def _assigned(assignments: Sequence[str]) -> dict[str, Any]:
     for text in assignments:
         key, _, value = text.partition("=")
         if not (key and value):
-            raise BadInputError("--set {text!r}: expected KEY=VALUE", code="no_assignment", text=text)
+            raise BadInputError(f"--set {text!r}: expected KEY=VALUE", "no_assignment")
         if key in values:
-            raise BadInputError("--set {text!r}: {key} is given twice", code="given_twice", text=text, key=key)
+            raise BadInputError(f"--set {text!r}: {key} is given twice", "given_twice")
         values[key] = value
     return values

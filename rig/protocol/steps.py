@@ -125,8 +125,7 @@ class Mount(Step[None, None]):
 
     def check(self, walk: Walk) -> Spot:
         if not isinstance(self.indentor, str):
-            raise BadInputError("{verb}: expected the name of an indentor, got {value!r}", code="no_name",
-                                verb=self.verb, value=self.indentor)  # fmt: skip
+            raise BadInputError(f"{self.verb}: expected the name of an indentor, got {self.indentor!r}", "no_name")
         walk.model.refuse_shape(self.indentor)
         walk.indentor = self.indentor
         return walk.spot()
@@ -167,8 +166,9 @@ def check_press(
     """Check a press without the model. Raises BadInputError."""
     walk.need_ready(verb)
     if walk.along_mm:
-        raise BadInputError("{verb}: along_mm = {along_mm:g}: must be 0; elsewhere only touch() is allowed",
-                            code="along_the_finger", verb=verb, along_mm=walk.along_mm)  # fmt: skip
+        raise BadInputError(
+            f"{verb}: along_mm = {walk.along_mm:g}: must be 0; elsewhere only touch() is allowed", "along_the_finger"
+        )
     refuse_count(verb, "increments", increments)
     refuse_seconds(verb, "hold_s", hold_s)
     refuse_target(verb, target, walk.settings.limits)
@@ -198,13 +198,9 @@ def expect_press(
         found = walk.model.press(spot.indentor, spot.x_mm, target, pace)
     except ForceTooDeepError:
         raise BadInputError(
-            "{verb}: {key} = {value:g} at x = {x_mm:g} mm is not reached at a DOI of limits.max_doi_mm = {high:g}",
-            code="force_out_of_reach",
-            verb=verb,
-            key=target.kind,
-            value=target.value,
-            x_mm=spot.x_mm,
-            high=walk.settings.limits.max_doi_mm,
+            f"{verb}: {target.kind} = {target.value:g} at x = {spot.x_mm:g} mm is not reached at a DOI of "
+            f"limits.max_doi_mm = {walk.settings.limits.max_doi_mm:g}",
+            "force_out_of_reach",
         ) from None
     except NoPredictionError as error:
         raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
@@ -380,14 +376,9 @@ class Reference(Step[ExpectedPresses, None]):
         first = walk.reference_request = walk.reference_request or requested
         if requested != first:
             raise BadInputError(
-                "{verb}: must be the same press each time, {indentor} at x = {x_mm:g} mm to {doi_mm:g} mm, "
-                "increments = {increments}",
-                code="another_reference",
-                verb=self.verb,
-                indentor=first[0],
-                x_mm=first[1],
-                doi_mm=first[2],
-                increments=first[3],
+                f"{self.verb}: must be the same press each time, {first[0]} at x = {first[1]:g} mm to "
+                f"{first[2]:g} mm, increments = {first[3]}",
+                "another_reference",
             )
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
@@ -465,8 +456,9 @@ class Checkpoint(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         refuse_no_text(self.verb, self.name)
         if self.name in walk.checkpoints:
-            raise BadInputError("{verb}: {name!r} has been passed already, expected another name",
-                                code="passed_already", verb=self.verb, name=self.name)  # fmt: skip
+            raise BadInputError(
+                f"{self.verb}: {self.name!r} has been passed already, expected another name", "passed_already"
+            )
         walk.checkpoints.add(self.name)
         return walk.spot()
 

@@ -74,10 +74,9 @@ class Turns:
         own = (self._thread, pid) == (threading.get_ident(), os.getpid()) and script is self._script
         if not own or self._within:
             raise BadInputError(
-                "{verb}: called in another thread or process, within another verb, or after the end of run(rig); "
+                f"{name}: called in another thread or process, within another verb, or after the end of run(rig); "
                 "call the verbs one after the other, in the thread of run(rig)",
-                code="out_of_turn",
-                verb=name,
+                "out_of_turn",
             )
         if script is not None:
             script.refuse_stopped()

@@ -60,10 +60,9 @@ def execute(engine: Engine, step: Step[E, A], expected: E) -> A:
     executor = EXECUTE.get(type(step))
     if executor is None:
         raise BadInputError(
-            "{verb}: no executor is registered for {step}; register a function with @executes({step})",
-            code="no_executor",
-            verb=step.verb,
-            step=type(step).__name__,
+            f"{step.verb}: no executor is registered for {type(step).__name__}; register a function with "
+            f"@executes({type(step).__name__})",
+            "no_executor",
         )
     try:
         answer: A = executor(engine, step, expected)

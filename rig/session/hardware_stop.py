@@ -156,13 +156,9 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
         found_gwt = bench.force.set_point_gwt(stop.trip_register)
         if abs(found_gwt - stop.trip_gwt) > _SET_POINT_WITHIN * stop.trip_gwt:
             raise BadInputError(
-                "{key} = {value:g} gwt, but the set-point of the transmitter (register {register}) is "
-                "{found_gwt:g} gwt; make them equal",
-                code="another_set_point",
-                key="stop.trip_gwt",
-                value=stop.trip_gwt,
-                register=stop.trip_register,
-                found_gwt=found_gwt,
+                f"stop.trip_gwt = {stop.trip_gwt:g} gwt, but the set-point of the transmitter (register "
+                f"{stop.trip_register}) is {found_gwt:g} gwt; make them equal",
+                "another_set_point",
             )
 
 
@@ -186,7 +182,7 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
         if stop.trip_input in active:
             raise _by_the_relay(stop) from error
         if stop.kind == "board" and (held or stop.input in active):
-            raise RunAborted(BY_THE_BUTTON, code="stop_button") from error
+            raise RunAborted(BY_THE_BUTTON, "stop_button") from error
         raise
 
 
@@ -209,9 +205,7 @@ class _StopInputCheck:
         """Return a trip or None. Raises RunAborted if the button was pressed; the stage is then at rest."""
         if self._key is not None and self._key.problem:
             return TripError(
-                "the stop button no longer answers: {problem}; connect it again",
-                code="button_gone",
-                problem=self._key.problem,
+                f"the stop button no longer answers: {self._key.problem}; connect it again", "button_gone"
             )
         if not self._stop.inputs:
             return None
@@ -224,7 +218,7 @@ class _StopInputCheck:
                 self._button.seen(pressed=pressed)
             if pressed:
                 self._engine.stop()
-                raise RunAborted(BY_THE_BUTTON, code="stop_button")
+                raise RunAborted(BY_THE_BUTTON, "stop_button")
         return None
 
 
@@ -241,9 +235,5 @@ def _active_now(stage: Stage) -> frozenset[str]:
 def _by_the_relay(stop: StopSettings) -> TripError:
     at = "" if stop.trip_gwt is None else f" at {stop.trip_gwt:g} gwt"
     return TripError(
-        "the hardware trip{at} has stopped the stage (stop.trip_input = {trip_input!r})",
-        code="hardware_trip",
-        at=at,
-        trip_gwt=stop.trip_gwt,
-        trip_input=stop.trip_input,
+        f"the hardware trip{at} has stopped the stage (stop.trip_input = {stop.trip_input!r})", "hardware_trip"
     )

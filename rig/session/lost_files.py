@@ -35,7 +35,7 @@ class LostRun:
             return None
         contents = {name: left for name, file in files.items() if (left := _left(file)) is not None}
         return cls(
-            LostRecordError("{path}: {error}", path=str(lost[0].filename), error=str(lost[0])),
+            LostRecordError(f"{lost[0].filename}: {lost[0]}"),
             {**copies, **contents},
         )
 

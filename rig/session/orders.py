@@ -147,7 +147,7 @@ class PressOrders:
                 self.end()
                 return {}
             if not self._waiting:
-                raise BadInputError("order: the run is not ready for an order; wait for the last one", code="busy")
+                raise BadInputError("order: the run is not ready for an order; wait for the last one", "busy")
             self._waiting, self._order = False, order
             self._presses += order.what == "press"
         return {}
@@ -156,23 +156,26 @@ class PressOrders:
         """Raise an error for an order outside the confirmed scope."""
         scope = self.scope
         if order.what == "press" and order.target.keys() != scope.highest.keys():
-            raise BadInputError("order: a press needs {target} alone, as it was confirmed", code="another_target",
-                                target=next(iter(scope.highest)))  # fmt: skip
+            raise BadInputError(
+                f"order: a press needs {next(iter(scope.highest))} alone, as it was confirmed", "another_target"
+            )
         if order.what == "move" and order.x_mm is None:
-            raise BadInputError("order: a move needs x_mm", code="no_position")
+            raise BadInputError("order: a move needs x_mm", "no_position")
         if order.x_mm is not None and all(abs(order.x_mm - x_mm) > _AT_MM for x_mm in scope.x_mm):
-            raise BadInputError("order: {key} = {value:g}: the confirmed positions are {expected}",
-                                code="another_position", key="x_mm", value=order.x_mm,
-                                expected=", ".join(f"{x_mm:g}" for x_mm in scope.x_mm))  # fmt: skip
+            expected = ", ".join(f"{x_mm:g}" for x_mm in scope.x_mm)
+            raise BadInputError(
+                f"order: x_mm = {order.x_mm:g}: the confirmed positions are {expected}", "another_position"
+            )
         most = {"increments": scope.increments, "hold_s": scope.hold_s, **scope.highest}
         asked = {"increments": order.increments, "hold_s": order.hold_s, **order.target}
         for key in most if order.what == "press" else ():
             if not 0 < asked[key] <= most[key]:
-                raise BadInputError("order: {key} = {value:g}: more than 0 and at most {high:g} was confirmed",
-                                    code="not_confirmed", key=key, value=asked[key], high=most[key])  # fmt: skip
+                raise BadInputError(
+                    f"order: {key} = {asked[key]:g}: more than 0 and at most {most[key]:g} was confirmed",
+                    "not_confirmed",
+                )
         if order.what == "press" and self._presses >= scope.presses:
-            raise BadInputError("order: all {high} confirmed presses are done", code="too_many_presses",
-                                high=scope.presses)  # fmt: skip
+            raise BadInputError(f"order: all {scope.presses} confirmed presses are done", "too_many_presses")
 
     # --- the run's own thread ---
 
@@ -224,5 +227,5 @@ def scope_of(values: Mapping[str, Any]) -> OrderScope:
     except ValidationError as error:
         raise first_problem("orders", error) from None
     if len(scope.highest) != 1:
-        raise BadInputError("orders: expected either doi_mm or force_gwt", code="not_one_target", verb="orders")
+        raise BadInputError("orders: expected either doi_mm or force_gwt", "not_one_target")
     return scope

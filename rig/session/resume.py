@@ -70,11 +70,7 @@ def read_stopped(path: Path) -> StoppedRun:
         raise
     except OSError as error:
         raise BadInputError(
-            "run folder {path}: cannot read {file}: {problem}; give a run folder",
-            code="no_run_folder",
-            path=str(path),
-            file=str(error.filename),
-            problem=str(error.strerror),
+            f"run folder {path}: cannot read {error.filename}: {error.strerror}; give a run folder", "no_run_folder"
         ) from None
     except (RunError, JournalError) as error:
         raise around(BadInputError, "{problem}", error) from None
@@ -92,13 +88,9 @@ def with_ports(stopped: StoppedRun, path: Path) -> StoppedRun:
     if others:
         key = others[0]
         raise BadInputError(
-            "config {path}: {key} = {given}, but {own} in the run; when it is resumed, only {allowed} may change",
-            code="other_settings",
-            path=str(path),
-            key=key,
-            given=given.get(key),
-            own=own.get(key),
-            allowed=", ".join(sorted(ports)),
+            f"config {path}: {key} = {given.get(key)}, but {own.get(key)} in the run; when it is resumed, only "
+            f"{', '.join(sorted(ports))} may change",
+            "other_settings",
         )
     tables = stopped.config.model_dump(mode="json", exclude_none=True)
     for name in ports & given.keys():
@@ -140,18 +132,16 @@ def _read(folder: RunFolder) -> StoppedRun:
     changed = folder.changed()
     if changed:
         raise BadInputError(
-            "run folder {path}: {files} changed since the run began, so it cannot be resumed; start a new run",
-            code="changed_since",
-            path=str(folder.path),
-            files=", ".join(changed),
+            f"run folder {folder.path}: {', '.join(changed)} changed since the run began, so it cannot be "
+            "resumed; start a new run",
+            "changed_since",
         )
     about = read_provenance(folder, "protocol", "parameters", "virtual")
     if about["protocol"] == SCRIPT:
         raise BadInputError(
-            "run folder {path}: an identification cannot be resumed; repeat `rig identify`. In this run, {left}",
-            code="identification",
-            path=str(folder.path),
-            left=_results(folder),
+            f"run folder {folder.path}: an identification cannot be resumed; repeat `rig identify`. In this run, "
+            f"{_results(folder)}",
+            "identification",
         )
     copy = folder.path / "protocol.py"
     mend_journal(folder.events)
@@ -160,18 +150,15 @@ def _read(folder: RunFolder) -> StoppedRun:
         _refuse_foreign(run)
     if run is not None and run.damage and run.damage[0].line == 1:
         raise BadInputError(
-            "run folder {path}: {events}, line 1: {problem}; it gives the soft trip, so resuming is refused; put "
-            "back an undamaged copy, or start a new run; `rig export` reads the presses",
-            code="start_damaged",
-            path=str(folder.path),
-            events=folder.events.name,
-            problem=run.damage[0].problem,
+            f"run folder {folder.path}: {folder.events.name}, line 1: {run.damage[0].problem}; it gives the soft "
+            "trip, so resuming is refused; put back an undamaged copy, or start a new run; `rig export` reads "
+            "the presses",
+            "start_damaged",
         )
     if run is not None and _never_planned(run):
         raise BadInputError(
-            "run folder {path} was stopped during planning and cannot be resumed; start a new run",
-            code="never_planned",
-            path=str(folder.path),
+            f"run folder {folder.path} was stopped during planning and cannot be resumed; start a new run",
+            "never_planned",
         )
     return StoppedRun(
         folder=folder,

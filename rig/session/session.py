@@ -280,12 +280,8 @@ def _recorded(folder: RunFolder) -> Run | RunError:
     except RunError as error:
         return error
     except Exception as error:
-        return RunError(
-            "run folder {run}: {problem}",
-            code="bad_journal",
-            run=str(folder.path),
-            problem=f"{type(error).__name__}: {error}",
-        )
+        problem = f"{type(error).__name__}: {error}"
+        return RunError(f"run folder {folder.path}: {problem}", "bad_journal")
 
 
 @dataclass
@@ -352,9 +348,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
-        return RunAborted(
-            "{why}", code="stopped_at_once", why=with_trip(engine, session.stopped_by), stopped_by=session.stopped_by
-        )
+        return RunAborted(f"{with_trip(engine, session.stopped_by)}", "stopped_at_once")
     finally:
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.

@@ -41,16 +41,13 @@ def _naming(scheduler: str) -> Iterator[None]:
         raise WorkersError("--scheduler {scheduler}: {problem}", code=error.code, **fields) from None
     except (CancelledError, CommClosedError):
         raise WorkersError(
-            "--scheduler {scheduler}: the scheduler is no longer reachable; check it and start again",
-            code="scheduler_gone",
-            scheduler=scheduler,
+            f"--scheduler {scheduler}: the scheduler is no longer reachable; check it and start again",
+            "scheduler_gone",
         ) from None
     except KilledWorker:
         raise WorkersError(
-            "--scheduler {scheduler}: {workers} or more workers were lost on the same case; check their memory",
-            code="case_lost",
-            scheduler=scheduler,
-            workers=_RETRIES,
+            f"--scheduler {scheduler}: {_RETRIES} or more workers were lost on the same case; check their memory",
+            "case_lost",
         ) from None
 
 
@@ -58,14 +55,14 @@ def _connected(scheduler: str) -> Any:
     try:
         return Client(scheduler, timeout=_CONNECT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError):
-        raise WorkersError("no scheduler answers; give its address, e.g. tcp://host:8786", code="no_answer") from None
+        raise WorkersError("no scheduler answers; give its address, e.g. tcp://host:8786", "no_answer") from None
 
 
 def _expect_workers(client: Any) -> None:
     try:
         client.wait_for_workers(1, timeout=_PATIENCE_S)
     except TimeoutError:
-        raise WorkersError("the scheduler has no workers; start some with dask worker", code="no_workers") from None
+        raise WorkersError("the scheduler has no workers; start some with dask worker", "no_workers") from None
 
 
 def _expect_same_program(client: Any) -> None:
@@ -74,11 +71,7 @@ def _expect_same_program(client: Any) -> None:
     for worker, found in client.run(program, on_error="return").items():
         if found != expected:
             raise WorkersError(
-                "worker {worker} runs {found}, expected {expected}; install the same version",
-                code="other_program",
-                worker=worker,
-                found=str(found),
-                expected=expected,
+                f"worker {worker} runs {found}, expected {expected}; install the same version", "other_program"
             )
 
 

@@ -37,7 +37,7 @@ def spread(
             "--scheduler requires the package dask.distributed; install it with pip install "
             "'indentation-rig[cluster]'"
         )
-        raise WorkersError(needed, code="dask_missing") from None
+        raise WorkersError(needed, "dask_missing") from None
     yield from over_cluster(alone, items, scheduler)
 
 
@@ -49,7 +49,7 @@ def _over_processes(
     except BrokenProcessPool:
         raise WorkersError(
             "a worker process was killed, perhaps for lack of memory; try fewer processes (--processes)",
-            code="process_killed",
+            "process_killed",
         ) from None
 
 

@@ -185,10 +185,7 @@ class ModbusMaster:
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
             raise ModbusGarbled(
-                f"{_ABOUT}: the answer does not match the request ({{answer}})",
-                code="does_not_fit",
-                answer=str(answer),
-                **self._about(request),
+                f"{self._about(request)}: the answer does not match the request ({answer})", "does_not_fit"
             )
         return answer
 
@@ -221,10 +218,7 @@ class ModbusMaster:
             self._refuse_two_answers(request, received)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
-                    f"{_ABOUT}: device {{answering}} answered instead",
-                    code="another_device",
-                    answering=answer.dev_id,
-                    **self._about(request),
+                    f"{self._about(request)}: device {answer.dev_id} answered instead", "another_device"
                 )
             return answer
         self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
@@ -246,10 +240,7 @@ class ModbusMaster:
         found = received.startswith(sent)
         if self.echoes and not found:
             raise ModbusGarbled(
-                f"{_ABOUT}: the echo of the adapter is missing in {{heard}}",
-                code="no_echo",
-                heard=received.hex(" "),
-                **self._about(request),
+                f"{self._about(request)}: the echo of the adapter is missing in {received.hex(' ')}", "no_echo"
             )
         self.echoes = found
         return received[len(sent) :] if found else received
@@ -276,9 +267,7 @@ class ModbusMaster:
         if received:
             self._unanswered = None
             raise ModbusGarbled(
-                f"{_ABOUT}: a late answer to an earlier request also arrived",
-                code="late_answer",
-                **self._about(request),
+                f"{self._about(request)}: a late answer to an earlier request also arrived", "late_answer"
             )
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
@@ -287,17 +276,15 @@ class ModbusMaster:
             used, answer = self._framer.handleFrame(received, 0, 0)
         except ModbusException:
             raise ModbusGarbled(
-                f"{_ABOUT}: received {{heard}}, which is not a Modbus answer; check the baud rate and the framing",
-                code="no_modbus",
-                heard=received.hex(" "),
-                **self._about(request),
+                f"{self._about(request)}: received {received.hex(' ')}, which is not a Modbus answer; check the baud "
+                "rate and the framing",
+                "no_modbus",
             ) from None
         if used and answer is None:
             raise ModbusGarbled(
-                f"{_ABOUT}: wrong checksum (CRC) in {{heard}}; check the cable and the baud rate",
-                code="bad_crc",
-                heard=received.hex(" "),
-                **self._about(request),
+                f"{self._about(request)}: wrong checksum (CRC) in {received.hex(' ')}; check the cable and the baud "
+                "rate",
+                "bad_crc",
             )
         return received[used:], answer
 

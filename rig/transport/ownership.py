@@ -36,13 +36,11 @@ def tcp_addresses(port: str) -> tuple[Address, ...]:
     """
     host, colon, number = port.removeprefix(SCHEME).rpartition(":")
     if not (port.startswith(SCHEME) and host and colon and number.isdigit() and 0 < int(number) < 65536):
-        raise TransportError("{port!r} is not a TCP port; use tcp://HOST:PORT", code="no_address", port=port)
+        raise TransportError(f"{port!r} is not a TCP port; use tcp://HOST:PORT", "no_address")
     try:
         found = socket.getaddrinfo(host.strip("[]"), int(number), type=socket.SOCK_STREAM)
     except (OSError, UnicodeError) as problem:
-        raise TransportError(
-            "cannot open port {port}: {problem}", code="unknown_host", port=port, problem=str(problem)
-        ) from problem
+        raise TransportError(f"cannot open port {port}: {problem}", "unknown_host") from problem
     return tuple(dict.fromkeys((int(family), address) for family, _, _, _, address in found))
 
 
@@ -138,7 +136,7 @@ class LockHeldError(RigError):
     default_code = "lock_held"
 
     def __init__(self, owner: PortOwner) -> None:
-        super().__init__("in use by {owner}", owner=str(owner), pid=owner.pid)
+        super().__init__(f"in use by {owner}")
         self.owner = owner
 
 

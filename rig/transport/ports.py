@@ -56,9 +56,7 @@ class SerialTransport:
             if self._ownership is not None and identities(device) != self._ownership.names:
                 self._serial.close()
                 raise TransportError(
-                    "port {port} changed to another device while it was opened; connect again",
-                    code="exchanged",
-                    port=port,
+                    f"port {port} changed to another device while it was opened; connect again", "exchanged"
                 )
         except BaseException:
             self._let_go()
@@ -68,9 +66,7 @@ class SerialTransport:
         try:
             self._serial.write(data)
         except (serial.SerialException, OSError) as problem:
-            raise TransportError(
-                "cannot write to port {port}: {problem}", code="not_written", port=self._port, problem=str(problem)
-            ) from problem
+            raise TransportError(f"cannot write to port {self._port}: {problem}", "not_written") from problem
 
     def read(self, timeout_s: float) -> bytes:
         try:
@@ -79,9 +75,7 @@ class SerialTransport:
             return bytes(first + self._serial.read(self._serial.in_waiting)) if first else b""
         except (serial.SerialException, OSError, TypeError) as problem:
             # pyserial raises TypeError when another thread closes the port during a read.
-            raise TransportError(
-                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=str(problem)
-            ) from problem
+            raise TransportError(f"cannot read from port {self._port}: {problem}", "not_read") from problem
 
     def close(self) -> None:
         self._serial.close()
@@ -123,20 +117,14 @@ def _not_opened(port: str, problem: Exception) -> TransportError:
     number = getattr(problem, "errno", None)
     if number == errno.ENOENT:
         return TransportError(
-            "port {port} does not exist; connect the device, or correct its port in the configuration",
-            code="no_port",
-            port=port,
+            f"port {port} does not exist; connect the device, or correct its port in the configuration", "no_port"
         )
     if number in (errno.EBUSY, errno.EAGAIN):
-        return TransportError(
-            "port {port} is in use by another program; end it or wait for it", code="in_use", port=port
-        )
+        return TransportError(f"port {port} is in use by another program; end it or wait for it", "in_use")
     if number == errno.EACCES:
-        return TransportError(
-            "no permission to open port {port}; give your account access to it", code="no_permission", port=port
-        )
+        return TransportError(f"no permission to open port {port}; give your account access to it", "no_permission")
     first = "".join(str(problem).splitlines()[:1])
-    return TransportError("cannot open port {port}: {problem}", code="not_opened", port=port, problem=first)
+    return TransportError(f"cannot open port {port}: {first}", "not_opened")
 
 
 __all__ = ["SCHEME", "TcpTransport"]
@@ -169,25 +157,16 @@ class TcpTransport:
         try:
             self._socket.sendall(data)
         except OSError as problem:
-            raise TransportError(
-                "cannot write to port {port}: {problem}",
-                code="not_written",
-                port=self._port,
-                problem=_reason(problem),
-            ) from problem
+            raise TransportError(f"cannot write to port {self._port}: {_reason(problem)}", "not_written") from problem
 
     def read(self, timeout_s: float) -> bytes:
         try:
             readable, _, _ = select.select([self._socket], [], [], max(timeout_s, 0.0))
             data = self._socket.recv(_CHUNK) if readable else None
         except (OSError, ValueError) as problem:
-            raise TransportError(
-                "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_reason(problem)
-            ) from problem
+            raise TransportError(f"cannot read from port {self._port}: {_reason(problem)}", "not_read") from problem
         if data == b"":
-            raise TransportError(
-                "cannot read from port {port}: the device closed the connection", code="hung_up", port=self._port
-            )
+            raise TransportError(f"cannot read from port {self._port}: the device closed the connection", "hung_up")
         return data or b""
 
     def close(self) -> None:
@@ -222,9 +201,7 @@ class UdpTransport:
             self._socket.connect(address)  # Datagrams of other senders are dropped.
         except OSError as problem:
             self.close()
-            raise TransportError(
-                "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_reason(problem)
-            ) from problem
+            raise TransportError(f"cannot open port {port}: {_reason(problem)}", "not_opened") from problem
         self._arrived: deque[bytes] = deque(maxlen=_DATAGRAMS_KEPT)
         self._news = threading.Condition()
         self._problem: OSError | None = None
@@ -236,12 +213,7 @@ class UdpTransport:
         try:
             self._socket.send(data)
         except OSError as problem:
-            raise TransportError(
-                "cannot write to port {port}: {problem}",
-                code="not_written",
-                port=self._port,
-                problem=_reason(problem),
-            ) from problem
+            raise TransportError(f"cannot write to port {self._port}: {_reason(problem)}", "not_written") from problem
 
     def read(self, timeout_s: float) -> bytes:
         with self._news:
@@ -250,9 +222,7 @@ class UdpTransport:
             problem, self._problem = self._problem, None
             if problem is None:
                 return self._joined()
-        raise TransportError(
-            "cannot read from port {port}: {problem}", code="not_read", port=self._port, problem=_reason(problem)
-        ) from problem
+        raise TransportError(f"cannot read from port {self._port}: {_reason(problem)}", "not_read") from problem
 
     def close(self) -> None:
         self._closed = True
@@ -288,16 +258,12 @@ def _connect(port: str, addresses: tuple[Address, ...]) -> socket.socket:
         connection = _connected(addresses)
     except ConnectionRefusedError as problem:
         raise TransportError(
-            "cannot open port {port}: {problem}; switch the device on, or start `rig serve` and wait until "
-            "it prints its ports",
-            code="no_listener",
-            port=port,
-            problem=_reason(problem),
+            f"cannot open port {port}: {_reason(problem)}; switch the device on, or start `rig serve` and wait "
+            "until it prints its ports",
+            "no_listener",
         ) from problem
     except OSError as problem:
-        raise TransportError(
-            "cannot open port {port}: {problem}", code="not_opened", port=port, problem=_reason(problem)
-        ) from problem
+        raise TransportError(f"cannot open port {port}: {_reason(problem)}", "not_opened") from problem
     connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)  # A stop must not wait for more bytes.
     connection.settimeout(WRITE_S)
     return connection
@@ -353,7 +319,5 @@ def refuse_missing(port: str) -> None:
     """Raise TransportError if a device does not exist; URLs are not checked."""
     if os.name == "posix" and "://" not in port and not os.path.exists(port):
         raise TransportError(
-            "port {port} does not exist; connect the device, or correct its port in the configuration",
-            code="no_port",
-            port=port,
+            f"port {port} does not exist; connect the device, or correct its port in the configuration", "no_port"
         )

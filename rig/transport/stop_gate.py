@@ -58,7 +58,7 @@ class StopGate:
     def refuse(self, wire: Transport) -> None:
         """Raise TransportError if the gate is closed for this thread."""
         if self.closed and threading.get_ident() not in self._stopping:
-            raise TransportError("{port}: stopped by the operator", code="stopped", port=wire.name)
+            raise TransportError(f"{wire.name}: stopped by the operator", "stopped")
 
 
 class _Guarded:

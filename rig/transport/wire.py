@@ -65,9 +65,7 @@ def arrived(transport: Transport) -> Iterator[bytes]:
         if not data:
             return
         yield data
-    raise NeverQuietError(
-        "{port}: the device never stops sending; check the device and the baud rate", port=transport.name
-    )
+    raise NeverQuietError(f"{transport.name}: the device never stops sending; check the device and the baud rate")
 
 
 class LineReader:
@@ -115,10 +113,8 @@ class LineReader:
         if len(self._rest) > LONGEST_LINE:
             self._rest = b""
             raise TransportError(
-                "{port}: {longest} bytes without an end of line; check the baud rate",
-                code="line_too_long",
-                port=self._transport.name,
-                longest=LONGEST_LINE,
+                f"{self._transport.name}: {LONGEST_LINE} bytes without an end of line; check the baud rate",
+                "line_too_long",
             )
 
 
@@ -192,7 +188,7 @@ class LoopbackTransport:
 
     def _open_line(self) -> HostLine:
         if self._line is None:
-            raise TransportError("port {port} is closed", code="closed", port=self.name)
+            raise TransportError(f"port {self.name} is closed", "closed")
         return self._line
 
 
@@ -211,10 +207,7 @@ class TimeLimitedTransport:
         left_s = self._until_s - self._clock.monotonic_s()
         if left_s <= 0:
             raise TransportError(
-                "port {port}: no device was identified within {within_s:g} s",
-                code="probe_timeout",
-                port=self.name,
-                within_s=self._within_s,
+                f"port {self.name}: no device was identified within {self._within_s:g} s", "probe_timeout"
             )
         return self._inner.read(min(timeout_s, left_s))
 

@@ -65,33 +65,19 @@ def checked_readings(operator: ForwardOperator, reading: Array, fewest: int | No
     """
     receptors, unknowns = operator.parts.shape[1:]
     if reading.shape != (receptors,):
-        raise DecodingError(
-            "{readings} readings: must be {receptors}, one for each receptor",
-            code="not_one_each",
-            readings=reading.size,
-            receptors=receptors,
-        )
+        raise DecodingError(f"{reading.size} readings: must be {receptors}, one for each receptor", "not_one_each")
     if fewest is None and receptors < unknowns:
         raise DecodingError(
-            "{readings} readings of {pressures} pressures: at least as many readings as pressures are required",
-            code="fewer_than_pressures",
-            readings=receptors,
-            pressures=unknowns,
+            f"{receptors} readings of {unknowns} pressures: at least as many readings as pressures are required",
+            "fewer_than_pressures",
         )
     if fewest is not None and receptors < fewest:
         raise DecodingError(
-            "{readings} readings of {pressures} pressures: at least {fewest} readings are required",
-            code="too_few",
-            readings=receptors,
-            pressures=unknowns,
-            fewest=fewest,
+            f"{receptors} readings of {unknowns} pressures: at least {fewest} readings are required", "too_few"
         )
     bad = np.flatnonzero(~np.isfinite(reading))
     if len(bad):
         raise DecodingError(
-            "reading {number} is {value:g}: must be a number",
-            code="not_a_number",
-            number=int(bad[0]) + 1,
-            value=float(reading[bad[0]]),
+            f"reading {int(bad[0]) + 1} is {float(reading[bad[0]]):g}: must be a number", "not_a_number"
         )
     return reading

@@ -87,10 +87,7 @@ class LoadedFinger:
         foot = self.skin(np.array(load.x_mm), np.array(load.z_mm))
         if np.isnan(foot).any():
             raise ModelRangeError(
-                "a load at x = {x_mm:g}, z = {z_mm:g} mm: must lie on the pulp",
-                code="load_beside_pulp",
-                x_mm=load.x_mm,
-                z_mm=load.z_mm,
+                f"a load at x = {load.x_mm:g}, z = {load.z_mm:g} mm: must lie on the pulp", "load_beside_pulp"
             )
         if not load.at_node:
             return foot

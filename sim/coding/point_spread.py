@@ -120,12 +120,9 @@ def _near(sheet: Sheet, foot: Array, half_width_mm: float, site: Site) -> NDArra
     near = np.asarray(away <= half_width_mm)
     if near.sum() < _FEWEST:
         raise ModelRangeError(
-            "site {site}: {receptors} receptors near it, at least {fewest} are required; reduce the spacing "
-            "or widen the area",
-            code="too_few_receptors",
-            site=site.number,
-            receptors=int(near.sum()),
-            fewest=_FEWEST,
+            f"site {site.number}: {int(near.sum())} receptors near it, at least {_FEWEST} are required; reduce "
+            "the spacing or widen the area",
+            "too_few_receptors",
         )
     return near
 

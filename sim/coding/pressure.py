@@ -150,12 +150,9 @@ def _skin(section: ReceptorSection, ends_mm: Array) -> SectionSkin:
     location, width = location[order], patch.area_mm2[order]
     if not (location[0] <= ends_mm[0] and ends_mm[-1] <= location[-1]):
         raise ModelRangeError(
-            "samples from {from_mm:.2f} to {to_mm:.2f} mm: must lie within {low_mm:.2f} to {high_mm:.2f} mm",
-            code="samples_beside_patch",
-            from_mm=float(ends_mm[0]),
-            to_mm=float(ends_mm[-1]),
-            low_mm=float(location[0]),
-            high_mm=float(location[-1]),
+            f"samples from {float(ends_mm[0]):.2f} to {float(ends_mm[-1]):.2f} mm: must lie within "
+            f"{float(location[0]):.2f} to {float(location[-1]):.2f} mm",
+            "samples_beside_patch",
         )
     low, high = location - width / 2, location + width / 2
     shared = np.minimum(high[:, None], ends_mm[1:]) - np.maximum(low[:, None], ends_mm[:-1])

@@ -80,20 +80,16 @@ def read_readings(path: Path, finger: FingertipConfig) -> FileReadings:
     noise = [name for name in NOISE if name in names]
     if len(noise) > 1:
         raise TableError(
-            "{where}: the columns {columns} cannot be combined; keep one",
-            code="columns_together", where=where, columns=" and ".join(noise),
-        )  # fmt: skip
+            f"{where}: the columns {' and '.join(noise)} cannot be combined; keep one", "columns_together"
+        )
     if kind == "rate" and noise == ["at_rest"]:
         raise TableError(
-            "{where}: a column rate requires sd, not at_rest, since the noise of a silent receptor is hidden",
-            code="at_rest_beside_rate", where=where,
-        )  # fmt: skip
+            f"{where}: a column rate requires sd, not at_rest, since the noise of a silent receptor is hidden",
+            "at_rest_beside_rate",
+        )
     along = ["z_mm"] if "z_mm" in names else []
     if along and place != "x_mm":
-        raise TableError(
-            "{where}: a column z_mm requires x_mm, not {column}",
-            code="sheet_without_x", where=where, column=place,
-        )  # fmt: skip
+        raise TableError(f"{where}: a column z_mm requires x_mm, not {place}", "sheet_without_x")
     columns = (place, "depth_mm", kind, *noise, *along)
     return _Rows(path, columns, noise, read_numbered(path, columns)).checked(finger)
 
@@ -102,10 +98,10 @@ def _one_of(where: str, names: Sequence[str], columns: Sequence[str]) -> str:
     found = [name for name in columns if name in names]
     if len(found) != 1:
         raise TableError(
-            "{where}: must have exactly one of the columns {columns}; found {found}, read {read}",
-            code="not_one_column", where=where, found=len(found), columns=", ".join(columns),
-            read=", ".join(names) or "nothing",
-        )  # fmt: skip
+            f"{where}: must have exactly one of the columns {', '.join(columns)}; found {len(found)}, read "
+            f"{', '.join(names) or 'nothing'}",
+            "not_one_column",
+        )
     return found[0]
 
 
@@ -136,10 +132,7 @@ class _Rows:
     def checked(self, finger: FingertipConfig) -> FileReadings:
         fewest = FEWEST_OF_SHEET if self.sheet else FEWEST
         if not fewest <= len(self.numbered) <= MOST:
-            raise TableError(
-                "{path}: {readings} readings; must be {fewest} to {most}",
-                code="wrong_count", path=self.path, readings=len(self.numbered), fewest=fewest, most=MOST,
-            )  # fmt: skip
+            raise TableError(f"{self.path}: {len(self.numbered)} readings; must be {fewest} to {MOST}", "wrong_count")
         placed = self._placed_in_space(finger) if self.sheet else self._placed_on_skin(finger)
         locations = np.array([placed(n, row) for n, row in self.numbered])
         self._refuse_twice(locations)
@@ -154,10 +147,7 @@ class _Rows:
         return FileReadings(self.kind, location, depth, reading / unit, known.get("sd"), known.get("at_rest"), z_mm)
 
     def _refused(self, code: str, n: int, column: str, value: float, expected: str) -> TableError:
-        return TableError(
-            "{path}, line {line}, column {column}: {value:g} must be {expected}",
-            code=code, path=self.path, line=n, column=column, value=float(value), expected=expected,
-        )  # fmt: skip
+        return TableError(f"{self.path}, line {n}, column {column}: {float(value):g} must be {expected}", code)
 
     def _misplaced(self, n: int, column: str, error: ModelRangeError | ReceptorError) -> TableError:
         found = {"path": self.path, "line": n, "column": column, "problem": str(error)}
@@ -219,9 +209,8 @@ class _Rows:
                     raise self._refused("not_positive", n, "sd", sd, "a positive number")
         if self.noise == ["at_rest"] and len({value for _, value in self._column(3)}) < FEWEST_AT_REST:
             raise TableError(
-                "{path}, at_rest: must contain at least {fewest} different values",
-                code="too_little_noise", path=self.path, fewest=FEWEST_AT_REST,
-            )  # fmt: skip
+                f"{self.path}, at_rest: must contain at least {FEWEST_AT_REST} different values", "too_little_noise"
+            )
 
     def _refuse_low(self) -> None:
         """Raise TableError for energies and rates below 0 by more than noise, and if no reading is above 0."""
@@ -235,9 +224,9 @@ class _Rows:
                 raise self._refused("negative", n, self.kind, value, expected)
         if not any(value > 0 for _, value in self._column(2)):
             raise TableError(
-                "{path}, column {column}: no reading is above 0; at least one receptor must respond",
-                code="none_above_zero", path=self.path, column=self.kind,
-            )  # fmt: skip
+                f"{self.path}, column {self.kind}: no reading is above 0; at least one receptor must respond",
+                "none_above_zero",
+            )
 
 
 MOST_SAMPLES = 400
@@ -257,17 +246,19 @@ def read_pressures(path: Path, spacing_mm: float = SPACING_MM) -> Array:
     unknown = [name for name in names if name not in ("pressure", *PLACES)]
     if "pressure" in names and unknown:
         raise TableError(
-            "{where}: the column {column!r} is unknown; the columns are pressure, and x_mm or place_mm if you like",
-            code="extra_column", where=where, column=unknown[0],
-        )  # fmt: skip
+            f"{where}: the column {unknown[0]!r} is unknown; the columns are pressure, and x_mm or place_mm if "
+            "you like",
+            "extra_column",
+        )
     place = [_one_of(where, names, PLACES)] if set(PLACES) & set(names) else []
     numbered = read_numbered(path, ("pressure", *place))
     for (before, _), (n, _) in pairwise(numbered):
         if n != before + 1:
             raise TableError(
-                "{path}, line {line}: has no pressure; each row is the next sample of skin: write 0, or delete it",
-                code="empty_row", path=str(path), line=before + 1,
-            )  # fmt: skip
+                f"{path}, line {before + 1}: has no pressure; each row is the next sample of skin: write 0, or "
+                "delete it",
+                "empty_row",
+            )
     if place:
         _refuse_other_places(path, place[0], [(n, row[1]) for n, row in numbered], spacing_mm)
     return checked_pressures([row[0] for _, row in numbered])
@@ -279,25 +270,18 @@ def _refuse_other_places(path: Path, column: str, numbered: Sequence[tuple[int, 
         expected_mm = spacing_mm * (k - middle)
         if abs(at - expected_mm) > _PLACED * spacing_mm:
             raise TableError(
-                "{path}, line {line}, column {column}: {value:g} must be {expected_mm:.3g}: pressures lie "
-                "{spacing_mm:g} mm apart along the skin (--spacing-mm), about the middle of the pad",
-                code="other_place", path=str(path), line=n, column=column, value=at, expected_mm=expected_mm + 0.0,
-                spacing_mm=spacing_mm,
-            )  # fmt: skip
+                f"{path}, line {n}, column {column}: {at:g} must be {expected_mm + 0.0:.3g}: pressures lie "
+                f"{spacing_mm:g} mm apart along the skin (--spacing-mm), about the middle of the pad",
+                "other_place",
+            )
 
 
 def checked_pressures(values: ArrayLike) -> Array:
     """Return 1 to 400 pressures as an (n,) array. Raises CodingError for more, none, or what is not finite or < 0."""
     pressure = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if not 1 <= len(pressure) <= MOST_SAMPLES:
-        raise CodingError(
-            "{pressure}: {numbers} samples; must be 1 to {most}",
-            code="wrong_count", pressure="pressure", numbers=len(pressure), most=MOST_SAMPLES,
-        )  # fmt: skip
+        raise CodingError(f"pressure: {len(pressure)} samples; must be 1 to {MOST_SAMPLES}", "wrong_count")
     wrong = pressure[~(np.isfinite(pressure) & (pressure >= 0))]
     if len(wrong):
-        raise CodingError(
-            "{pressure} {value:g}: pressures must be finite, and 0 or more",
-            code="negative", pressure="pressure", value=float(wrong[0]),
-        )  # fmt: skip
+        raise CodingError(f"pressure {float(wrong[0]):g}: pressures must be finite, and 0 or more", "negative")
     return pressure

@@ -36,12 +36,9 @@ class Readings:
         low = np.flatnonzero(sed < -LOWEST_SD * _positive(sd))
         if len(low):
             raise DecodingError(
-                "reading {number} is {sed:g}; SED must be above −{lowest_sd:g} sd of its noise, which is {sd:g}",
-                code="below_noise",
-                number=int(low[0]) + 1,
-                sed=float(sed[low[0]]),
-                lowest_sd=LOWEST_SD,
-                sd=sd,
+                f"reading {int(low[0]) + 1} is {float(sed[low[0]]):g}; SED must be above −{LOWEST_SD:g} sd of its "
+                f"noise, which is {sd:g}",
+                "below_noise",
             )
         return cls(sed, sd, np.zeros(len(sed), np.bool_))
 
@@ -49,7 +46,7 @@ class Readings:
     def of_rates(cls, rate: Array, receptor: Receptor, sd: float) -> "Readings":
         """Make readings of rates with noise before the receptors, sd in SED. Raises DecodingError below zero."""
         if (rate < 0).any():
-            raise DecodingError("rate {rate:g}: must not be negative", code="negative_rate", rate=float(rate.min()))
+            raise DecodingError(f"rate {float(rate.min()):g}: must not be negative", "negative_rate")
         return cls(rate / receptor.gain + receptor.threshold, _positive(sd), rate == 0)
 
     @classmethod
@@ -80,15 +77,13 @@ def sd_at_rest(unloaded: Array) -> float:
     """Estimate the noise sd from readings of unloaded receptors. Raises DecodingError for too few, or no noise."""
     if len(unloaded) < FEWEST_AT_REST or not np.isfinite(unloaded).all():
         raise DecodingError(
-            "{readings} readings at rest: at least {fewest} finite numbers are required",
-            code="too_few_at_rest",
-            readings=len(unloaded),
-            fewest=FEWEST_AT_REST,
+            f"{len(unloaded)} readings at rest: at least {FEWEST_AT_REST} finite numbers are required",
+            "too_few_at_rest",
         )
     return _positive(float(np.std(unloaded, ddof=1)))
 
 
 def _positive(sd: float) -> float:
     if not (np.isfinite(sd) and sd > 0):
-        raise DecodingError("noise sd {sd:g}: must be a positive number", code="noise_not_positive", sd=sd)
+        raise DecodingError(f"noise sd {sd:g}: must be a positive number", "noise_not_positive")
     return sd

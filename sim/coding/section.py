@@ -68,11 +68,8 @@ class SkinLine:
         beside = location[~((location >= low) & (location <= high))]
         if len(beside):
             raise ModelRangeError(
-                "place {place_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm on the skin of the pulp",
-                code="place_beside_pulp",
-                place_mm=float(beside[0]),
-                low_mm=low,
-                high_mm=high,
+                f"place {float(beside[0]):g} mm: must be {low:.2f} to {high:.2f} mm on the skin of the pulp",
+                "place_beside_pulp",
             )
         return np.asarray(self._angle(location))
 
@@ -99,11 +96,9 @@ class SkinLine:
         x = self.below(self.angles(reach), depth_mm)[:, X]
         if not x[0] <= x_mm <= x[-1]:
             raise ModelRangeError(
-                "x {x_mm:g} mm: must be {low_mm:.2f} to {high_mm:.2f} mm, below the skin of the pulp",
-                code="x_beside_pulp",
-                x_mm=float(x_mm),
-                low_mm=float(x[0]),
-                high_mm=float(x[-1]),
+                f"x {float(x_mm):g} mm: must be {float(x[0]):.2f} to {float(x[-1]):.2f} mm, below the skin of the "
+                "pulp",
+                "x_beside_pulp",
             )
         return float(np.interp(x_mm, x, reach))
 
@@ -219,9 +214,7 @@ def _material_about(config: FingertipConfig, columns: Columns, deep: str) -> Ela
     ratio = columns.young_ratio
     if (ratio != ratio[0]).any():
         raise ModelRangeError(
-            "receptors {depths} mm deep lie in several layers; all must lie in one",
-            code="several_layers",
-            depths=deep,
+            f"receptors {deep} mm deep lie in several layers; all must lie in one", "several_layers"
         )
     return Elastic(PSEUDO_E_EPIDERMIS * float(ratio[0]), config.tissue.poisson)
 

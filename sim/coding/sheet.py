@@ -212,10 +212,8 @@ def sheet_operator(skin_model: PressedSkin, grid: Grid, energy: Energy) -> Sheet
     if len(bare):
         x, z = grid.place_mm[bare[0]]
         raise ModelRangeError(
-            "pressure at x = {x_mm:.2f}, z = {z_mm:.2f} mm: must lie on the patch of the skin",
-            code="pressure_beside_patch",
-            x_mm=float(x),
-            z_mm=float(z),
+            f"pressure at x = {float(x):.2f}, z = {float(z):.2f} mm: must lie on the patch of the skin",
+            "pressure_beside_patch",
         )
     mixture = share / share.sum(axis=0)
     across, outward, along = skin_model.frames(nodes[:, X], nodes[:, Z])

@@ -387,7 +387,7 @@ def observe(task: DecodeTask) -> Observation:
 def decode_observation(observation: Observation, decoder: DecoderName, search: SearchOptions) -> DecodeResult:
     """Find the pressures. Raises CodingError for an invalid start, bounds or readings."""
     if not observation.responding.any():
-        raise CodingError("no reading exceeds its noise; at least one receptor must respond", code="all_noise")
+        raise CodingError("no reading exceeds its noise; at least one receptor must respond", "all_noise")
     if decoder == "bayes":
         return _bayes(observation, search.seed)
     upright = observation.operator.leaning(
@@ -427,9 +427,9 @@ def best_explained(observations: Sequence[Observation]) -> Observation:
 def _noise_of_readings(observation: Observation) -> ReadingNoise:
     if observation.noise is None:
         raise CodingError(
-            "{readings} requires a column sd or at_rest, since the decoder bayes uses the noise of the readings",
-            code="noise_unknown", readings="readings",
-        )  # fmt: skip
+            "readings requires a column sd or at_rest, since the decoder bayes uses the noise of the readings",
+            "noise_unknown",
+        )
     return observation.noise
 
 
@@ -480,15 +480,9 @@ def _start(observation: Observation, search: SearchOptions, within: PressureRang
         return np.full(n, float(np.clip(size, *within)))
     start = np.array(search.start)
     if len(start) not in (1, n):
-        raise CodingError(
-            "{start}: {numbers} numbers; must be 1 or {expected}",
-            code="wrong_count", start="start", numbers=len(start), expected=n,
-        )  # fmt: skip
+        raise CodingError(f"start: {len(start)} numbers; must be 1 or {n}", "wrong_count")
     if not ((start >= within.low) & (start <= within.high)).all():
-        raise CodingError(
-            "{start}: must lie within {bounds}, {low:g} to {high:g}",
-            code="outside_range", start="start", bounds="bounds", low=within.low, high=within.high,
-        )  # fmt: skip
+        raise CodingError(f"start: must lie within bounds, {within.low:g} to {within.high:g}", "outside_range")
     return np.full(n, start[0]) if len(start) == 1 else start
 
 
@@ -514,16 +508,10 @@ def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
     share = float(true.sum() * section.sampling.spacing_mm / (contact.normal * contact.width_mm).sum())
     if share < _HELD:
         raise CodingError(
-            "{shape} at x = {x_mm:g} mm: {held:.0%} of the force lies between {low_mm:.2f} and {high_mm:.2f} "
-            "mm, where pressures are estimated; at least {least:.0%} is required; move the indentor towards "
-            "x = 0",
-            code="beside_the_search",
-            shape="shape",
-            x_mm=press.x_mm,
-            held=share,
-            low_mm=float(operator.place_mm[0]),
-            high_mm=float(operator.place_mm[-1]),
-            least=_HELD,
+            f"shape at x = {press.x_mm:g} mm: {share:.0%} of the force lies between "
+            f"{float(operator.place_mm[0]):.2f} and {float(operator.place_mm[-1]):.2f} mm, where pressures are "
+            f"estimated; at least {_HELD:.0%} is required; move the indentor towards x = 0",
+            "beside_the_search",
         )
     return _encoded(task, encoder, contact.stacked, operator, true)
 
@@ -545,9 +533,9 @@ def _encoded(
     encoded = encode(encoder, load, receptor, task.noise)
     if not encoded.rate.max() > 0:
         raise CodingError(
-            "no receptor responds; raise the pressure, or lower {threshold} below the SED of the receptors",
-            code="all_silent", threshold="threshold",
-        )  # fmt: skip
+            "no receptor responds; raise the pressure, or lower threshold below the SED of the receptors",
+            "all_silent",
+        )
     return Observation(operator, encoded.rate, task.receptor, noise_of(encoded, receptor, task.noise), true)
 
 
@@ -571,10 +559,7 @@ def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
     _refuse_kind(task, readings)
     if readings.z_mm is not None:
         if task.decoder != "bayes":
-            raise CodingError(
-                "{readings} with a column z_mm requires {decoder} bayes",
-                code="sheet_not_decoded", readings="readings", decoder="decoder",
-            )  # fmt: skip
+            raise CodingError("readings with a column z_mm requires decoder bayes", "sheet_not_decoded")
         return Observation(
             _over_sheet(task, readings, readings.z_mm), readings.reading, task.receptor, _noise(task, readings)
         )
@@ -583,9 +568,9 @@ def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
     n = round((high - low) / task.sampling.spacing_mm)
     if n < 1:
         raise CodingError(
-            "{readings} over {length_mm:g} mm of skin: must span more than {least_mm:g} mm",
-            code="too_short", readings="readings", length_mm=high - low, least_mm=task.sampling.spacing_mm,
-        )  # fmt: skip
+            f"readings over {high - low:g} mm of skin: must span more than {task.sampling.spacing_mm:g} mm",
+            "too_short",
+        )
     if task.decoder == "bayes" and n >= FEWEST_FOR_CONTACTS:
         operator: ForwardOperator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
     else:
@@ -598,19 +583,16 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
     """Return one observation for each axial ellipse, with pressures in the receptor plane of the whole finger."""
     _refuse_kind(task, readings)
     if readings.z_mm is not None:
-        raise CodingError(
-            "{axial} applies to a row of receptors; remove it, or the column z_mm",
-            code="axial_of_sheet", axial="axial",
-        )  # fmt: skip
+        raise CodingError("axial applies to a row of receptors; remove it, or the column z_mm", "axial_of_sheet")
     row = receptor_row(task.finger, readings.place_mm, readings.depth_mm)
     low, high = _on_patch(readings, row.line.places(row.skin.nodes_mm[:, X]))
     n = round((high - low) / task.sampling.spacing_mm)
     if n < FEWEST_FOR_CONTACTS:
         least_mm = FEWEST_FOR_CONTACTS * task.sampling.spacing_mm
         raise CodingError(
-            "{axial} with a row over {length_mm:.2f} mm of skin: the row must span at least {least_mm:.2f} mm",
-            code="too_short", axial="axial", length_mm=high - low, least_mm=least_mm,
-        )  # fmt: skip
+            f"axial with a row over {high - low:.2f} mm of skin: the row must span at least {least_mm:.2f} mm",
+            "too_short",
+        )
     centre_mm = row.line.surface.apex.position_mm[Z]
     shapes = [AxialShape(half, centre_mm) for half in task.axial_mm]
     operators = row.under_each(shapes, np.linspace(low, high, n + 1), task.energy)
@@ -624,14 +606,13 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
 def _refuse_kind(task: DecodeTask, readings: FileReadings) -> None:
     if readings.kind == "rate" and task.receptor is None:
         raise CodingError(
-            "{readings} with a column {column} requires {gain} and {threshold}; add them",
-            code="receptor_mismatch", readings="readings", column=readings.kind, gain="gain", threshold="threshold",
-        )  # fmt: skip
+            f"readings with a column {readings.kind} requires gain and threshold; add them", "receptor_mismatch"
+        )
     if readings.kind != "rate" and task.receptor is not None:
         raise CodingError(
-            "{readings} with a column {column} contains SED, which takes no {threshold}; remove it",
-            code="receptor_mismatch", readings="readings", column=readings.kind, threshold="threshold",
-        )  # fmt: skip
+            f"readings with a column {readings.kind} contains SED, which takes no threshold; remove it",
+            "receptor_mismatch",
+        )
 
 
 def _on_patch(readings: FileReadings, place_mm: Array) -> tuple[float, float]:
@@ -655,15 +636,9 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
     n = int((high - low) / apart_mm + 1e-9) + 1
     if n < FEWEST_PLACES:
         raise CodingError(
-            "{readings}, {column}: the sheet spans {length_mm:.2f} mm; it must span at least {least_mm:g} mm "
-            "within ± {half_mm:g} mm of {middle_mm:.2f} mm",
-            code="too_short",
-            readings="readings",
-            column=name,
-            length_mm=high - low,
-            least_mm=(FEWEST_PLACES - 1) * apart_mm,
-            half_mm=GRID_MM,
-            middle_mm=middle_mm,
+            f"readings, {name}: the sheet spans {high - low:.2f} mm; it must span at least "
+            f"{(FEWEST_PLACES - 1) * apart_mm:g} mm within ± {GRID_MM:g} mm of {middle_mm:.2f} mm",
+            "too_short",
         )
     return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 

@@ -57,9 +57,7 @@ def solve_for_force(
         value = max(reached, 0.0) ** (1 / _EXPONENT)
         if reached < force:
             if doi >= deepest_mm:
-                raise ForceNotReachedError(
-                    "not reached at the largest DOI allowed, {deepest_mm:g} mm", deepest_mm=deepest_mm
-                )
+                raise ForceNotReachedError(f"not reached at the largest DOI allowed, {deepest_mm:g} mm")
             if refused and high - doi < _NO_CLOSER_MM:
                 raise refused
             low, f_low = doi, value

@@ -124,13 +124,9 @@ class HeightMap(Indentor):
         x, z, height = (np.array(numbers_of(name, values)) for name, values in named.items())
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
             raise HeightMapError(
-                "{name}: heights of shape {shape} over {n_x} x and {n_z} z: must have the shape {expected}",
-                code="heights_unlike_grid",
-                name=name,
-                shape=height.shape,
-                n_x=x.size,
-                n_z=z.size,
-                expected=(z.size, x.size),
+                f"{name}: heights of shape {height.shape} over {x.size} x and {z.size} z: must have the shape "
+                f"{(z.size, x.size)}",
+                "heights_unlike_grid",
             )
         _refuse_size(name, *height.shape)
         for axis, positions in (("x", x), ("z", z)):
@@ -139,14 +135,9 @@ class HeightMap(Indentor):
         if len(missing):
             k, i = missing[0]
             raise HeightMapError(
-                "{name}: no height at x = {x_mm:g}, z = {z_mm:g} mm ({missing} of {points} points); every "
-                "point must have a finite height",
-                code="missing_height",
-                name=name,
-                x_mm=float(x[i]),
-                z_mm=float(z[k]),
-                missing=len(missing),
-                points=height.size,
+                f"{name}: no height at x = {float(x[i]):g}, z = {float(z[k]):g} mm ({len(missing)} of "
+                f"{height.size} points); every point must have a finite height",
+                "missing_height",
             )
         refuse_far(name, "height", height)
         height = height * away_from_skin(name, raised, 'raised="{}"')
@@ -194,7 +185,7 @@ class HeightMap(Indentor):
             If it is turned already.
         """
         if self.turn_deg:
-            raise ArgumentError("it is turned already", code="turned_already")
+            raise ArgumentError("it is turned already", "turned_already")
         return replace(self, name=self.name + turn_suffix(turn_deg), turn_deg=turn_deg)
 
     @cached_property
@@ -360,22 +351,16 @@ class HeightMap(Indentor):
         below = float(self.height_mm.min()) - self._lowest_mm
         if steepest > STEEPEST_OF_A_MAP:
             raise HeightMapError(
-                "{name}: a slope of {slope:.3g}, {slope_deg:.1f}° (an overhang, a wall or a wrong spacing); "
-                "at most {most:g} is allowed; round the edges with edge_mm",
-                code="too_steep",
-                name=self.name,
-                slope=steepest,
-                slope_deg=float(np.degrees(np.arctan(steepest))),
-                most=STEEPEST_OF_A_MAP,
+                f"{self.name}: a slope of {steepest:.3g}, {float(np.degrees(np.arctan(steepest))):.1f}° (an "
+                f"overhang, a wall or a wrong spacing); at most {STEEPEST_OF_A_MAP:g} is allowed; round the edges "
+                "with edge_mm",
+                "too_steep",
             )
         if below > _UNDERSHOOT * relief:
             raise HeightMapError(
-                "{name}: between its points the surface would reach {below_mm:.2g} mm below the lowest "
-                "point, of {relief_mm:.2g} mm in all; use a finer map, or round the edges with edge_mm",
-                code="swings_below",
-                name=self.name,
-                below_mm=below,
-                relief_mm=relief,
+                f"{self.name}: between its points the surface would reach {below:.2g} mm below the lowest point, "
+                f"of {relief:.2g} mm in all; use a finer map, or round the edges with edge_mm",
+                "swings_below",
             )
 
 
@@ -407,21 +392,11 @@ def _angle(slope: Array, other: Array) -> Array:
 def _refuse_size(name: str, rows: int, columns: int) -> None:
     if min(rows, columns) < LEAST_POINTS:
         raise HeightMapError(
-            "{name}: {columns} × {rows} points; at least {least} × {least} are required",
-            code="too_small",
-            name=name,
-            columns=columns,
-            rows=rows,
-            least=LEAST_POINTS,
+            f"{name}: {columns} × {rows} points; at least {LEAST_POINTS} × {LEAST_POINTS} are required", "too_small"
         )
     if rows * columns > MOST_POINTS:
         raise HeightMapError(
-            "{name}: {columns} × {rows} points; at most {most} in all are allowed",
-            code="too_large",
-            name=name,
-            columns=columns,
-            rows=rows,
-            most=MOST_POINTS,
+            f"{name}: {columns} × {rows} points; at most {MOST_POINTS} in all are allowed", "too_large"
         )
 
 
@@ -430,12 +405,9 @@ def away_from_skin(name: str, raised: str, as_written: str) -> float:
     if raised not in RAISED:
         high, low = (as_written.format(word) for word in RAISED)
         raise HeightMapError(
-            "{name}: the numbers do not tell which side is up; add {high} if the largest touch the skin first "
-            "(raised dots), or {low} if the smallest do",
-            code="which_side_is_up",
-            name=name,
-            high=high,
-            low=low,
+            f"{name}: the numbers do not tell which side is up; add {high} if the largest touch the skin first "
+            f"(raised dots), or {low} if the smallest do",
+            "which_side_is_up",
         )
     return -1.0 if raised == "high" else 1.0
 
@@ -445,12 +417,7 @@ def refuse_far(name: str, what: str, values: Array) -> None:
     far = values[np.isfinite(values) & (np.abs(values) > _FARTHEST_MM)]
     if len(far):
         raise HeightMapError(
-            "{name}: {what} = {value_mm:g} mm: must lie within ± {most_mm:g} mm",
-            code="too_far",
-            name=name,
-            what=what,
-            value_mm=float(far[0]),
-            most_mm=_FARTHEST_MM,
+            f"{name}: {what} = {float(far[0]):g} mm: must lie within ± {_FARTHEST_MM:g} mm", "too_far"
         )
 
 
@@ -459,16 +426,11 @@ def refuse_uneven(name: str, axis: str, positions: Array) -> None:
     refuse_far(name, axis, positions)
     steps = np.diff(positions)
     if not np.isfinite(positions).all() or not (steps > _LEAST_STEP_MM).all():
-        raise HeightMapError("{name}: {axis} must rise", code="axis_not_rising", name=name, axis=axis)
+        raise HeightMapError(f"{name}: {axis} must rise", "axis_not_rising")
     worst = int(np.argmax(np.abs(steps - steps.mean())))
     if abs(steps[worst] - steps.mean()) > _UNEVEN * steps.mean():
         raise HeightMapError(
-            "{name}: {axis} changes from {from_mm:g} to {to_mm:g} mm but by {step_mm:.4g} mm elsewhere; the "
-            "spacing must be even",
-            code="uneven_spacing",
-            name=name,
-            axis=axis,
-            from_mm=float(positions[worst]),
-            to_mm=float(positions[worst + 1]),
-            step_mm=float(steps.mean()),
+            f"{name}: {axis} changes from {float(positions[worst]):g} to {float(positions[worst + 1]):g} mm but "
+            f"by {float(steps.mean()):.4g} mm elsewhere; the spacing must be even",
+            "uneven_spacing",
         )

@@ -208,12 +208,9 @@ class _OfProfile(Indentor):
             return stated < SHARP_RADIUS_MM
         warnings.warn(
             ShapeWarning(
-                "{name}: sharpest_radius_mm is {said_mm:g} mm, but the profile turns within "
-                "{measured_mm:.3g} mm; using the measured value",
-                code="other_radius",
-                name=self.name,
-                said_mm=stated,
-                measured_mm=measured,
+                f"{self.name}: sharpest_radius_mm is {stated:g} mm, but the profile turns within {measured:.3g} mm; "
+                "using the measured value",
+                "other_radius",
             ),
             stacklevel=2,
         )
@@ -260,9 +257,9 @@ class Prismatic(_OfProfile):
     def turned(self, turn_deg: float) -> "Prismatic":
         """Turn a shape that lies along the finger. Raises ArgumentError for any other, and for a plane."""
         if not self.placed_by:
-            raise ArgumentError("it is the same everywhere and cannot be turned", code="same_everywhere")
+            raise ArgumentError("it is the same everywhere and cannot be turned", "same_everywhere")
         if self.axes != ALONG or self.direction != (1.0,):
-            raise ArgumentError("only a shape that lies along the finger can be turned", code="not_along")
+            raise ArgumentError("only a shape that lies along the finger can be turned", "not_along")
         turn = 180.0 - (180.0 - turn_deg) % 360.0  # above −180 to 180
         quarters = {0.0: (ALONG, 1.0), 90.0: (ACROSS, 1.0), 180.0: (ALONG, -1.0), -90.0: (ACROSS, -1.0)}
         if turn in quarters:
@@ -301,7 +298,7 @@ class Revolved(_OfProfile):
 
     def turned(self, turn_deg: float) -> Indentor:
         """Raise ArgumentError: a round shape cannot be turned."""
-        raise ArgumentError("it is round and cannot be turned", code="round")
+        raise ArgumentError("it is round and cannot be turned", "round")
 
     def _arm(self, offset_mm: Array) -> tuple[Array, Array]:
         from sim.contact.compiled import profile_curves

@@ -39,7 +39,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
     readers = {".png": _picture, ".npy": _array, ".csv": _table}
     suffix = Path(file).suffix.lower()
     if suffix not in readers:
-        raise HeightMapError("{name}: must be a file named .png, .npy or .csv", code="unknown_suffix", name=where)
+        raise HeightMapError(f"{where}: must be a file named .png, .npy or .csv", "unknown_suffix")
     x, z, height = readers[suffix](where, file, settings)
     if min(height.shape) > 1:
         for axis, positions in (("x", x), ("z", z)):
@@ -74,11 +74,8 @@ def _edge_mm(where: str, settings: Mapping[str, str], least_mm: float, *, pictur
     edge_mm = _number(where, settings, "edge_mm")
     if 0 < edge_mm < (1 - 1e-9) * least_mm:
         raise HeightMapError(
-            "{name}: edge_mm={edge_mm:g}: must be 0, or at least {least_mm:.3g} mm for this spacing",
-            code="edge_too_small",
-            name=where,
-            edge_mm=edge_mm,
-            least_mm=float(least_mm),
+            f"{where}: edge_mm={edge_mm:g}: must be 0, or at least {float(least_mm):.3g} mm for this spacing",
+            "edge_too_small",
         )
     return edge_mm
 
@@ -89,11 +86,9 @@ def _parse_options(where: str, options: Sequence[str]) -> dict[str, str]:
         key, _, value = option.partition("=")
         if key in settings or key not in (*_OPTIONS, "raised"):
             raise HeightMapError(
-                "{name}: the option {option} is unknown or repeated; use {options} or raised, each once",
-                code="unknown_option",
-                name=where,
-                option=option,
-                options=", ".join(_OPTIONS),
+                f"{where}: the option {option} is unknown or repeated; use {', '.join(_OPTIONS)} or raised, each "
+                "once",
+                "unknown_option",
             )
         settings[key] = value
     return settings
@@ -113,15 +108,7 @@ def _number(where: str, settings: Mapping[str, str], key: str) -> float:
     except ValueError:
         value = float("nan")
     if not low <= value <= high:
-        raise HeightMapError(
-            "{name}: {key}={value}: must be {low_mm:g} to {high_mm:g} mm",
-            code="option_out_of_range",
-            name=where,
-            key=key,
-            value=settings[key],
-            low_mm=low,
-            high_mm=high,
-        )
+        raise HeightMapError(f"{where}: {key}={settings[key]}: must be {low:g} to {high:g} mm", "option_out_of_range")
     return value
 
 
@@ -131,16 +118,12 @@ def _required(
     """Return the values of the required options; raise HeightMapError for options that do not apply."""
     for key in needed:
         if key not in settings:
-            raise HeightMapError("{name} requires {key}=…; add it", code="option_missing", name=where, key=key)
+            raise HeightMapError(f"{where} requires {key}=…; add it", "option_missing")
     for key in settings:
         if key not in (*needed, *allowed, "edge_mm"):
             takes = ", ".join([*needed, *allowed, "edge_mm"])
             raise HeightMapError(
-                "{name}: {key} does not apply to this type of file; use {options}",
-                code="option_of_no_use",
-                name=where,
-                key=key,
-                options=takes,
+                f"{where}: {key} does not apply to this type of file; use {takes}", "option_of_no_use"
             )
     return [_number(where, settings, key) for key in needed]
 
@@ -150,13 +133,7 @@ def _picture(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array,
     width_mm, height_mm = _required(where, settings, ("width_mm", "height_mm"), ("raised",))
     raised = settings.get("raised", RAISED_IN_PICTURES[0])
     if raised not in RAISED_IN_PICTURES:
-        raise HeightMapError(
-            "{name}: raised={raised}: must be {choices}",
-            code="unknown_raised",
-            name=where,
-            raised=raised,
-            choices=" or ".join(RAISED_IN_PICTURES),
-        )
+        raise HeightMapError(f"{where}: raised={raised}: must be {' or '.join(RAISED_IN_PICTURES)}", "unknown_raised")
     light = _grey(where, file)
     away = light if raised == "dark" else 1 - light
     return _centered(height_mm * away, width_mm / light.shape[1])
@@ -174,12 +151,8 @@ def _grey(where: str, file: str) -> Array:
         ):
             if image.width * image.height > MOST_POINTS:
                 raise HeightMapError(
-                    "{name}: {columns} × {rows} pixels; at most {most} in all are allowed",
-                    code="too_many_pixels",
-                    name=where,
-                    columns=image.width,
-                    rows=image.height,
-                    most=MOST_POINTS,
+                    f"{where}: {image.width} × {image.height} pixels; at most {MOST_POINTS} in all are allowed",
+                    "too_many_pixels",
                 )
             if image.mode.startswith("I"):  # 16 bits
                 return np.asarray(image, dtype=np.float64) / 65535
@@ -196,7 +169,7 @@ def _grey(where: str, file: str) -> Array:
 
 
 def _no_picture(where: str, problem: str) -> HeightMapError:
-    return HeightMapError("{name}: {problem}; must be a PNG file", code="no_picture", name=where, problem=problem)
+    return HeightMapError(f"{where}: {problem}; must be a PNG file", "no_picture")
 
 
 def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, Array, Array]:
@@ -206,20 +179,12 @@ def _array(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         height = np.load(file, mmap_mode="r", allow_pickle=False)
     except Exception as error:  # NumPy raises whatever the text of a wrong header leads to
         what = getattr(error, "strerror", None) or "not an array"
-        raise HeightMapError(
-            "{name}: {problem}; must be a NumPy file of numbers", code="no_array", name=where, problem=what
-        ) from None
+        raise HeightMapError(f"{where}: {what}; must be a NumPy file of numbers", "no_array") from None
     if not isinstance(height, np.ndarray) or height.ndim != 2 or height.dtype.kind not in "iuf":
-        raise HeightMapError(
-            "{name}: must contain numbers in rows and columns, heights in mm", code="no_heights", name=where
-        )
+        raise HeightMapError(f"{where}: must contain numbers in rows and columns, heights in mm", "no_heights")
     if height.size > MOST_POINTS:
         raise HeightMapError(
-            "{name}: {points} points; at most {most} in all are allowed",
-            code="too_many_heights",
-            name=where,
-            points=height.size,
-            most=MOST_POINTS,
+            f"{where}: {height.size} points; at most {MOST_POINTS} in all are allowed", "too_many_heights"
         )
     return _centered(np.array(height, dtype=np.float64), spacing_mm)
 
@@ -240,9 +205,7 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         lines = [line.strip() for line in lines_of(file, most=MOST_BYTES)]
     except (OSError, UnicodeDecodeError) as error:
         what = getattr(error, "strerror", None) or "not text"
-        raise HeightMapError(
-            "{name}: {problem}; must be a CSV file", code="no_text", name=where, problem=what
-        ) from None
+        raise HeightMapError(f"{where}: {what}; must be a CSV file", "no_text") from None
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in settings:
         raise HeightMapError(
@@ -262,12 +225,7 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         if len(row) != (3 if points else len(rows[0])):
             expected = 3 if points else len(rows[0])
             raise HeightMapError(
-                "{name}, row {row} of numbers: {numbers} numbers; must be {expected}",
-                code="map_row_length",
-                name=where,
-                row=n + 1,
-                numbers=len(row),
-                expected=expected,
+                f"{where}, row {n + 1} of numbers: {len(row)} numbers; must be {expected}", "map_row_length"
             )
     if points:
         _required(where, settings, (), ("raised",))
@@ -277,9 +235,7 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
 
 
 def _too_many(where: str) -> HeightMapError:
-    return HeightMapError(
-        "{name}: more than {most} points; use a coarser map", code="too_many_numbers", name=where, most=MOST_POINTS
-    )
+    return HeightMapError(f"{where}: more than {MOST_POINTS} points; use a coarser map", "too_many_numbers")
 
 
 def _numbers(where: str, line: int, text: str) -> list[float]:
@@ -302,7 +258,7 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
 def _gridded(where: str, points: Array) -> tuple[Array, Array, Array]:
     """Sort points into a grid, one for every location."""
     if not np.isfinite(points[:, :2]).all():
-        raise HeightMapError("{name}: every x_mm and z_mm must be a number", code="no_place", name=where)
+        raise HeightMapError(f"{where}: every x_mm and z_mm must be a number", "no_place")
     (x, i), (z, k) = (np.unique(points[:, axis], return_inverse=True) for axis in (0, 1))
     there, first, count = np.unique(k * len(x) + i, return_index=True, return_counts=True)  # row by row
     overhangs, holes = np.flatnonzero(count > 1), len(z) * len(x) - len(there)

@@ -96,22 +96,15 @@ class MeasuredProfile:
         x, height = numbers_of("x_mm", x_mm), numbers_of("height_mm", height_mm)
         if x.ndim != 1 or x.shape != height.shape:
             raise ProfileError(
-                "profile {name}: {heights} heights for {x} values of x_mm; the numbers must be equal",
-                code="heights_unlike_x",
-                name=name,
-                heights=height.shape,
-                x=x.shape,
+                f"profile {name}: {height.shape} heights for {x.shape} values of x_mm; the numbers must be equal",
+                "heights_unlike_x",
             )
         points = np.stack([x, height], axis=1)
         if not np.isfinite(points).all():
             row = int(np.argmin(np.isfinite(points).all(axis=1)))
             raise ProfileError(
-                "profile {name}, point {point}: {x_mm:g} and {height_mm:g} must be finite numbers",
-                code="point_of_no_numbers",
-                name=name,
-                point=row,
-                x_mm=float(x[row]),
-                height_mm=float(height[row]),
+                f"profile {name}, point {row}: {float(x[row]):g} and {float(height[row]):g} must be finite numbers",
+                "point_of_no_numbers",
             )
         return cls._checked(name, points, linear)
 
@@ -119,28 +112,18 @@ class MeasuredProfile:
     def _checked(cls, path: str, points: Array, linear: bool) -> "MeasuredProfile":
         """Make a profile of (n, 2) points, the lowest at height zero. Raises ProfileError."""
         if len(points) < 2:
-            raise ProfileError(
-                "profile {name}: {points} points; at least two are required",
-                code="too_few_points",
-                name=path,
-                points=len(points),
-            )
+            raise ProfileError(f"profile {path}: {len(points)} points; at least two are required", "too_few_points")
         backwards = np.flatnonzero(np.diff(points[:, 0]) <= 0)
         if len(backwards):
             raise ProfileError(
-                "profile {name}: x_mm must rise; it does not after {x_mm:g} mm",
-                code="x_not_rising",
-                name=path,
-                x_mm=float(points[backwards[0], 0]),
+                f"profile {path}: x_mm must rise; it does not after {float(points[backwards[0], 0]):g} mm",
+                "x_not_rising",
             )
         width_mm = float(points[-1, 0] - points[0, 0])
         if width_mm > WIDEST_MM:
             raise ProfileError(
-                "profile {name}: x_mm spans {width_mm:g} mm; lengths are in mm, and at most {widest_mm:g} mm wide",
-                code="too_wide",
-                name=path,
-                width_mm=width_mm,
-                widest_mm=WIDEST_MM,
+                f"profile {path}: x_mm spans {width_mm:g} mm; lengths are in mm, and at most {WIDEST_MM:g} mm wide",
+                "too_wide",
             )
         heights = points[:, 1] - points[:, 1].min()
         return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
@@ -236,17 +219,12 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
         rows = list(csv.reader(lines_of(path, most=MOST_TABLE_BYTES)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         what = getattr(error, "strerror", None) or error
-        raise ProfileError(
-            "profile {name}: {problem}; must be a CSV file", code="profile_unreadable", name=path, problem=str(what)
-        ) from None
+        raise ProfileError(f"profile {path}: {what}; must be a CSV file", "profile_unreadable") from None
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
+        header = ",".join(rows[0])[:_SHOWN] if rows else ""
         raise ProfileError(
-            "profile {name}, line {line}: must be {columns}, separated by a comma, not {header!r}",
-            code="profile_columns",
-            name=path,
-            line=1,
-            columns=",".join(COLUMNS),
-            header=",".join(rows[0])[:_SHOWN] if rows else "",
+            f"profile {path}, line {1}: must be {','.join(COLUMNS)}, separated by a comma, not {header!r}",
+            "profile_columns",
         )
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)
     return MeasuredProfile._checked(path, points, linear)
@@ -255,12 +233,7 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
 def _point(path: str, line: int, row: list[str]) -> list[float]:
     if len(row) != len(COLUMNS):
         raise ProfileError(
-            "profile {name}, line {line}: {numbers} numbers; must be {expected}",
-            code="profile_row_length",
-            name=path,
-            line=line,
-            expected=len(COLUMNS),
-            numbers=len(row),
+            f"profile {path}, line {line}: {len(row)} numbers; must be {len(COLUMNS)}", "profile_row_length"
         )
     values = []
     for name, cell in zip(COLUMNS, row, strict=True):
@@ -270,12 +243,7 @@ def _point(path: str, line: int, row: list[str]) -> list[float]:
             value = float("nan")
         if not is_number(value):
             raise ProfileError(
-                "profile {name}, line {line}, column {column}: {cell!r} must be a number",
-                code="profile_number",
-                name=path,
-                line=line,
-                column=name,
-                cell=cell.strip(),
+                f"profile {path}, line {line}, column {name}: {cell.strip()!r} must be a number", "profile_number"
             )
         values.append(value)
     return values

@@ -67,22 +67,12 @@ def parse_shape(text: str) -> Indentor:
     """
     kind, _, argument = text.partition(":")
     if kind == "point":
-        raise ShapeError(
-            "shape {shape!r}: a point load has no contact; choose {expected}",
-            code="point_load",
-            shape=text,
-            expected=EXPECTED,
-        )
+        raise ShapeError(f"shape {text!r}: a point load has no contact; choose {EXPECTED}", "point_load")
     turned = _TURN.fullmatch(text)
     if turned is not None:
         return _turned(text, turned[1] + turned[3], turned[2])
     if kind not in _KINDS:
-        raise ShapeError(
-            "shape {shape!r}: there is no such indentor; choose {expected}",
-            code="no_such",
-            shape=text,
-            expected=EXPECTED,
-        )
+        raise ShapeError(f"shape {text!r}: there is no such indentor; choose {EXPECTED}", "no_such")
     return _KINDS[kind](text, argument)
 
 
@@ -181,11 +171,7 @@ def with_file_beside(folder: Path, text: str) -> str:
         if (place / file).is_file():
             return with_file(text, str(place / file))
     raise ShapeError(
-        "shape {shape!r}: there is no file {file} in {folders}",
-        code="shape_file_missing",
-        shape=text,
-        file=file,
-        folders=" or ".join(map(str, places)),
+        f"shape {text!r}: there is no file {file} in {' or '.join(map(str, places))}", "shape_file_missing"
     )
 
 
@@ -204,27 +190,19 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
         turn_deg = float("nan")
     if not abs(turn_deg) <= 360.0:
         raise ShapeError(
-            "shape {shape!r}: turn_deg = {turn}: must be an angle within ± 360 degrees",
-            code="turn_out_of_range",
-            shape=text,
-            turn=turn,
+            f"shape {text!r}: turn_deg = {turn}: must be an angle within ± 360 degrees", "turn_out_of_range"
         )
     try:
         return parse_shape(shape).turned(turn_deg)
     except ShapeError:
         raise
     except ArgumentError as error:
-        raise ShapeError(
-            "shape {shape!r}: {problem}; remove across and turn_deg",
-            code=error.code,
-            shape=text,
-            problem=str(error),
-        ) from None
+        raise ShapeError(f"shape {text!r}: {error}; remove across and turn_deg", error.code) from None
 
 
 def _step(text: str, argument: str) -> Indentor:
     if argument not in STEP_HALF_WAVELENGTH_MM:
-        raise ShapeError("shape {shape!r}: must be step:1, step:3 or step:5", code="no_such_step", shape=text)
+        raise ShapeError(f"shape {text!r}: must be step:1, step:3 or step:5", "no_such_step")
     return Indentor.along(SinusoidalStep(argument))
 
 
@@ -244,7 +222,7 @@ def _wedge(text: str, argument: str) -> Indentor:
 def _grating(text: str, argument: str) -> Indentor:
     ridge, comma, pitch = argument.partition(",")
     if not comma:
-        raise ShapeError("shape {shape!r}: must be grating:RIDGE,PITCH in mm", code="no_pitch", shape=text)
+        raise ShapeError(f"shape {text!r}: must be grating:RIDGE,PITCH in mm", "no_pitch")
     ridge_mm = _number(text, ridge, "ridge", "mm", 0.15, 10.0)
     return Indentor.along(Grating(ridge_mm, _number(text, pitch, "pitch", "mm", ridge_mm + 0.05, 20.0)))
 
@@ -259,9 +237,7 @@ def _profile(text: str, argument: str) -> Indentor:
 def _height_map(text: str, argument: str) -> Indentor:
     found = _FILE.fullmatch(text)
     if found is None or not argument:
-        raise ShapeError(
-            "shape {shape!r}: must be heightmap:FILE.png|npy|csv followed by its scale", code="no_file", shape=text
-        )
+        raise ShapeError(f"shape {text!r}: must be heightmap:FILE.png|npy|csv followed by its scale", "no_file")
     try:
         return read_height_map(found[2], [option for option in found[3].split(",") if option])
     except HeightMapError as error:
@@ -287,11 +263,7 @@ def _cone(text: str, argument: str) -> Indentor:
 
 def _line(text: str, argument: str) -> Indentor:
     if argument:
-        raise ShapeError(
-            "shape {shape!r}: must be line, without a dimension; its position is z",
-            code="line_with_number",
-            shape=text,
-        )
+        raise ShapeError(f"shape {text!r}: must be line, without a dimension; its position is z", "line_with_number")
     return Prismatic("line", Bar(LINE_THICKNESS_MM, 0.5 * LINE_THICKNESS_MM), ACROSS)
 
 
@@ -328,22 +300,9 @@ def _number(text: str, argument: str, what: str, unit: str, low: float, high: fl
     try:
         value = float(argument)
     except ValueError:
-        raise ShapeError(
-            "shape {shape!r}: must have a {dimension} in {unit} after the colon",
-            code="no_dimension",
-            shape=text,
-            dimension=what,
-            unit=unit,
-        ) from None
+        raise ShapeError(f"shape {text!r}: must have a {what} in {unit} after the colon", "no_dimension") from None
     if not low <= value <= high:
         raise ShapeError(
-            "shape {shape!r}: {dimension} {value:g} {unit}: must be {low:g} to {high:g} {unit}",
-            code="dimension_out_of_range",
-            shape=text,
-            dimension=what,
-            value=value,
-            unit=unit,
-            low=low,
-            high=high,
+            f"shape {text!r}: {what} {value:g} {unit}: must be {low:g} to {high:g} {unit}", "dimension_out_of_range"
         )
     return value

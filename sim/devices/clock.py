@@ -49,7 +49,7 @@ class EventQueue:
     def push(self, t_s: float, action: Callable[[], None]) -> Handle:
         """Schedule a call. Raises ArgumentError unless t_s is finite."""
         if not math.isfinite(t_s):
-            raise ArgumentError("an event requires a finite time, got {t_s}", code="endless_time", t_s=t_s)
+            raise ArgumentError(f"an event requires a finite time, got {t_s}", "endless_time")
         event = _Event(action)
         self._count += 1
         heapq.heappush(self._heap, (t_s, self._count, event))
@@ -108,7 +108,7 @@ class VirtualClock:
         Raises RuntimeError where no event could end the wait.
         """
         if math.isnan(deadline_s):
-            raise ArgumentError("the deadline of a wait must be a number", code="no_deadline", deadline_s=deadline_s)
+            raise ArgumentError("the deadline of a wait must be a number", "no_deadline")
         while not ready():
             if not self._run_next(deadline_s):
                 return self._stand_at(deadline_s, ready)

@@ -420,11 +420,7 @@ def leadshine_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpe
     """Return both drives on one line, whichever ports the real ones use. Raises TwinError."""
     x, z = spec.own["x"], spec.own["z"]
     if x["device_id"] == z["device_id"]:
-        raise TwinError(
-            "drives: the virtual drives share one port; give each another device id",
-            code="same_device_id",
-            device_id=x["device_id"],
-        )
+        raise TwinError("drives: the virtual drives share one port; give each another device id", "same_device_id")
     pair = DrivePair(_drive(scheduler, spec, "x", x), _drive(scheduler, spec, "z", z))
     ModbusBus(scheduler, line, {x["device_id"]: pair.x, z["device_id"]: pair.z}, framing=spec.framing)
     return pair

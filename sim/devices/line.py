@@ -40,7 +40,7 @@ class SerialLine:
 
     def __init__(self, scheduler: Scheduler, baud: float) -> None:
         if not baud > 0:
-            raise ArgumentError("baud {baud}: must be positive", code="bad_baud", baud=baud)
+            raise ArgumentError(f"baud {baud}: must be positive", "bad_baud")
         self._to_device = _OneWay(scheduler, baud)
         self._to_host = _OneWay(scheduler, baud)
         self._arrived = bytearray()

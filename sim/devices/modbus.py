@@ -39,7 +39,7 @@ class RegisterFault(SimError):  # noqa: N818
     default_code = "register_fault"
 
     def __init__(self, number: int) -> None:
-        super().__init__("Modbus exception {number}", number=number)
+        super().__init__(f"Modbus exception {number}")
         self.number = number
 
 

@@ -356,7 +356,7 @@ def tmcl_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) ->
     units = TmclUnits(own["speed_unit"], own["acceleration_unit"])
     places: dict[str, tuple[int, int]] = {name: (own[name]["address"], own[name]["motor"]) for name in "xz"}
     if places["x"] == places["z"]:
-        raise TwinError("tmcl: x and z have one address and motor; give each its own", code="same_axis")
+        raise TwinError("tmcl: x and z have one address and motor; give each its own", "same_axis")
     axes = {name: _axis(scheduler, units, spec, name, own[name]) for name in "xz"}
     modules: dict[int, dict[int, VirtualTmclAxis]] = {}
     for name, (address, number) in places.items():

@@ -411,7 +411,7 @@ def zaber_twin(scheduler: Scheduler, line: SerialLine, spec: VirtualStageSpec) -
     units = ZaberUnits(own["speed_unit"], own["acceleration_unit"])
     places = {name: (own[name]["address"], own[name]["axis"]) for name in "xz"}
     if places["x"] == places["z"]:
-        raise TwinError("zaber: x and z have one address and axis; give each its own", code="same_axis")
+        raise TwinError("zaber: x and z have one address and axis; give each its own", "same_axis")
     axes = {name: _axis(scheduler, units, spec, name, own[name]) for name in "xz"}
     devices: dict[int, dict[int, VirtualZaberAxis]] = {}
     for name, (address, number) in places.items():

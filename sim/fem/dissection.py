@@ -35,7 +35,7 @@ class IndefiniteError(SimError, ValueError):
     default_code = "not_positive_definite"
 
     def __init__(self, minor: int) -> None:
-        super().__init__("the matrix is not positive definite (leading minor {minor})", minor=minor)
+        super().__init__(f"the matrix is not positive definite (leading minor {minor})")
 
 
 def inverse_spd(matrix: Array) -> Array:

@@ -70,10 +70,8 @@ def axial_places(config: FingertipConfig) -> tuple[Array, NDArray[np.bool_]]:
     fine = middle + np.arange(-n, n + 1) * spacing
     if fine[0] < 0.5 or fine[-1] > length - 0.5:
         raise MeshError(
-            "patch_z_mm = {patch_z_mm}: the patch leaves the finger, z = 0 to {length_mm} mm; reduce patch_z_mm",
-            code="patch_leaves_finger",
-            patch_z_mm=mesh.patch_z_mm,
-            length_mm=length,
+            f"patch_z_mm = {mesh.patch_z_mm}: the patch leaves the finger, z = 0 to {length} mm; reduce patch_z_mm",
+            "patch_leaves_finger",
         )
     below = fine[0] - _graded(mesh, spacing, fine[0])
     above = fine[-1] + _graded(mesh, spacing, length - fine[-1])
@@ -98,13 +96,10 @@ def angles_around(config: FingertipConfig, surface: FingertipSurface) -> tuple[A
     angles = surface.angle_at(sides, config.receptor_plane_mm)
     if np.abs(surface.section(angles, config.receptor_plane_mm)[0] - sides).max() > 1e-6:
         raise MeshError(
-            "patch_x_mm = {patch_x_mm}: the patch leaves the pulp, x = {low_mm:.2f} to {high_mm:.2f} mm in "
-            "the receptor plane, z = {z_mm:.2f} mm; reduce patch_x_mm",
-            code="patch_leaves_pulp",
-            patch_x_mm=mesh.patch_x_mm,
-            low_mm=float(x.min()),
-            high_mm=float(x.max()),
-            z_mm=config.receptor_plane_mm,
+            f"patch_x_mm = {mesh.patch_x_mm}: the patch leaves the pulp, x = {float(x.min()):.2f} to "
+            f"{float(x.max()):.2f} mm in the receptor plane, z = {config.receptor_plane_mm:.2f} mm; reduce "
+            "patch_x_mm",
+            "patch_leaves_pulp",
         )
     edges = np.interp(angles, table, arc)
     right = int(np.ceil((apex - edges[0]) / mesh.spacing_mm - 1e-9))
@@ -213,12 +208,9 @@ def _radial_fractions(mesh: MeshSpec, tissue: Tissue, depth_mm: float) -> tuple[
     below = depth_mm - top
     if top > _DEEPEST_DERMIS * depth_mm:
         raise MeshError(
-            "epidermis + dermis = {skin_mm:.2f} mm leave no fat above the bone, {bone_mm:.2f} mm below the "
-            "skin; at most {most_mm:.2f} mm is allowed",
-            code="no_fat",
-            skin_mm=top,
-            bone_mm=float(depth_mm),
-            most_mm=float(_DEEPEST_DERMIS * depth_mm),
+            f"epidermis + dermis = {top:.2f} mm leave no fat above the bone, {float(depth_mm):.2f} mm below the "
+            f"skin; at most {float(_DEEPEST_DERMIS * depth_mm):.2f} mm is allowed",
+            "no_fat",
         )
     steps, x = [], 0.0
     step = mesh.dermis_spacing_mm
@@ -331,10 +323,9 @@ def build_mesh(config: FingertipConfig, surface: FingertipSurface) -> FingerMesh
     n_patch = int(z_fine.sum() * phi_fine.sum())
     if n_patch > MOST_PATCH_NODES:
         raise MeshError(
-            "a patch of {nodes} nodes; at most {most} are allowed; use a coarser mesh or a smaller patch",
-            code="too_many_nodes",
-            nodes=n_patch,
-            most=MOST_PATCH_NODES,
+            f"a patch of {n_patch} nodes; at most {MOST_PATCH_NODES} are allowed; use a coarser mesh or a smaller "
+            "patch",
+            "too_many_nodes",
         )
     nodes, layers = nodes_on_rays(config, surface, phi, z_mm)
     order = order_of(config.mesh)
@@ -422,14 +413,10 @@ def _refuse_folded(nodes: Array, hexes: Ints) -> None:
     if jacobian[worst] <= 0:
         x, y, z = nodes[hexes[worst]]
         raise MeshError(
-            "element {element} is folded at ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm: its corner volume "
-            "{volume_mm3:.3g} mm³ must be positive; check the geometry and the mesh settings",
-            code="folded",
-            element=int(worst[0]),
-            x_mm=float(x),
-            y_mm=float(y),
-            z_mm=float(z),
-            volume_mm3=float(jacobian[worst]),
+            f"element {int(worst[0])} is folded at ({float(x):.2f}, {float(y):.2f}, {float(z):.2f}) mm: its "
+            f"corner volume {float(jacobian[worst]):.3g} mm³ must be positive; check the geometry and the mesh "
+            "settings",
+            "folded",
         )
 
 

@@ -322,11 +322,7 @@ def _refuse_unusable(surface: FingertipSurface) -> None:
     if len(bad):
         k = bad[0]
         raise SurfaceError(
-            "the skin crosses the bone's axis at z = {z_mm:.2f} mm (half-width {half_width_mm:.2f}, height "
-            "{height_mm:.2f}, lean {lean_mm:.2f} mm); every section must enclose x = y = 0",
-            code="crosses_axis",
-            z_mm=float(z_mm[k]),
-            half_width_mm=float(a[k]),
-            height_mm=float(b[k]),
-            lean_mm=float(lean[k]),
+            f"the skin crosses the bone's axis at z = {float(z_mm[k]):.2f} mm (half-width {float(a[k]):.2f}, "
+            f"height {float(b[k]):.2f}, lean {float(lean[k]):.2f} mm); every section must enclose x = y = 0",
+            "crosses_axis",
         )

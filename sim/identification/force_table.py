@@ -209,12 +209,9 @@ def _responses(finger: Fingertip, indentor: str, x_mm: float, doi_mm: Array) -> 
         found = finger.indent(indentor, x_mm, doi_mm=float(doi_mm[k]), start=state)
         if not found.state.converged:
             raise ModelRangeError(
-                "{indentor} at x = {x_mm:.2f} mm, DOI {doi_mm:.2f} mm: the solver did not converge, so "
+                f"{indentor} at x = {x_mm:.2f} mm, DOI {float(doi_mm[k]):.2f} mm: the solver did not converge, so "
                 "nothing can be learned",
-                code="nothing_to_learn",
-                indentor=indentor,
-                x_mm=x_mm,
-                doi_mm=float(doi_mm[k]),
+                "nothing_to_learn",
             )
         press, linear_gwt, state = found.strained.press, found.force_gwt / found.strained.force, found.state
         answers[:, k] = np.log(linear_gwt), FORCE.geometric(press), np.log(FORCE.strained(press))

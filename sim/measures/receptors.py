@@ -69,10 +69,7 @@ def point_below(surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: f
     found = _solved(lambda v: below(v)[[0, 2]] - [x_mm, z_mm], np.array([phi, z_mm]))
     if found is None:
         raise ReceptorError(
-            "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin",
-            code="nowhere",
-            x_mm=float(x_mm),
-            depth_mm=float(depth_mm),
+            f"no receptor at x = {float(x_mm):g} mm, {float(depth_mm):g} mm below the skin", "nowhere"
         )
     return below(found)
 
@@ -310,9 +307,7 @@ def receptors_at(config: FingertipConfig, surface: FingertipSurface, places: Rec
     z = (config.receptor_plane_mm,) if places.z_mm is None else places.z_mm
     count = len(z) * len(places.depth_mm) * len(places.x_mm)
     if not 0 < count <= MOST_RECEPTORS:
-        raise ReceptorError(
-            "{receptors} receptors; must be 1 to {most}", code="how_many", receptors=count, most=MOST_RECEPTORS
-        )
+        raise ReceptorError(f"{count} receptors; must be 1 to {MOST_RECEPTORS}", "how_many")
     z_mm, depth_mm, x_mm = np.meshgrid(z, places.depth_mm, places.x_mm, indexing="ij")
     points = points_below(config, surface, x_mm, depth_mm, z_mm)
     return ReceptorSet(points.reshape(-1, 3), depth_mm.ravel())

@@ -83,9 +83,7 @@ def most_bytes() -> float:
         most = math.nan
     if not 0 <= most < math.inf:
         raise CacheError(
-            "RIG_CACHE_GB = {value!r}: must be the largest size of the cache in GB, 0 or more",
-            code="bad_size",
-            value=setting,
+            f"RIG_CACHE_GB = {setting!r}: must be the largest size of the cache in GB, 0 or more", "bad_size"
         )
     return most
 
@@ -197,10 +195,8 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
         folder.mkdir(mode=0o755, parents=True, exist_ok=True)
     except OSError as error:
         raise CacheError(
-            "cache folder {folder} (RIG_CACHE_DIR): {problem}; choose a folder that you may write to",
-            code="bad_folder",
-            folder=str(folder),
-            problem=error.strerror,
+            f"cache folder {folder} (RIG_CACHE_DIR): {error.strerror}; choose a folder that you may write to",
+            "bad_folder",
         ) from None
     try:
         with contextlib.suppress(OSError):  # the folder may only be read, or the lock is another account's

@@ -90,8 +90,7 @@ def load(
     """
     config = finger_config(config)
     if name not in MODELS:
-        raise ArgumentError("there is no model {name!r}; choose {known}", code="unknown_model", name=name,
-                            known=", ".join(MODELS))  # fmt: skip
+        raise ArgumentError(f"there is no model {name!r}; choose {', '.join(MODELS)}", "unknown_model")
     locations = ReceptorPlaces.of(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
     if name == "finger" and cached:
         return Fingertip.load(config, slopes=slopes, **locations.as_options())
@@ -102,8 +101,7 @@ def load(
         if locations.z_mm:
             raise ModelRangeError(
                 "a section contains the receptor plane only; receptors at other z require --model finger",
-                code="receptors_beside_section",
-                z_mm=locations.z_mm,
+                "receptors_beside_section",
             )
         surface = prismatic(surface, config.receptor_plane_mm)
     receptors = receptors_at(config, surface, locations)

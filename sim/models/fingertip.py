@@ -350,7 +350,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         if rubbing != 0:
             if other_paths:
                 raise ArgumentError(
-                    "friction and other paths cannot be combined; remove one", code="friction_with_other_paths"
+                    "friction and other paths cannot be combined; remove one", "friction_with_other_paths"
                 )
             place = x_mm, self.config.receptor_plane_mm if z_mm is None else z_mm
             rubbed = self._rubbed(shape, rubbing, target, increment_mm)
@@ -498,19 +498,12 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         left, right = (float(self.surface.section(phi, z)[0]) for phi in (math.pi - _SIDE_RAD, _SIDE_RAD))
         if not left < x_mm < right:
             raise ModelRangeError(
-                "x = {x_mm} mm: must be {low_mm:.2f} to {high_mm:.2f} mm, on the pulp at z = {z_mm:g} mm",
-                code="x_beside_pulp",
-                x_mm=x_mm,
-                low_mm=left,
-                high_mm=right,
-                z_mm=z,
+                f"x = {x_mm} mm: must be {left:.2f} to {right:.2f} mm, on the pulp at z = {z:g} mm", "x_beside_pulp"
             )
         force_n = positive(force_gwt) * GWT_N
         key, model = next(iter(self._models.items()))
         if model.kind == "section" and z != self.config.receptor_plane_mm:
-            raise ModelRangeError(
-                "z = {z_mm} mm: a section contains the receptor plane only; remove z", code="z_of_section", z_mm=z
-            )
+            raise ModelRangeError(f"z = {z} mm: a section contains the receptor plane only; remove z", "z_of_section")
         strain = model.point_load(x_mm, z) * (force_n / self.e_epidermis_mpa)
         return PointLoadResult(x_mm, z, force_n, strain.reshape(-1, 6), self._outlines[key])
 
@@ -560,10 +553,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         refuse_unless_numbers(doi_mm=doi_mm)
         if not 0 < doi_mm <= self.deepest_doi_mm:
             raise ModelRangeError(
-                "DOI {doi_mm:g} mm: must be more than 0 and at most {deepest_mm:g} mm",
-                code="doi_outside",
-                doi_mm=doi_mm,
-                deepest_mm=self.deepest_doi_mm,
+                f"DOI {doi_mm:g} mm: must be more than 0 and at most {self.deepest_doi_mm:g} mm", "doi_outside"
             )
 
     def _rubbed(self, shape: Indentor, friction: float, target: float, increment_mm: float | None) -> "Rubbed":
@@ -571,12 +561,10 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         from sim.models.friction import INCREMENT_MM, PathOptions, Rubbed, checked_friction, with_all_axes
 
         if not checked_friction(friction):
-            raise ArgumentError("the finger has no friction; use with_friction", code="no_friction")
+            raise ArgumentError("the finger has no friction; use with_friction", "no_friction")
         refuse_stiffening(self.config.tissue, "friction")
         if self._held_mm is not None:
-            raise ArgumentError(
-                "friction and relaxation cannot be combined; remove one", code="friction_with_relaxation"
-            )
+            raise ArgumentError("friction and relaxation cannot be combined; remove one", "friction_with_relaxation")
         plane_strain = next(iter(self._outlines.values())).kind == "section"
         if plane_strain:
             finger = self
@@ -677,9 +665,8 @@ def _indentor(shape: Indentor | IndentorProfile | str) -> Indentor:
         return shape
     if not isinstance(shape, str) and not hasattr(shape, "evaluate"):
         raise ArgumentError(
-            "indentor: must be a name such as 'bar:3.0', an Indentor or a profile, not {kind}; MeasuredProfile and "
-            "HeightMap take arrays by from_arrays",
-            code="no_indentor",
-            kind=type(shape).__name__,
+            f"indentor: must be a name such as 'bar:3.0', an Indentor or a profile, not {type(shape).__name__}; "
+            "MeasuredProfile and HeightMap take arrays by from_arrays",
+            "no_indentor",
         )
     return parse_shape(shape) if isinstance(shape, str) else Indentor.along(shape)

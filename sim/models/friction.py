@@ -47,12 +47,7 @@ def checked_friction(friction: float) -> float:
     """Return a friction coefficient; raise ArgumentError unless it is 0 to 10."""
     refuse_unless_numbers(friction=friction)
     if not 0 <= friction <= MOST_FRICTION:
-        raise ArgumentError(
-            "friction {friction:g}: must be a number from 0 to {most:g}",
-            code="bad_friction",
-            friction=friction,
-            most=MOST_FRICTION,
-        )
+        raise ArgumentError(f"friction {friction:g}: must be a number from 0 to {MOST_FRICTION:g}", "bad_friction")
     return float(friction)
 
 
@@ -305,7 +300,7 @@ class Rubbed:
     ) -> tuple[float, FrictionState]:
         state = path.begin(placed) if start is None else start
         if state.displacement.shape != (len(placed.indentor.axes) + 1, len(placed.model.patch)):
-            raise ArgumentError("start: must be a state of the same finger, with friction", code="other_start")
+            raise ArgumentError("start: must be a state of the same finger, with friction", "other_start")
         if doi_mm is not None:
             return doi_mm, path.onward(placed, placed.pose(doi_mm), state)
         assert force is not None
@@ -321,9 +316,8 @@ class Rubbed:
             high = min(low + path.how.increment_mm, deepest_mm)
             if high <= low:
                 raise ForceOutOfReachError(
-                    "force {force_n:g} N: not reached at the largest DOI allowed, {deepest_mm:g} mm",
-                    force_n=force * self.finger.e_epidermis_mpa,
-                    deepest_mm=deepest_mm,
+                    f"force {force * self.finger.e_epidermis_mpa:g} N: not reached at the largest DOI allowed, "
+                    f"{deepest_mm:g} mm",
                 )
             state = path.onward(placed, placed.pose(high), before)
             if state.normal_force >= force:
@@ -351,9 +345,7 @@ class Rubbed:
 def friction_start(start: ContactState | None, friction: float) -> FrictionState | None:
     """Return the state to continue from; raise ArgumentError for one without this friction."""
     if start is not None and not (isinstance(start, FrictionState) and start.friction == friction):
-        raise ArgumentError(
-            "start: must be a state with friction {friction:g}", code="other_start", friction=friction
-        )
+        raise ArgumentError(f"start: must be a state with friction {friction:g}", "other_start")
     return start
 
 
@@ -418,7 +410,7 @@ def press_profile(
         If a position or the depth is out of range.
     """
     if order not in ORDERS:
-        raise ArgumentError("order {order!r}: must be lifted, ascending or descending", code="bad_order", order=order)
+        raise ArgumentError(f"order {order!r}: must be lifted, ascending or descending", "bad_order")
     positions = [float(x) for x in x_mm]
     if order == "lifted" or not friction:
         pressed = finger.with_friction(friction)

@@ -59,7 +59,7 @@ class MeshedFinger:
         if self.mesh.order > 1:
             raise MeshError(
                 'mesh.element = "quadratic": a deck supports elements of eight nodes only; set mesh.element = "full"',
-                code="quadratic",
+                "quadratic",
             )
 
 

@@ -36,10 +36,10 @@ def modulus_of(tissue: Tissue) -> float:
         return 1.0
     if different := differences(tissue):
         raise ModelRangeError(
-            "the modulus of the half-space was fitted to the layers of the default finger, and this finger has other "
-            "{keys}; choose the model finger or section",
-            code="no_modulus", keys=", ".join(different),
-        )  # fmt: skip
+            "the modulus of the half-space was fitted to the layers of the default finger, and this finger has "
+            f"other {', '.join(different)}; choose the model finger or section",
+            "no_modulus",
+        )
     return EFFECTIVE_MODULUS
 
 

@@ -185,15 +185,9 @@ class Interpolated:
         tissue = self.exact.config.tissue
         if not in_range(tissue):
             raise ModelRangeError(
-                "e_dermis = {e_dermis:g}, e_fat = {e_fat:g}: interpolation covers e_dermis from "
-                "{dermis_low:g} to {dermis_high:g} and e_fat from {fat_low:g} to {fat_high:g}; use exact=True",
-                code="not_interpolated",
-                e_dermis=tissue.e_dermis,
-                e_fat=tissue.e_fat,
-                dermis_low=DERMIS.low,
-                dermis_high=DERMIS.high,
-                fat_low=FAT.low,
-                fat_high=FAT.high,
+                f"e_dermis = {tissue.e_dermis:g}, e_fat = {tissue.e_fat:g}: interpolation covers e_dermis from "
+                f"{DERMIS.low:g} to {DERMIS.high:g} and e_fat from {FAT.low:g} to {FAT.high:g}; use exact=True",
+                "not_interpolated",
             )
 
     def model(self, key: MeshKey) -> tuple[CondensedModel, bool]:

@@ -107,9 +107,9 @@ def indent_many(
     ['cylinder:9', 'sphere:4']
     """
     if doi_mm is None and force_gwt is None:
-        raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", code="no_target")
+        raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", "no_target")
     if cores is not None and cores < 1:
-        raise ArgumentError("cores = {cores}: must be 1 or more, or None for all", code="no_cores", cores=cores)
+        raise ArgumentError(f"cores = {cores}: must be 1 or more, or None for all", "no_cores")
     if cores is not None:
         refuse_unless_numbers(cores=cores)
     requests = _rows(shapes, x_mm=x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt)

@@ -58,12 +58,7 @@ def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float |
     refuse_unless_numbers(x_mm=x_mm, **({} if z_mm is None else {"z_mm": z_mm}))
     length_mm = config.geometry.length_mm
     if not abs(x_mm) <= FARTHEST_X_MM:
-        raise ModelRangeError(
-            "x = {x_mm} mm: must be a number within ± {farthest_mm:g} mm",
-            code="x_outside",
-            x_mm=x_mm,
-            farthest_mm=FARTHEST_X_MM,
-        )
+        raise ModelRangeError(f"x = {x_mm} mm: must be a number within ± {FARTHEST_X_MM:g} mm", "x_outside")
     if z_mm is not None and not 0 <= z_mm <= length_mm:
         raise z_outside(z_mm, length_mm)
 
@@ -74,12 +69,9 @@ def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> N
         if position_mm is not None and axis not in indentor.placed_by:
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
             raise ModelRangeError(
-                "{indentor}: {axis}_mm = {place_mm:g} does not apply; the shape is positioned by {placed_by}",
-                code="meaningless_place",
-                indentor=indentor.name,
-                axis=_AXIS_NAMES[axis],
-                place_mm=position_mm,
-                placed_by=by,
+                f"{indentor.name}: {_AXIS_NAMES[axis]}_mm = {position_mm:g} does not apply; the shape is "
+                f"positioned by {by}",
+                "meaningless_place",
             )
 
 

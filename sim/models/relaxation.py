@@ -74,7 +74,7 @@ class Prony:
             raise ArgumentError(
                 "the shares of a Prony series must be positive and sum to less than 1, and its time "
                 "constants must be positive",
-                code="bad_series",
+                "bad_series",
             )
         self.shares = np.array([term.share for term in terms])
         self.tau_s = np.array([term.tau_s for term in terms])
@@ -114,9 +114,7 @@ class Memory:
     def ahead(self, step_s: float) -> RelaxationStep:
         """Return a time step from here; 0 s is a sudden one. Raises ArgumentError for a negative step."""
         if not step_s >= 0 or math.isinf(step_s):
-            raise ArgumentError(
-                "step_s = {step_s}: must be a finite number of seconds, 0 or more", code="bad_step", step_s=step_s
-            )
+            raise ArgumentError(f"step_s = {step_s}: must be a finite number of seconds, 0 or more", "bad_step")
         tau_s, shares = self._prony.tau_s, self._prony.shares
         decays = np.exp(-step_s / tau_s)
         weights = shares * (-np.expm1(-step_s / tau_s) * tau_s / step_s if step_s > 0 else 1.0)

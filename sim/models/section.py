@@ -42,7 +42,7 @@ def build_section(
     """
     if slopes != ALONG:
         raise ModelRangeError(
-            "a section requires a shape prismatic along the finger; use --model finger", code="not_prismatic"
+            "a section requires a shape prismatic along the finger; use --model finger", "not_prismatic"
         )
     mesh = section_mesh(config, surface)
     unknown = _unknowns(mesh)

@@ -93,14 +93,9 @@ def _refuse_memory(
     needed_gb = _COPIES * _BYTES * (nodes * (len(slopes) + 1)) ** 2 / 1e9
     if needed_gb > config.contact.patch_gb:
         raise ModelRangeError(
-            "{problem}; a patch of ± {patch_x_mm:.2f} × ± {patch_z_mm:.2f} mm would take {needed_gb:.2g} GB, "
-            "more than contact.patch_gb = {patch_gb:g} GB",
-            code="patch_too_large",
-            problem=str(error),
-            patch_x_mm=patch[0],
-            patch_z_mm=patch[1],
-            needed_gb=needed_gb,
-            patch_gb=config.contact.patch_gb,
+            f"{error}; a patch of ± {patch[0]:.2f} × ± {patch[1]:.2f} mm would take {needed_gb:.2g} GB, more than "
+            f"contact.patch_gb = {config.contact.patch_gb:g} GB",
+            "patch_too_large",
         )
 
 

@@ -403,9 +403,7 @@ def refuse_stiffening(tissue: Tissue, what: str) -> None:
     """Raise ModelRangeError at finite strain."""
     if tissue.finite_stiffening is not None:
         raise ModelRangeError(
-            'finger.tissue.strain = "finite" (stiffening = {stiffening:g}): must be "small" without stiffening, '
-            "since {what} is linear",
-            code="linear_alone",
-            stiffening=tissue.stiffening,
-            what=what,
+            f'finger.tissue.strain = "finite" (stiffening = {tissue.stiffening:g}): must be "small" without '
+            f"stiffening, since {what} is linear",
+            "linear_alone",
         )

@@ -239,7 +239,7 @@ class StrainAtAnyPoint:
         points = numbers_of("points_mm", points_mm)
         if not (points.ndim and points.shape[-1] == 3 and points.size and np.isfinite(points).all()):
             raise ModelRangeError(
-                "points_mm: must be (…, 3) finite numbers, x, y and z of each point in mm", code="bad_points"
+                "points_mm: must be (…, 3) finite numbers, x, y and z of each point in mm", "bad_points"
             )
         one = isinstance(results, IndentationResult)
         many = [results] if isinstance(results, IndentationResult) else list(results)
@@ -255,6 +255,4 @@ class StrainAtAnyPoint:
             if not np.array_equal(
                 self.model_for(*mesh_key(result)).patch.position_mm, result.model.patch.position_mm
             ):
-                raise ModelRangeError(
-                    "{press}: must be a press of this finger", code="other_finger", press=repr(result)
-                )
+                raise ModelRangeError(f"{result!r}: must be a press of this finger", "other_finger")

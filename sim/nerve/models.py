@@ -78,17 +78,14 @@ def spikes_of(
     rows, samples = signal.value.shape[0], signal.value.shape[-1]
     if len(seeds) != len(gains) or rows not in (1, len(gains)):
         raise ArgumentError(
-            "{sensitivities} sensitivities, {seeds} seeds and {signals} signals: there must be one of each for every "
-            "afferent",
-            code="afferents_differ",
-            sensitivities=len(gains),
-            seeds=len(seeds),
-            signals=rows,
+            f"{len(gains)} sensitivities, {len(seeds)} seeds and {rows} signals: there must be one of each for "
+            "every afferent",
+            "afferents_differ",
         )
     if not (np.isfinite(gains).all() and (gains > 0).all()):
-        raise ArgumentError("the sensitivity of an afferent must be more than 0", code="bad_sensitivity")
+        raise ArgumentError("the sensitivity of an afferent must be more than 0", "bad_sensitivity")
     if not np.isfinite(signal.value).all():
-        raise ArgumentError("the signal at a receptor must be finite", code="bad_signal")
+        raise ArgumentError("the signal at a receptor must be finite", "bad_signal")
     samples *= max(1, int(np.ceil(signal.step_s / _MOST_STEP_S - 1e-9)))
     if max(len(gains), signal.value[..., 0].size) * samples > MOST_SAMPLES:
         raise ArgumentError(

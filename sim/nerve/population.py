@@ -166,10 +166,7 @@ class PopulationResponse:
         begin = self.begins_s if begins_s is None else begins_s
         end = self.ends_s if ends_s is None else ends_s
         if not begin < end:
-            raise ModelRangeError(
-                "from {begins_s:g} to {ends_s:g} s: the end must come after the beginning",
-                code="no_window", begins_s=begin, ends_s=end,
-            )  # fmt: skip
+            raise ModelRangeError(f"from {begin:g} to {end:g} s: the end must come after the beginning", "no_window")
         return begin, end
 
 
@@ -383,20 +380,18 @@ def parse_afferents(text: str, models: Models = BUILT_IN) -> tuple[AfferentReque
         place = None if match is None else _place(match[3], match[4])
         if match is None or (place is not None and not all(map(math.isfinite, place))):
             raise ModelRangeError(
-                "{item!r}: must be afferents such as 3xSA1, or one at a place, SA1@X or SA1@X:ALONG in mm",
-                code="bad_afferents", item=item.strip()[:100],
-            )  # fmt: skip
+                f"{item.strip()[:100]!r}: must be afferents such as 3xSA1, or one at a place, SA1@X or "
+                "SA1@X:ALONG in mm",
+                "bad_afferents",
+            )
         if match[2] not in models:
             raise ModelRangeError(
-                "{model!r}: there is no such class of afferents; use {known}",
-                code="unknown_afferent", model=match[2], known=", ".join(models),
-            )  # fmt: skip
+                f"{match[2]!r}: there is no such class of afferents; use {', '.join(models)}", "unknown_afferent"
+            )
         found.append(AfferentRequest(match[2], int(match[1] or 1), place))
     total = sum(one.count for one in found)
     if not 0 < total <= MOST_AFFERENTS or any(one.count == 0 for one in found):
-        raise ModelRangeError(
-            "{count} afferents: must be 1 to {most}", code="number_of_afferents", count=total, most=MOST_AFFERENTS
-        )
+        raise ModelRangeError(f"{total} afferents: must be 1 to {MOST_AFFERENTS}", "number_of_afferents")
     return tuple(found)
 
 
@@ -454,11 +449,11 @@ def draw(
             pad.has(*one.place_mm) and _has_tissue(finger, models[one.model])(*one.place_mm).all()
         ):
             raise ModelRangeError(
-                "{model} at x = {x_mm:g} mm, {along_mm:g} mm along the finger: lies off the pad, which reaches "
-                "{half_x_mm:.2f} mm across and {half_along_mm:.2f} mm along the finger",
-                code="afferent_off_pad", model=one.model, x_mm=one.place_mm[0], along_mm=one.place_mm[1],
-                half_x_mm=pad.half_x_mm, half_along_mm=pad.half_along_mm,
-            )  # fmt: skip
+                f"{one.model} at x = {one.place_mm[0]:g} mm, {one.place_mm[1]:g} mm along the finger: lies off "
+                f"the pad, which reaches {pad.half_x_mm:.2f} mm across and {pad.half_along_mm:.2f} mm along the "
+                "finger",
+                "afferent_off_pad",
+            )
         for _ in range(one.count):
             if one.place_mm is None and one.model not in drawn:
                 spacing = _spacing_mm(density, one.model)
@@ -467,9 +462,10 @@ def draw(
             place = next(drawn[one.model], None) if one.place_mm is None else one.place_mm
             if place is None:
                 raise ModelRangeError(
-                    "{model}: the pad has no room for {count} afferents at least {spacing_mm:.2f} mm apart",
-                    code="no_room", model=one.model, count=one.count, spacing_mm=_spacing_mm(density, one.model),
-                )  # fmt: skip
+                    f"{one.model}: the pad has no room for {one.count} afferents at least "
+                    f"{_spacing_mm(density, one.model):.2f} mm apart",
+                    "no_room",
+                )
             numbers[one.model] = numbers.get(one.model, 0) + 1
             found.append(_afferent(finger, models[one.model], one.model, numbers[one.model], place, seed))
     return AfferentPopulation(found, models)
@@ -508,10 +504,7 @@ def population(finger: Fingertip, density: str = "monkey fingertip", seed: int =
 
 def _densities(density: str) -> Mapping[str, float]:
     if density not in DENSITY_PER_CM2:
-        raise ModelRangeError(
-            "{density!r}: must be one of {known}",
-            code="unknown_density", density=density, known=", ".join(DENSITY_PER_CM2),
-        )  # fmt: skip
+        raise ModelRangeError(f"{density!r}: must be one of {', '.join(DENSITY_PER_CM2)}", "unknown_density")
     return DENSITY_PER_CM2[density]
 
 

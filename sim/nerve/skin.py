@@ -73,21 +73,15 @@ class SkinUnderIndentor:
         """
         if stimulus.deepest_mm > self.depths_mm[-1] * (1 + 1e-9):
             raise ModelRangeError(
-                "depth {doi_mm:g} mm: the table of presses ends at {deepest_mm:g} mm",
-                code="doi_beyond_table",
-                doi_mm=stimulus.deepest_mm,
-                deepest_mm=float(self.depths_mm[-1]),
+                f"depth {stimulus.deepest_mm:g} mm: the table of presses ends at {float(self.depths_mm[-1]):g} mm",
+                "doi_beyond_table",
             )
         for one in stimulus.vibrations:
             if step_s * one.frequency_hz * SAMPLES_PER_CYCLE > 1 + 1e-9:
                 raise ModelRangeError(
-                    "a step of {step_s:g} s under {frequency_hz:g} Hz: must be at most {most_s:.2g} s, {samples} "
-                    "samples in a cycle",
-                    code="step_too_long",
-                    step_s=step_s,
-                    frequency_hz=one.frequency_hz,
-                    most_s=1 / (SAMPLES_PER_CYCLE * one.frequency_hz),
-                    samples=SAMPLES_PER_CYCLE,
+                    f"a step of {step_s:g} s under {one.frequency_hz:g} Hz: must be at most "
+                    f"{1 / (SAMPLES_PER_CYCLE * one.frequency_hz):.2g} s, {SAMPLES_PER_CYCLE} samples in a cycle",
+                    "step_too_long",
                 )
         t = np.arange(0.0, stimulus.ends_s if lasts_s is None else lasts_s, step_s)
         depth = stimulus.depth_mm(t) + stimulus.vibration_mm(t)

@@ -29,7 +29,7 @@ class Staircase(Stimulus):
     ) -> None:
         super().__init__(times_s, depths_mm)
         if not len(speeds_mm_s) == len(times_s) or not acceleration_mm_s2 > 0:
-            raise ArgumentError("a staircase needs a speed for each position", code="bad_stimulus")
+            raise ArgumentError("a staircase needs a speed for each position", "bad_stimulus")
         self._speeds_mm_s, self._acceleration_mm_s2 = np.array(speeds_mm_s, dtype=float), acceleration_mm_s2
         steps, room_s = np.diff(self.depths_mm), np.diff(self.times_s)
         length = np.abs(steps)

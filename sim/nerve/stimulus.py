@@ -53,18 +53,15 @@ class Stimulus:
         self.times_s, self.depths_mm = np.array(times_s, dtype=float), np.array(depths_mm, dtype=float)
         self.corner_s, self.vibrations = corner_s, tuple(vibrations)
         if not (len(self.times_s) == len(self.depths_mm) > 0 and np.isfinite(self.depths_mm).all()):
-            raise ArgumentError("a stimulus needs as many finite depths as times", code="bad_stimulus")
+            raise ArgumentError("a stimulus needs as many finite depths as times", "bad_stimulus")
         if not (np.isfinite(self.times_s).all() and (np.diff(self.times_s) > 0).all() and corner_s > 0):
-            raise ArgumentError("the times of a stimulus must ascend", code="bad_stimulus")
+            raise ArgumentError("the times of a stimulus must ascend", "bad_stimulus")
         for one in self.vibrations:
             if not (0 < one.frequency_hz < np.inf and 0 <= one.amplitude_um < np.inf and 0 < one.lasts_s < np.inf):
                 raise ArgumentError(
-                    "a vibration of {frequency_hz:g} Hz, {amplitude_um:g} µm for {lasts_s:g} s: frequency and "
-                    "duration must be more than 0, the amplitude at least 0",
-                    code="bad_vibration",
-                    frequency_hz=one.frequency_hz,
-                    amplitude_um=one.amplitude_um,
-                    lasts_s=one.lasts_s,
+                    f"a vibration of {one.frequency_hz:g} Hz, {one.amplitude_um:g} µm for {one.lasts_s:g} s: "
+                    "frequency and duration must be more than 0, the amplitude at least 0",
+                    "bad_vibration",
                 )
 
     @classmethod

@@ -55,9 +55,7 @@ class FingerNotLoadedError(SimError):
 
 def _too_late() -> FingerNotLoadedError:
     return FingerNotLoadedError(
-        "virtual finger: not loaded within {timeout_s:g} s; start again on a less busy machine",
-        code="too_late",
-        timeout_s=_READY_S,
+        f"virtual finger: not loaded within {_READY_S:g} s; start again on a less busy machine", "too_late"
     )
 
 
@@ -82,9 +80,7 @@ class ForceProcess(Generic[Asked, Answer]):
         try:
             problem = self._near.recv() if self._near.poll(_READY_S) else _too_late()
         except EOFError:
-            problem = FingerNotLoadedError(
-                "virtual finger: its process ended while loading; start again", code="ended"
-            )
+            problem = FingerNotLoadedError("virtual finger: its process ended while loading; start again", "ended")
         if problem is not None:
             self.close()
             raise problem
@@ -136,7 +132,7 @@ def _serve(
         answer = begin()
     except Exception as error:
         problem = error.code if isinstance(error, SimError) else type(error).__name__
-        far.send(FingerNotLoadedError("virtual finger: {problem}", problem=message_of(error), problem_code=problem))
+        far.send(FingerNotLoadedError(f"virtual finger: {message_of(error)}"))
         return
     threadpool_limits(1)  # on a busy machine, the threads of a small sum wait for each other
     far.send(None)

@@ -29,7 +29,7 @@ class PortBusyError(SimError):
 if sys.platform == "win32":
 
     def _terminal() -> tuple[int, int, str]:
-        raise PortBusyError("this system has no pseudo-terminals; use TCP ports", code="no_terminals")
+        raise PortBusyError("this system has no pseudo-terminals; use TCP ports", "no_terminals")
 else:
     import pty
     import tty
@@ -77,9 +77,7 @@ def _or_busy(server: socket.socket, port: int | None = None) -> Iterator[None]:
     except OSError as problem:
         number = server.getsockname()[1] if port is None else port
         server.close()
-        raise PortBusyError(
-            "TCP port {port}: {problem}", port=number, problem=os.strerror(problem.errno or 0).lower()
-        ) from None
+        raise PortBusyError(f"TCP port {number}: {os.strerror(problem.errno or 0).lower()}") from None
 
 
 class TcpPort:
@@ -252,9 +250,7 @@ def _both(port: int) -> tuple[socket.socket, socket.socket]:
             datagrams.close()
             server.close()
             if port or not last:
-                raise PortBusyError(
-                    "UDP port {port}: {problem}", port=port, problem=os.strerror(problem.errno or 0).lower()
-                ) from None
+                raise PortBusyError(f"UDP port {port}: {os.strerror(problem.errno or 0).lower()}") from None
         else:
             datagrams.setblocking(False)
             server.setblocking(False)

@@ -79,15 +79,8 @@ def read_afferents(
     if wrong:
         wrong.sort(key=lambda row: int(str(row["row"])))
         more = f"\n… and {len(wrong) - _MOST_LISTED} more" if len(wrong) > _MOST_LISTED else ""
-        raise RecordingError(
-            "{path}: {recordings} cannot be used\n{problems}",
-            recordings=number_of(len(wrong), "recordings"),
-            code="bad_rows",
-            path=str(path),
-            bad=len(wrong),
-            rows=wrong,
-            problems="\n".join(str(row["problem"]) for row in wrong[:_MOST_LISTED]) + more,
-        )
+        problems = "\n".join(str(row["problem"]) for row in wrong[:_MOST_LISTED]) + more
+        raise RecordingError(f"{path}: {number_of(len(wrong), 'recordings')} cannot be used\n{problems}", "bad_rows")
     if not found:
         raise no_rows(table, "recordings")
     for some in found.values():
@@ -128,9 +121,7 @@ def _refuse(
     conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
     if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
         held = [f"{stimulus.shape} at {stimulus.condition}" for stimulus in stimuli]
-        raise RecordingError(
-            "the runs contain no {shape}; they contain {held}", code="never_pressed", shape=key, held=", ".join(held)
-        )
+        raise RecordingError(f"the runs contain no {key}; they contain {', '.join(held)}", "never_pressed")
     if "@" not in key and len(conditions) > 1:
         raise RecordingError(
             "{shape} was pressed to {conditions}; state depth_mm or force_gwt",
@@ -140,10 +131,7 @@ def _refuse(
         )
     if key in found.get(one.afferent, {}):
         raise RecordingError(
-            "afferent {afferent} already has a recording of {shape}; name it once",
-            code="recorded_twice",
-            afferent=one.afferent,
-            shape=key,
+            f"afferent {one.afferent} already has a recording of {key}; name it once", "recorded_twice"
         )
     for sign in signs_of_a_copy(recording, one.file):
         same = seen.setdefault((sign, "" if recording.spikes is None else key), one)
@@ -154,13 +142,9 @@ def _refuse(
                 else ", in a file with the same rates or spikes"
             )
             raise RecordingError(
-                "{file} is the recording of {shape} of afferent {other} already ({where}){copy}",
-                code="file_twice",
-                copy=copy,
-                file=one.file,
-                shape=same.shape,
-                other=same.afferent,
-                where=same.where,
+                f"{one.file} is the recording of {same.shape} of afferent {same.afferent} already "
+                f"({same.where}){copy}",
+                "file_twice",
             )
 
 
@@ -190,12 +174,7 @@ def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
         where = f"{path}, row {number}"
         try:
             if len(cells) != len(header):
-                raise RecordingError(
-                    "{cells} cells, but the header has {columns}",
-                    code="cells_of_row",
-                    cells=len(cells),
-                    columns=len(header),
-                )
+                raise RecordingError(f"{len(cells)} cells, but the header has {len(header)}", "cells_of_row")
             named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
             wrong.append(_wrong(where, number, str(error), error.code))
@@ -206,10 +185,10 @@ def _row(where: str, row: Row) -> _Named:
     cell = row.cells
     for name in REQUIRED:
         if not cell[name]:
-            raise RecordingError("column {column} must not be empty", code="empty_cell", column=name)
+            raise RecordingError(f"column {name} must not be empty", "empty_cell")
     pressed = [f"{row.number(name, 0.0):.6g}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
     if len(pressed) > 1 or (pressed and "@" in cell["shape"]):
-        raise RecordingError("state one depth or force", code="several_conditions")
+        raise RecordingError("state one depth or force", "several_conditions")
     shape = "@".join([cell["shape"], *pressed])
     file = Path(cell["file"])
     return _Named(

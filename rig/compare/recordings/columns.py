@@ -122,17 +122,11 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):
                 raise RecordingError(
-                    "--columns {given!r}: must be ROLE=COLUMN[:UNIT], with ROLE one of {roles}",
-                    code="no_role",
-                    given=part,
-                    roles=", ".join(_ROLES),
+                    f"--columns {part!r}: must be ROLE=COLUMN[:UNIT], with ROLE one of {', '.join(_ROLES)}", "no_role"
                 )
             if role in given:
                 raise RecordingError(
-                    "--columns {given!r}: the role {role} is given twice; give it once",
-                    code="role_twice",
-                    given=part,
-                    role=role,
+                    f"--columns {part!r}: the role {role} is given twice; give it once", "role_twice"
                 )
             given[role] = _column(part, name, dimension_of(_ROLES[role]))
     _refuse_what_cannot_be(given)
@@ -160,16 +154,13 @@ def _stated_window(given: dict[str, RecordingColumn]) -> float | None:
         return None
     if MOST_HOLD_S < seconds < math.inf:
         raise RecordingError(
-            "--columns window={window}: at most {most:g} s; if it is in ms, use window={window}:ms",
-            code="beyond_a_finger",
-            window=given["window"].name,
-            most=MOST_HOLD_S,
+            f"--columns window={given['window'].name}: at most {MOST_HOLD_S:g} s; if it is in ms, use "
+            f"window={given['window'].name}:ms",
+            "beyond_a_finger",
         )
     if not 0 < seconds < math.inf:
         raise RecordingError(
-            "--columns window={window}: must be a number of seconds above 0",
-            code="window_not_above_0",
-            window=given["window"].name,
+            f"--columns window={given['window'].name}: must be a number of seconds above 0", "window_not_above_0"
         )
     return seconds
 
@@ -178,13 +169,11 @@ def _refuse_what_cannot_be(given: Mapping[str, RecordingColumn]) -> None:
     names = [column.name for column in given.values()]
     twice = [name for name in names if names.count(name) > 1]
     if twice:
-        raise RecordingError(
-            "--columns: the column {column!r} has two roles; give it one", code="column_twice", column=twice[0]
-        )
+        raise RecordingError(f"--columns: the column {twice[0]!r} has two roles; give it one", "column_twice")
     if "count" in given and ("rate" in given or "sd" in given):
         raise RecordingError(
             "--columns: count cannot be combined with rate or sd; use counts with a window, or rates with an sd",
-            code="counts_and_rates",
+            "counts_and_rates",
         )
 
 
@@ -207,13 +196,9 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
         raise RecordingError(
-            "--columns {given!r}: the unit {unit!r} is unknown; it must be one of {units}: convert the numbers, or, "
-            "if they are in one of these, state it as {role_and_name}:UNIT",
-            code="unknown_unit",
-            given=part,
-            unit=said.unit,
-            units=", ".join(of.listed),
-            role_and_name=part.strip(),
+            f"--columns {part!r}: the unit {said.unit!r} is unknown; it must be one of {', '.join(of.listed)}: "
+            f"convert the numbers, or, if they are in one of these, state it as {part.strip()}:UNIT",
+            "unknown_unit",
         )
     return RecordingColumn(name, said.unit, said.factor or 1.0)
 
@@ -399,12 +384,7 @@ def read_table(
             continue
         if len(cells) != len(header):
             raise RecordingError(
-                "{path}, row {row}: {cells} cells, but the header has {columns}",
-                code="cells_of_row",
-                path=str(path),
-                row=number,
-                cells=len(cells),
-                columns=len(header),
+                f"{path}, row {number}: {len(cells)} cells, but the header has {len(header)}", "cells_of_row"
             )
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
         read = {name: same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
@@ -495,26 +475,17 @@ def _recognized(path: Path, row: int, header: Sequence[str], name: str) -> Recor
         return None
     if len({cell for cell, _ in meant}) > 1:
         raise RecordingError(
-            "{path}, row {row}: the columns {columns} may both be {column}; name one: {remedy}",
-            code="two_columns",
-            path=str(path),
-            row=row,
-            columns=" and ".join(repr(cell) for cell, _ in meant),
-            column=name,
-            remedy=stated_column(name, meant[0][0]),
+            f"{path}, row {row}: the columns {' and '.join((repr(cell) for cell, _ in meant))} may both be "
+            f"{name}; name one: {stated_column(name, meant[0][0])}",
+            "two_columns",
         )
     cell, said = meant[0]
     if said.factor is None:
         raise RecordingError(
-            "{path}, row {row}, column {column!r}: the unit {unit!r} is unknown; it must be one of {units}: convert "
-            "the numbers, or, if they are in one of these, {remedy}",
-            code="unknown_unit",
-            path=str(path),
-            row=row,
-            column=cell,
-            unit=said.unit,
-            units=", ".join(of.listed),
-            remedy=_use(stated_unit(name, cell, "UNIT")),
+            f"{path}, row {row}, column {cell!r}: the unit {said.unit!r} is unknown; it must be one of "
+            f"{', '.join(of.listed)}: convert the numbers, or, if they are in one of these, "
+            f"{_use(stated_unit(name, cell, 'UNIT'))}",
+            "unknown_unit",
         )
     found = RecordingColumn(cell, said.unit, said.factor)
     if name != said.words:
@@ -530,15 +501,11 @@ def _refuse_unknown_unit(path: Path, row: int, name: str, column: RecordingColum
     of = dimension_of(name)
     if column.unit or not (of in _NEED_A_UNIT or (name == "rate" and not names_a_rate(column.name))):
         return
+    remedy = _use(stated_unit(name, column.name, unit_of_name(name)))
     raise RecordingError(
-        "{path}, row {row}, column {column!r}: states no unit that is known ({units}); if it is {unit}, {remedy}",
-        code="no_unit",
-        path=str(path),
-        row=row,
-        column=column.name,
-        units=", ".join(of.listed),
-        unit=unit_of_name(name),
-        remedy=_use(stated_unit(name, column.name, unit_of_name(name))),
+        f"{path}, row {row}, column {column.name!r}: states no unit that is known ({', '.join(of.listed)}); if it "
+        f"is {unit_of_name(name)}, {remedy}",
+        "no_unit",
     )
 
 
@@ -581,8 +548,7 @@ def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:
 
 def no_rows(path: Path, expected: str) -> RecordingError:
     """Return the error for a table without rows below the header."""
-    sentence = "{path}: no rows below the header; the file must contain {expected}"
-    return RecordingError(sentence, code="no_rows", path=str(path), expected=expected)
+    return RecordingError(f"{path}: no rows below the header; the file must contain {expected}", "no_rows")
 
 
 def has_column(header: Sequence[str], name: str, given: Mapping[str, RecordingColumn]) -> bool:

@@ -40,7 +40,7 @@ def read_skin_deflection(path: Path) -> SkinDeflection:
         raise no_rows(path, column_list(("deflection_mm",), _COLUMNS))
     given = [name for name in _COLUMNS if name in rows[0].cells]
     if not given:
-        raise RecordingError("{path}, row 1: must have a column x_mm, z_mm, or both", code="no_place", path=str(path))
+        raise RecordingError(f"{path}, row 1: must have a column x_mm, z_mm, or both", "no_place")
     usual = {"x_mm": _CENTRE_MM, "z_mm": np.nan}
     places = {
         name: np.array([row.number(name, least) if name in given else usual[name] for row in rows])
@@ -54,10 +54,9 @@ def downward_mm(path: Path, rows: Sequence[Row]) -> Array:
     down = np.array([row.number("deflection_mm") for row in rows])
     if down.max() <= 0 and down.min() < 0:
         raise RecordingError(
-            "{path}, column deflection_mm: no value is above 0, and downward is positive; change the signs if "
+            f"{path}, column deflection_mm: no value is above 0, and downward is positive; change the signs if "
             "downward is negative, or add a point that moves downward",
-            code="none_downward",
-            path=str(path),
+            "none_downward",
         )
     return down
 

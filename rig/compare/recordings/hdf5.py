@@ -32,11 +32,7 @@ def numbers_in(file: h5py.File, path: Path, place: str, *, columns: int = 1) -> 
         return None
     if found.dtype.kind not in "iufbS":
         raise RecordingError(
-            "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
-            code="no_numbers",
-            path=str(path),
-            dataset=place,
-            dtype=str(found.dtype),
+            f"{path}, {place}: the values have type {found.dtype}; they must be times as numbers", "no_numbers"
         )
     if found.shape[1:] not in ((), (1,)) if columns == 1 else found.shape[1:] != (columns,):
         shape = " × ".join(map(str, found.shape))
@@ -73,30 +69,18 @@ def trouble(path: Path, error: Exception, kind: str) -> RecordingError:
         start = file.read(_START_BYTES)
     if not is_hdf5(start):
         found = kind_of(start) or "of an unknown kind"
-        return RecordingError(
-            "{path}: not {kind} (HDF5); it is {found}",
-            code="no_hdf5",
-            path=str(path),
-            kind=kind,
-            found=found,
-        )
+        return RecordingError(f"{path}: not {kind} (HDF5); it is {found}", "no_hdf5")
     if isinstance(error, BlockingIOError) or any(word in reason.casefold() for word in _LOCKED):
         return RecordingError(
-            "{path}: another program has this file open and has locked it; close it there, or copy the file",
-            code="locked_hdf5",
-            path=str(path),
+            f"{path}: another program has this file open and has locked it; close it there, or copy the file",
+            "locked_hdf5",
         )
     if "truncated" in reason:
         return RecordingError(
-            "{path}: {kind} (HDF5) that is truncated: it ends before its content does; copy or download it again",
-            code="truncated_hdf5",
-            path=str(path),
-            kind=kind,
+            f"{path}: {kind} (HDF5) that is truncated: it ends before its content does; copy or download it again",
+            "truncated_hdf5",
         )
-    return RecordingError(
-        "{path}: {kind} (HDF5) that is damaged: {reason}",
-        code="damaged_hdf5", path=str(path), kind=kind, reason=reason,
-    )  # fmt: skip
+    return RecordingError(f"{path}: {kind} (HDF5) that is damaged: {reason}", "damaged_hdf5")
 
 
 def part_of(dataset: h5py.Dataset, path: Path, rows: slice) -> NDArray[Any]:

@@ -134,9 +134,7 @@ def _segments(path: Path) -> list[_Channels]:
             open_file(one).close()  # for its checks
     except OSError as error:
         reason = error.strerror or str(error)
-        raise RecordingError(
-            "{path}: {reason}", code="unreadable", path=str(error.filename or path), reason=reason
-        ) from None
+        raise RecordingError(f"{error.filename or path}: {reason}", "unreadable") from None
     with warnings.catch_warnings(), redirect_stderr(StringIO()):  # the reader of Plexon files draws progress bars
         warnings.simplefilter("ignore")  # neo warns of its own future and of channels that are not used here
         neo_io = _neo(path, found)
@@ -148,11 +146,7 @@ def _segments(path: Path) -> list[_Channels]:
                 raise said from None
             reason = (str(error).strip() or type(error).__name__).splitlines()[0]
             raise RecordingError(
-                "{path}: neo cannot read this file as {format}: {reason}",
-                code="neo_cannot_read",
-                path=str(path),
-                format=found.title,
-                reason=reason,
+                f"{path}: neo cannot read this file as {found.title}: {reason}", "neo_cannot_read"
             ) from None
     return read
 
@@ -162,10 +156,9 @@ def _neo(path: Path, found: NeoFormat) -> Any:
         import neo.io  # slow to import, and an optional package
     except ImportError:
         raise RecordingError(
-            "{path}: {format} files require the package neo; install it with pip install 'indentation-rig[neo]'",
-            code="neo_missing",
-            path=str(path),
-            format=found.title,
+            f"{path}: {found.title} files require the package neo; install it with pip install "
+            "'indentation-rig[neo]'",
+            "neo_missing",
         ) from None
     return neo.io
 
@@ -249,11 +242,7 @@ def _with_names(found: list[tuple[Any, Array]]) -> Iterator[tuple[str, tuple[Any
 def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _Channels:
     full = {str(n): one for n, one in enumerate(segments, 1) if not one.empty}
     if not full:
-        raise RecordingError(
-            "{path}: contains no spikes and no events; at least one spike is required",
-            code="no_spikes",
-            path=str(path),
-        )
+        raise RecordingError(f"{path}: contains no spikes and no events; at least one spike is required", "no_spikes")
     number = columns.named["segment"].name if "segment" in columns.named else ""
     if number in full:
         return full[number]
@@ -295,9 +284,9 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
     name = same_name(columns["sync"].name)
     if columns["sync"].stated:
         raise RecordingError(
-            "{path}: --columns sync={name}:{unit} must not state a unit of time; the file does",
-            code="no_unit_here", path=str(path), name=name, unit=columns["sync"].unit,
-        )  # fmt: skip
+            f"{path}: --columns sync={name}:{columns['sync'].unit} must not state a unit of time; the file does",
+            "no_unit_here",
+        )
     if name in segment.events:
         return name, segment.events[name], np.empty(0)
     if name in segment.lines:

@@ -58,7 +58,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         open_file(path).close()  # for its checks
     except OSError as error:
         reason = error.strerror or str(error)
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
+        raise RecordingError(f"{path}: {reason}", "unreadable") from None
     with _damage_in_one_line(path), h5py.File(path) as file:
         units = _Units.of(file, path, columns)
         row = units.row_of(file, unit)
@@ -82,9 +82,7 @@ def _damage_in_one_line(path: Path) -> Iterator[None]:
         raise trouble(path, error, "an NWB file") from None
     except (KeyError, RuntimeError, ValueError, TypeError, AttributeError, MemoryError) as error:
         reason = (str(error).strip("'\" ") or type(error).__name__).splitlines()[0]
-        raise RecordingError(
-            "{path}: this NWB file (HDF5) is damaged: {reason}", code="damaged_hdf5", path=str(path), reason=reason
-        ) from None
+        raise RecordingError(f"{path}: this NWB file (HDF5) is damaged: {reason}", "damaged_hdf5") from None
 
 
 _LONGEST_S = 86_400.0
@@ -106,22 +104,16 @@ class _Units(NamedTuple):
         found = [numbers_in(file, path, f"units/{column}") for column in wanted]
         if any(one is None for one in found):
             raise RecordingError(
-                "{path}: no spike times; the file must have a table units with a column {column} (and "
-                "{column}_index and id)",
-                code="no_spike_times",
-                path=str(path),
-                column=name,
+                f"{path}: no spike times; the file must have a table units with a column {name} (and {name}_index "
+                "and id)",
+                "no_spike_times",
             )
         times, ends, numbers = (one for one in found if one is not None)
         ids = [str(number) for number in values_of(numbers, path, most=_MOST_UNITS)]
         if len(ends) != len(ids):
             raise RecordingError(
-                "{path}: units/{column}_index has {ends} values, but units/id has {units}",
-                code="not_one_end_a_unit",
-                path=str(path),
-                column=name,
-                ends=len(ends),
-                units=len(ids),
+                f"{path}: units/{name}_index has {len(ends)} values, but units/id has {len(ids)}",
+                "not_one_end_a_unit",
             )
         return cls(path, name, ids, times, ends)
 
@@ -197,12 +189,7 @@ def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, 
     last = _numbers(values_of(ends, path), path, f"units/{column}_index")
     if ends.dtype.kind not in "iu" or (np.diff([0, *last.tolist(), values]) < 0).any():
         raise RecordingError(
-            "{path}, units/{column}_index: must rise to {times}, one for each of {units} units",
-            code="wrong_index",
-            path=str(path),
-            column=column,
-            times=values,
-            units=units,
+            f"{path}, units/{column}_index: must rise to {values}, one for each of {units} units", "wrong_index"
         )
     begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
     return begin, end
@@ -221,11 +208,8 @@ def _observed(
         intervals, ends = numbers_in(file, path, place, columns=2), numbers_in(file, path, f"{place}_index")
         if intervals is None or ends is None or len(ends) != len(units.ids):
             raise RecordingError(
-                "{path}, {dataset}: must be intervals (n × 2) with an index {dataset}_index of {units} units",
-                code="bad_obs_intervals",
-                path=str(path),
-                dataset=place,
-                units=len(units.ids),
+                f"{path}, {place}: must be intervals (n × 2) with an index {place}_index of {len(units.ids)} units",
+                "bad_obs_intervals",
             )
         begin, end = _bounds(ends, path, column.name, row, len(intervals), len(units.ids))
         spans = column.factor * _numbers(values_of(intervals, path, begin, end), path, place)
@@ -233,28 +217,18 @@ def _observed(
         found = union(spans)
         if len(found) and float(found[-1, 1] - found[0, 0]) > _LONGEST_S:
             raise RecordingError(
-                "{path}, {dataset}: {begin_s:g} to {end_s:g} s are longer than a day; if they are in ms, use "
-                "--columns observed={column}:ms",
-                code="beyond_a_finger", path=str(path), dataset=place, begin_s=float(found[0, 0]),
-                end_s=float(found[-1, 1]), column=column.name,
-            )  # fmt: skip
+                f"{path}, {place}: {float(found[0, 0]):g} to {float(found[-1, 1]):g} s are longer than a day; if "
+                f"they are in ms, use --columns observed={column.name}:ms",
+                "beyond_a_finger",
+            )
         inside = sum(int(np.count_nonzero((spike_s >= a) & (spike_s <= b))) for a, b in found.tolist())
         if len(found) and 2 * inside < len(spike_s):
             raise RecordingError(
-                "{path}: only {inside} of {spikes} spikes of unit {unit} ({first_s:g} to {last_s:g} s) lie in its "
-                "{column}, {begin_s:g} to {end_s:g} s, and all should; if one of the two is in ms, state it, e.g. "
-                "--columns observed={column}:ms or --columns time={times}:ms",
-                code="spikes_outside_observed",
-                path=str(path),
-                inside=inside,
-                spikes=len(spike_s),
-                unit=units.ids[row],
-                first_s=float(spike_s[0]),
-                last_s=float(spike_s[-1]),
-                column=column.name,
-                begin_s=float(found[0, 0]),
-                end_s=float(found[-1, 1]),
-                times=units.column,
+                f"{path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({float(spike_s[0]):g} "
+                f"to {float(spike_s[-1]):g} s) lie in its {column.name}, {float(found[0, 0]):g} to "
+                f"{float(found[-1, 1]):g} s, and all should; if one of the two is in ms, state it, e.g. --columns "
+                f"observed={column.name}:ms or --columns time={units.column}:ms",
+                "spikes_outside_observed",
             )
     invalid = _invalid(file, path)
     if invalid is None:
@@ -270,9 +244,7 @@ def _invalid(file: h5py.File, path: Path) -> Array | None:
     begin, end = (numbers_in(file, path, place) for place in places)
     if begin is None or end is None or len(begin) != len(end):
         raise RecordingError(
-            "{path}, intervals/invalid_times: must have as many start_time as stop_time",
-            code="bad_invalid_times",
-            path=str(path),
+            f"{path}, intervals/invalid_times: must have as many start_time as stop_time", "bad_invalid_times"
         )
     spans = np.column_stack(
         [_numbers(values_of(one, path), path, place) for one, place in zip((begin, end), places, strict=True)]
@@ -283,9 +255,7 @@ def _invalid(file: h5py.File, path: Path) -> Array | None:
 
 def _refuse_backwards(path: Path, place: str, spans: Array) -> None:
     if (spans[:, 1] < spans[:, 0]).any():
-        raise RecordingError(
-            "{path}, {dataset}: an interval ends before it begins", code="backwards", path=str(path), dataset=place
-        )
+        raise RecordingError(f"{path}, {place}: an interval ends before it begins", "backwards")
 
 
 class _Candidate(NamedTuple):
@@ -435,12 +405,9 @@ def _edges_of_samples(file: h5py.File, path: Path, place: str) -> _Pulses:
     rate_hz = attribute_of(file, path, f"{place}/starting_time", "rate")
     if data is None or start is None or rate_hz is None or not 0 < rate_hz < np.inf or len(data) > _MOST_SAMPLES:
         raise RecordingError(
-            "{path}, {dataset}: must be one column of at most {most} samples, with the rate of sampling in "
-            "starting_time",
-            code="no_line",
-            path=str(path),
-            dataset=place,
-            most=_MOST_SAMPLES,
+            f"{path}, {place}: must be one column of at most {_MOST_SAMPLES} samples, with the rate of sampling "
+            "in starting_time",
+            "no_line",
         )
     parts = [slice(at, at + _AT_ONCE) for at in range(0, len(data), _AT_ONCE)]
     read = (part_of(data, path, part).ravel() for part in parts)
@@ -460,11 +427,7 @@ def _numbers(values: NDArray[np.generic], path: Path, dataset: str) -> Array:
         times = np.asarray(values if values.dtype.kind in "iufSO" else [None], dtype=np.float64)
     except (ValueError, TypeError):
         raise RecordingError(
-            "{path}, {dataset}: the values have type {dtype}; they must be times as numbers",
-            code="no_numbers",
-            path=str(path),
-            dataset=dataset,
-            dtype=str(values.dtype),
+            f"{path}, {dataset}: the values have type {values.dtype}; they must be times as numbers", "no_numbers"
         ) from None
     finite_times(path, dataset, times.ravel())
     return times

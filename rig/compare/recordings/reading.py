@@ -93,15 +93,11 @@ def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording
     span_mm = float(np.ptp(found.position_mm))
     if span_mm < LEAST_PROFILE_MM:
         column = rows[0].columns[role_name("position")]
+        remedy = stated_unit(role_name("position"), column.name, "m")
         raise RecordingError(
-            "{path}, column {column}: all positions lie within {span_mm:g} mm, at least {least_mm:g} mm are "
-            "required; if the unit is another, state it: {remedy}",
-            code="beyond_a_finger",
-            path=str(path),
-            column=column.name,
-            span_mm=span_mm,
-            least_mm=LEAST_PROFILE_MM,
-            remedy=stated_unit(role_name("position"), column.name, "m"),
+            f"{path}, column {column.name}: all positions lie within {span_mm:g} mm, at least "
+            f"{LEAST_PROFILE_MM:g} mm are required; if the unit is another, state it: {remedy}",
+            "beyond_a_finger",
         )
     return found
 
@@ -110,14 +106,9 @@ def _of_an_afferent(path: Path, found: Recording) -> None:
     most = max(float(rates.max()) for rates in found.repeats)
     if found.window_s is not None and most > MOST_RATE:
         raise RecordingError(
-            "{path}: {count:g} spikes in {window_s:g} s are {rate:g} in 1 s, at most {most:g} are possible; check "
-            "the unit of time",
-            code="beyond_a_finger",
-            path=str(path),
-            count=most * found.window_s,
-            window_s=found.window_s,
-            rate=most,
-            most=MOST_RATE,
+            f"{path}: {most * found.window_s:g} spikes in {found.window_s:g} s are {most:g} in 1 s, at most "
+            f"{MOST_RATE:g} are possible; check the unit of time",
+            "beyond_a_finger",
         )
 
 
@@ -227,10 +218,10 @@ def _refuse_unclear_sd(path: Path, rows: list[tuple[Row, float]]) -> None:
                             "delete the column")  # fmt: skip
     if stated and len({place for _, place in rows}) < len(rows):
         raise RecordingError(
-            "{path}, column {column}: an sd cannot be stated beside repeats, over which it is computed; delete the "
-            "column, or keep one row of each position, with the mean and its sd",
-            code="sd_and_repeats", path=str(path), column=stated[0].columns["sd"].name,
-        )  # fmt: skip
+            f"{path}, column {stated[0].columns['sd'].name}: an sd cannot be stated beside repeats, over which it "
+            "is computed; delete the column, or keep one row of each position, with the mean and its sd",
+            "sd_and_repeats",
+        )
 
 
 def _sd(row: Row) -> float:
@@ -296,10 +287,7 @@ def read_recordings(
         key = shape_key(shape)
         if key in named:
             raise RecordingError(
-                "--recorded {given!r}: {shape} is given twice; give each shape once",
-                code="recorded_twice",
-                given=text,
-                shape=shape,
+                f"--recorded {text!r}: {shape} is given twice; give each shape once", "recorded_twice"
             )
         named[key] = shape, file
     found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
@@ -311,9 +299,8 @@ def read_recordings(
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
             raise RecordingError(
-                "--mirror {shape} requires a recording of this shape; add --recorded {shape}=CSV",
-                code="nothing_to_mirror",
-                shape=shape,
+                f"--mirror {shape} requires a recording of this shape; add --recorded {shape}=CSV",
+                "nothing_to_mirror",
             )
         found |= {key: found[key].mirrored() for key in meant if key not in turned}
         turned.update(meant)
@@ -357,9 +344,10 @@ def refuse_several_units(found: Mapping[str, Recording]) -> None:
     if len(units) > 1:
         one, other = list(units.values())[:2]
         raise RecordingError(
-            "the rates of {one} are in {first}, those of {other} in {second}; convert them to one unit",
-            code="several_units", one=one, first=found[one].rate_unit, other=other, second=found[other].rate_unit,
-        )  # fmt: skip
+            f"the rates of {one} are in {found[one].rate_unit}, those of {other} in {found[other].rate_unit}; "
+            "convert them to one unit",
+            "several_units",
+        )
 
 
 def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, str]) -> None:
@@ -370,13 +358,10 @@ def _refuse_twice(found: Mapping[ShapeKey, Recording], files: Mapping[ShapeKey, 
         for other in (seen.setdefault(sign, key) for sign in signs):
             if other != key:
                 raise RecordingError(
-                    "--recorded {shape}={file}: the recording of {other} already, in {other_file}, with the same "
-                    "rates; those of one stimulus are not those of another: name a file of its own for each",
-                    code="file_twice",
-                    shape=str(key),
-                    file=files[key],
-                    other=str(other),
-                    other_file=files[other],
+                    f"--recorded {key}={files[key]}: the recording of {other} already, in {files[other]}, with "
+                    "the same rates; those of one stimulus are not those of another: name a file of its own for "
+                    "each",
+                    "file_twice",
                 )
 
 
@@ -385,7 +370,7 @@ def _shape_and_file(text: str) -> tuple[str, str]:
     words = text.split("=", _MOST_SIGNS)
     parted = [("=".join(words[:n]), "=".join(words[n:])) for n in range(1, len(words))]
     if not parted or not all(parted[-1]):
-        raise RecordingError("--recorded {given!r}: must be SHAPE=CSV", code="no_shape_and_file", given=text)
+        raise RecordingError(f"--recorded {text!r}: must be SHAPE=CSV", "no_shape_and_file")
     return next((one for one in parted if _is_shape(one[0])), parted[0])
 
 
@@ -440,9 +425,8 @@ def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recor
     roles = _roles(path, reading.columns)
     if unit and roles in (RATES, COUNTS):
         raise RecordingError(
-            "{file}: a table of rates or counts has no units to choose from; remove #{unit}",
-            code="no_unit_here", file=file, unit=unit, path=str(path),
-        )  # fmt: skip
+            f"{file}: a table of rates or counts has no units to choose from; remove #{unit}", "no_unit_here"
+        )
     if roles in (RATES, COUNTS):
         found = read_srp(path, reading.columns)
     else:
@@ -462,11 +446,7 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
     holding = [run for run in runs if any(shape_name(e["indentor"]) == name for e in run.stream("mount"))]
     if len(holding) != 1:
         raise RecordingError(
-            "{path}: spike times apply to exactly one run with {shape}, but {runs} were given",
-            code="not_one_run",
-            path=str(path),
-            shape=shape,
-            runs=len(holding),
+            f"{path}: spike times apply to exactly one run with {shape}, but {len(holding)} were given", "not_one_run"
         )
     return holding[0]
 
@@ -496,10 +476,9 @@ def refuse_unused_options(found: Iterable[Recording], reading: Reading) -> None:
     option = next((name for name, is_given in given.items() if is_given), None)
     if option and not any(one.spikes for one in found):
         raise RecordingError(
-            "{option} applies to spike times, and no recording has any: rates, counts and their positions are taken "
-            "from a table as they are; remove it",
-            code="unused_option",
-            option=option,
+            f"{option} applies to spike times, and no recording has any: rates, counts and their positions are "
+            "taken from a table as they are; remove it",
+            "unused_option",
         )
 
 

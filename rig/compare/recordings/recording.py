@@ -184,10 +184,7 @@ def shape_key(text: str) -> ShapeKey:
     condition = _CONDITION.fullmatch(said.strip())
     if at and condition is None:
         raise RecordingError(
-            "{given!r}: {condition!r} after @ must be a force or a depth, e.g. 8gwt or 0.5mm",
-            code="no_condition",
-            given=text,
-            condition=said,
+            f"{text!r}: {said!r} after @ must be a force or a depth, e.g. 8gwt or 0.5mm", "no_condition"
         )
     return ShapeKey(shape_name(shape), f"{float(condition[1]):g} {condition[2]}" if condition else "")
 
@@ -202,11 +199,6 @@ def finite_times(path: Path, dataset: str, times: Array) -> Array:
     wrong = np.flatnonzero(~is_number(times))
     if len(wrong):
         raise RecordingError(
-            "{path}, {dataset}, entry {entry}: {value:g} must be a number",
-            code="not_finite",
-            path=str(path),
-            dataset=dataset,
-            entry=int(wrong[0]) + 1,
-            value=float(times[wrong[0]]),
+            f"{path}, {dataset}, entry {int(wrong[0]) + 1}: {float(times[wrong[0]]):g} must be a number", "not_finite"
         )
     return times

@@ -183,11 +183,9 @@ def _without_pulses(path: Path, found: UnitSpikes, made: int) -> ClockFit:
         return ClockFit(1.0, 0.0, False, _STATED)
     if made:
         raise RecordingError(
-            "{path}: has no sync pulses, but the run made {made}; export them with the spikes (in a CSV as rows of "
-            "kind sync), or, if times are those of the run's journal (t_s), use --columns sync=none",
-            code="no_pulses_in_file",
-            path=str(path),
-            made=made,
+            f"{path}: has no sync pulses, but the run made {made}; export them with the spikes (in a CSV as rows "
+            "of kind sync), or, if times are those of the run's journal (t_s), use --columns sync=none",
+            "no_pulses_in_file",
         )
     return ClockFit(1.0, 0.0, False, SpikeTimes(found.spike_s).clock)
 
@@ -230,10 +228,10 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     stated = "sync" in columns.named
     if stated and columns["sync"].name != NO_PULSES:
         raise RecordingError(
-            "{path}: --columns sync={name} cannot be used for a table, which has pulses as rows of kind sync; use "
-            "kind=COLUMN, or sync=none if times are those of the run's journal (t_s)",
-            code="no_pulses", path=str(path), name=columns["sync"].name,
-        )  # fmt: skip
+            f"{path}: --columns sync={columns['sync'].name} cannot be used for a table, which has pulses as rows "
+            "of kind sync; use kind=COLUMN, or sync=none if times are those of the run's journal (t_s)",
+            "no_pulses",
+        )
     given = {name: column for name, column in columns.by_name.items() if name != role_name("sync")}
     rows = read_table(path, *columns.split(("time",), ("kind", "unit")), given=given, hint=COLUMNS_HINT)
     if not stated:
@@ -270,12 +268,10 @@ def _refuse_pulses_beside(path: Path, rows: Sequence[Row]) -> None:
     unread = [name for name in header_of(path) if rows and called_like_pulses(name) and name not in read]
     if unread:
         raise RecordingError(
-            "{path}: the column {column!r} may have the sync pulses and is not read; a CSV has them as rows whose "
-            "kind is sync (--columns kind=COLUMN); else remove the column, or use sync=none if times are those of "
-            "the run's journal (t_s)",
-            code="unknown_pulses",
-            path=str(path),
-            column=unread[0],
+            f"{path}: the column {unread[0]!r} may have the sync pulses and is not read; a CSV has them as rows "
+            "whose kind is sync (--columns kind=COLUMN); else remove the column, or use sync=none if times are "
+            "those of the run's journal (t_s)",
+            "unknown_pulses",
         )
 
 
@@ -290,9 +286,10 @@ def _between(path: Path, starts: Array, stops: Array) -> Array:
     last = np.concatenate([stops, [np.inf]]) if open_stop else stops
     if len(first) != len(last) or (last < first).any() or (first[1:] < last[:-1]).any():
         raise RecordingError(
-            "{path}: rows of kind start and stop must alternate in time; {starts} starts and {stops} stops do not",
-            code="no_intervals", path=str(path), starts=len(starts), stops=len(stops),
-        )  # fmt: skip
+            f"{path}: rows of kind start and stop must alternate in time; {len(starts)} starts and {len(stops)} "
+            "stops do not",
+            "no_intervals",
+        )
     return np.column_stack([first, last])
 
 
@@ -309,27 +306,20 @@ def rates_in_run(
     begin, end = window_s
     if not 0 <= begin < end:
         raise RecordingError(
-            "--window-s {begin_s:g},{end_s:g}: must satisfy 0 ≤ begin < end, in s from the start of the hold",
-            code="no_window",
-            begin_s=begin,
-            end_s=end,
+            f"--window-s {begin:g},{end:g}: must satisfy 0 ≤ begin < end, in s from the start of the hold",
+            "no_window",
         )
     if not abs(centre_mm) <= MOST_MM:
         raise RecordingError(
-            "--field-centre-mm {centre_mm:g}: must be a number in mm, of at most {most_mm:g}",
-            code="no_centre", centre_mm=centre_mm, most_mm=MOST_MM,
-        )  # fmt: skip
+            f"--field-centre-mm {centre_mm:g}: must be a number in mm, of at most {MOST_MM:g}", "no_centre"
+        )
     rows, lost_mm = [], []
     for x_mm, start_s, stop_s in _last_holds(run, shape, name):
         if start_s + end > stop_s + _CLOCK_TICK_S:
             raise RecordingError(
-                "--window-s {begin_s:g},{end_s:g}: must end within each hold; the hold at x = {x_mm:g} mm "
-                "lasts {hold_s:.3f} s",
-                code="window_beyond_hold",
-                begin_s=begin,
-                end_s=end,
-                x_mm=x_mm,
-                hold_s=stop_s - start_s,
+                f"--window-s {begin:g},{end:g}: must end within each hold; the hold at x = {x_mm:g} mm lasts "
+                f"{stop_s - start_s:.3f} s",
+                "window_beyond_hold",
             )
         at_mm = round(x_mm - centre_mm, SAME_PLACE_DECIMALS)
         if not times.observed(start_s + begin, start_s + end):
@@ -339,11 +329,7 @@ def rates_in_run(
         rows.append((at_mm, (last - first) / (end - begin), np.nan))
     if not rows and not lost_mm:
         raise RecordingError(
-            "{file}: run {run} contains no finished indentation by {shape}",
-            code="never_pressed",
-            file=name,
-            run=run.folder.path.name,
-            shape=shape,
+            f"{name}: run {run.folder.path.name} contains no finished indentation by {shape}", "never_pressed"
         )
 
     def shifted(shift_s: float) -> Recording:
@@ -373,21 +359,14 @@ def _last_holds(run: Run, shape: str, name: str) -> list[tuple[float, float, flo
     told = sorted({condition for condition, *_ in found}, key=natural_order)
     if not meant.condition and len(told) > 1:
         raise RecordingError(
-            "{file}: {shape} was pressed to {conditions}; name one, e.g. --recorded '{shape}@{first}={file}'",
-            code="several_conditions",
-            file=name,
-            shape=shape,
-            conditions=" and ".join(told),
-            first=told[0],
+            f"{name}: {shape} was pressed to {' and '.join(told)}; name one, e.g. --recorded "
+            f"'{shape}@{told[0]}={name}'",
+            "several_conditions",
         )
     if found and meant.condition not in ("", *told):
+        held = " and ".join(f"{meant.shape}@{condition}" for condition in told)
         raise RecordingError(
-            "{file}: run {run} contains {held}, and no {shape}; name one of these",
-            code="never_pressed",
-            file=name,
-            run=run.folder.path.name,
-            shape=shape,
-            held=" and ".join(f"{meant.shape}@{condition}" for condition in told),
+            f"{name}: run {run.folder.path.name} contains {held}, and no {shape}; name one of these", "never_pressed"
         )
     return [(x, start, stop) for condition, x, start, stop in found if meant.condition in ("", condition)]
 

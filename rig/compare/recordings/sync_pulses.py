@@ -192,12 +192,9 @@ def _searched(path: Path, pulse_s: Array, rise_s: Array) -> _Match | None:
         )
         if abs(apart_s) > _ONE_PULSE_S:
             raise RecordingError(
-                "{path}: the {pulses} sync pulses fit the {journalled} of the run's journal at several places; "
-                "export all pulses of the run",
-                code="pulses_fit_twice",
-                path=str(path),
-                pulses=len(pulse_s),
-                journalled=len(rise_s),
+                f"{path}: the {len(pulse_s)} sync pulses fit the {len(rise_s)} of the run's journal at several "
+                "places; export all pulses of the run",
+                "pulses_fit_twice",
             )
         if apart_s > TOLERANCE_S:  # the later time of the run belongs to the earlier edge in the file
             best = other
@@ -260,12 +257,9 @@ def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array) -> RecordingError:
             journalled=len(rise_s),
         )  # fmt: skip
     return RecordingError(
-        "{path}: the sync pulses differ from the journal's by up to {worst_ms:.1f} ms; at most "
-        "{most_ms:g} ms is allowed",
-        code="pulses_apart",
-        path=str(path),
-        worst_ms=1e3 * _line(pulse_s, rise_s).worst_s,
-        most_ms=1e3 * TOLERANCE_S,
+        f"{path}: the sync pulses differ from the journal's by up to "
+        f"{1000.0 * _line(pulse_s, rise_s).worst_s:.1f} ms; at most {1000.0 * TOLERANCE_S:g} ms is allowed",
+        "pulses_apart",
     )
 
 

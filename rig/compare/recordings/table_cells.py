@@ -85,7 +85,7 @@ def _lines(path: Path) -> Lines:
         content = read_bytes(file, MOST_TABLE_BYTES)
     except OSError as error:
         reason = error.strerror or str(error)
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason) from None
+        raise RecordingError(f"{path}: {reason}", "unreadable") from None
     if content.startswith(ZIP):
         return iter(_of_workbook(path, content, sheet))
     if file.suffix.lower() == ".mat" and is_matlab_4(content):
@@ -97,22 +97,15 @@ def _lines(path: Path) -> Lines:
 
 def _no_table(path: Path, kind: str, reason: str = "") -> RecordingError:
     if kind and kind != "text":
-        return RecordingError(
-            "{path}: not a table (CSV in UTF-8, .xlsx, .mat); it is {kind}", code="no_csv", path=str(path), kind=kind
-        )
-    return RecordingError(
-        "{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8",
-        code="no_csv",
-        path=str(path),
-        reason=reason,
-    )
+        return RecordingError(f"{path}: not a table (CSV in UTF-8, .xlsx, .mat); it is {kind}", "no_csv")
+    return RecordingError(f"{path}: not a CSV file in UTF-8: {reason}; save it as CSV UTF-8", "no_csv")
 
 
 def _of_csv(path: Path, content: bytes) -> Lines:
     """Yield the rows of a CSV; its separator is the one that splits the header into the most columns."""
     if max(content.count(b"\n"), content.count(b"\r")) > MOST_LINES:
         reason = f"more than {MOST_LINES} lines, which is the limit"
-        raise RecordingError("{path}: {reason}", code="unreadable", path=str(path), reason=reason)
+        raise RecordingError(f"{path}: {reason}", "unreadable")
     utf_16 = content.startswith(UTF_16)
     kind = "" if utf_16 or not content else kind_of(content)
     if kind not in ("", "text"):
@@ -200,30 +193,24 @@ def _of_workbook(path: Path, content: bytes, sheet: str) -> list[tuple[int, list
 def _one_sheet(book: _Workbook, sheets: Mapping[str, str], sheet: str) -> list[tuple[int, list[str]]]:
     if sheet and sheet not in sheets:
         raise RecordingError(
-            "{path}: there is no sheet {sheet}; the sheets are {sheets}",
-            code="no_sheet",
-            path=str(book.path),
-            sheet=sheet,
-            sheets=", ".join(list(sheets)[:_MOST_LISTED]),
+            f"{book.path}: there is no sheet {sheet}; the sheets are {', '.join(list(sheets)[:_MOST_LISTED])}",
+            "no_sheet",
         )
     read = {name: _rows(book, sheets[name]) for name in ([sheet] if sheet else sheets)}
     full = {name: rows for name, rows in read.items() if any(any(cells) for _, cells in rows)}
     if len(full) > 1:
         raise RecordingError(
-            "{path}: {number} sheets have rows; use FILE#SHEET, e.g. {file}#{first} ({sheets})",
-            code="several_sheets",
-            path=str(book.path),
-            number=len(full),
-            file=book.path.name,
-            first=next(iter(full)),
-            sheets=", ".join(list(full)[:_MOST_LISTED]),
+            f"{book.path}: {len(full)} sheets have rows; use FILE#SHEET, e.g. {book.path.name}#{next(iter(full))} "
+            f"({', '.join(list(full)[:_MOST_LISTED])})",
+            "several_sheets",
         )
     if not sheet and (unseen := book.hidden.intersection(full)):
         (name,) = unseen
         raise RecordingError(
-            "{path}: the only sheet with rows, {sheet}, is hidden; show it, or name it as {file}#{sheet}",
-            code="hidden_sheet", path=str(book.path), sheet=name, file=book.path.name,
-        )  # fmt: skip
+            f"{book.path}: the only sheet with rows, {name}, is hidden; show it, or name it as "
+            f"{book.path.name}#{name}",
+            "hidden_sheet",
+        )
     return next(iter(full.values()), [])
 
 
@@ -374,9 +361,10 @@ def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: li
             )  # fmt: skip
     if merged:
         raise RecordingError(
-            "{path}: the cells {cells} are merged over several rows; unmerge them and fill in every row",
-            code="merged_cells", path=str(path), cells=", ".join(merged[:_MOST_LISTED]),
-        )  # fmt: skip
+            f"{path}: the cells {', '.join(merged[:_MOST_LISTED])} are merged over several rows; unmerge them and "
+            "fill in every row",
+            "merged_cells",
+        )
 
 
 def _column_number(letters: str) -> int:
@@ -413,12 +401,11 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
     others |= {one.name: "(logical)" for one in variables if one.vector is not None and one.logical}
     lengths = {len(values) for values in vectors.values()} - {1} or {1}
     if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
+        held = ", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables"
         raise RecordingError(
-            "{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
+            f"{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
             "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
-            code="no_mat_table",
-            path=str(path),
-            held=", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables",
+            "no_mat_table",
         )
     return _as_lines(vectors, others, max(lengths))
 

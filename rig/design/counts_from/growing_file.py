@@ -19,7 +19,7 @@ class GrowingFile:
         """Raise CountError if the file could never be read."""
         self._path, self._at, self._line, self._rest = path.absolute(), 0, 0, b""
         if path.is_dir() or not self._path.parent.is_dir():
-            raise CountError("--choose {path}: must be a file in an existing folder", code="no_file", path=str(path))
+            raise CountError(f"--choose {path}: must be a file in an existing folder", "no_file")
 
     def made(self, press: MadePress) -> None:
         """Do nothing, because the file grows by itself."""
@@ -40,7 +40,7 @@ class GrowingFile:
         try:
             with self._path.open("rb") as file:
                 if file.seek(0, 2) < self._at:
-                    raise CountError("{path}: was shortened", code="shortened", path=str(self._path))
+                    raise CountError(f"{self._path}: was shortened", "shortened")
                 file.seek(self._at)
                 found = file.read(_MOST_BYTES)
         except OSError:  # not there yet, or lost: then no count arrives
@@ -56,10 +56,7 @@ class GrowingFile:
         text = line.decode("utf-8-sig" if self._line == 1 else "utf-8", errors="replace").strip()
         if self._line == 1:
             if text.replace(" ", "") != HEADER:
-                raise CountError(
-                    "{path}: the first line must be {expected}, not {value!r}",
-                    code="no_header", path=str(self._path), expected=HEADER, value=text[:60],
-                )  # fmt: skip
+                raise CountError(f"{self._path}: the first line must be {HEADER}, not {text[:60]!r}", "no_header")
             return None
         if not text:
             return None
@@ -70,7 +67,7 @@ class GrowingFile:
 
     def _wrong(self, line: bytes) -> CountError:
         return CountError(
-            "{path}, line {line}: {value!r}: must be {expected}",
-            code="bad_line", path=str(self._path), line=max(self._line, 1),
-            value=line[:60].decode("utf-8", errors="replace"), expected=HEADER,
-        )  # fmt: skip
+            f"{self._path}, line {max(self._line, 1)}: {line[:60].decode('utf-8', errors='replace')!r}: must be "
+            f"{HEADER}",
+            "bad_line",
+        )

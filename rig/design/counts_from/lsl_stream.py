@@ -53,16 +53,13 @@ def opened(name: str) -> LslCounts:
         ) from None
     found = pylsl.resolve_byprop("name", name, timeout=FIND_S)
     if not found:
-        raise CountError(
-            "--choose lsl:{name}: no such stream within {within_s:g} s; start it first",
-            code="no_stream", name=name, within_s=FIND_S,
-        )  # fmt: skip
+        raise CountError(f"--choose lsl:{name}: no such stream within {FIND_S:g} s; start it first", "no_stream")
     channels = found[0].channel_count()
     if channels != _CHANNELS:
         raise CountError(
-            "--choose lsl:{name}: the stream has {channels} channels; it must have two, index and count",
-            code="wrong_channels", name=name, channels=channels,
-        )  # fmt: skip
+            f"--choose lsl:{name}: the stream has {channels} channels; it must have two, index and count",
+            "wrong_channels",
+        )
     inlet = pylsl.StreamInlet(found[0], recover=True)
     inlet.open_stream(timeout=FIND_S)
     return LslCounts(inlet)

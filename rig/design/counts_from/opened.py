@@ -34,14 +34,9 @@ def virtual_name(text: str) -> VirtualName | None:
     name, _, seed = text.removeprefix(VIRTUAL).partition("@")
     if name not in (AFFERENT, *CANDIDATES):
         known = ", ".join((AFFERENT, *CANDIDATES))
-        raise DesignError(
-            "--choose {value}: there is no virtual nerve {name}; use one of {known}",
-            code="unknown_nerve", value=text, name=name, known=known,
-        )  # fmt: skip
+        raise DesignError(f"--choose {text}: there is no virtual nerve {name}; use one of {known}", "unknown_nerve")
     if seed and not (seed.isascii() and seed.isdigit() and int(seed) < _MOST_SEED):
-        raise DesignError(
-            "--choose {value}: the seed must be 0 to {high}", code="bad_seed", value=text, high=_MOST_SEED - 1
-        )
+        raise DesignError(f"--choose {text}: the seed must be 0 to {_MOST_SEED - 1}", "bad_seed")
     return VirtualName(name, int(seed or 0))
 
 
@@ -51,7 +46,7 @@ def refuse_source(text: str) -> None:
     if virtual_name(text) is not None or text.endswith(FILE) or (text.startswith(LSL) and function):
         return
     if not (own and function and all(part.isidentifier() for part in [*own.split("."), function])):
-        raise DesignError("--choose {value}: must be {expected}", code="no_source", value=text, expected=_KINDS)
+        raise DesignError(f"--choose {text}: must be {_KINDS}", "no_source")
 
 
 def opened(text: str, config: Config, table: ResponseTable, model: CountModel) -> CountSource:
@@ -77,8 +72,5 @@ def opened(text: str, config: Config, table: ResponseTable, model: CountModel) -
     except CountError:
         raise
     except Exception as error:
-        raise CountError(
-            "--choose {value}: {exception}: {problem}",
-            code="source_failed", value=text, exception=type(error).__name__, problem=str(error),
-        ) from None  # fmt: skip
+        raise CountError(f"--choose {text}: {type(error).__name__}: {error}", "source_failed") from None
     return source

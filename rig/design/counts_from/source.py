@@ -79,9 +79,8 @@ class AcceptedCounts:
         if index in self._found or self._known.get(index, spikes) != spikes:
             before = self._found.get(index, self._known.get(index))
             raise CountError(
-                "two counts for press index {index}, {before} and {count}: there must be one",
-                code="two_counts", index=index, before=before, count=spikes,
-            )  # fmt: skip
+                f"two counts for press index {index}, {before} and {spikes}: there must be one", "two_counts"
+            )
         self._found[index] = spikes
 
 

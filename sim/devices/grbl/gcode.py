@@ -84,7 +84,7 @@ class GcodeError(SimError):
     default_code = "refused_line"
 
     def __init__(self, number: int) -> None:
-        super().__init__("error:{number}", number=number)
+        super().__init__(f"error:{number}")
         self.number = number
 
 
