@@ -8,7 +8,7 @@ from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
 from rig.data.run_state import RunState
-from rig.data.schema import READING
+from rig.data.events import READING
 
 BLOCKS = " ▁▂▃▄▅▆▇█"
 COLUMNS, ROWS, EACH = 64, 3, 4

@@ -174,8 +174,9 @@ def show_command(
 def _columns() -> dict[str, Any]:
     return {
         "columns": [
-            {"table": one.table, "name": one.name, "unit": one.unit, "dtype": one.dtype, "what_text": one.what}
-            for one in dictionary.columns()
+            {"table": table, "name": one.name, "unit": one.unit, "dtype": one.dtype, "what_text": one.what}
+            for table, columns in dictionary.described_tables().items()
+            for one in columns
         ]
     }
 

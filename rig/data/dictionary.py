@@ -1,37 +1,21 @@
 """Descriptions of every table, column and attribute of a run's files, for data.h5 and docs/columns.md."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 
-from rig.data.schema import OF_A_SENSOR, PRESS_STREAMS, STREAMS
-from rig.data.tables import HOLD_COLUMNS, OF_THE_PRESS, RUN_COLUMNS, SUPERSEDED
-
-TABLES = {
-    "indentation_start": "an indentation begins",
-    "sample": "a reading of the force, with the position of the indentor",
-    "touch": "contact was found: F ∝ d^1.5 through the readings of the touch-off",
-    "ramp": "a ramp begins, with its force limits",
-    "hold_start": "the target, or an equal part of it, is reached and the hold begins",
-    "hold_end": "a hold ended, with the depth and force that were delivered",
-    "sync": "a pulse for the recording amplifier",
-    "indentation_end": "the indentor is back at clearance",
-    "mount": "an indentor was mounted",
-    "home": "the home switches were found",
-    "zero": "the force sensor was zeroed in the air",
-    "move": "the indentor moved to a position, at clearance",
-    "find": "contact was found by touch() alone",
-    "retract": "the indentor was lifted to clearance",
-    "reference": "a reference press was compared with the first one",
-    "rest": "a pause without contact ended",
-    "choice": "the next press was chosen from the counts so far, or the presses ended",
-    "checkpoint": "the protocol passed a checkpoint",
-    "note": "the protocol wrote a note",
-    "alarm": "an alarm was raised; the run continued unless limits.on_alarm is trip",
-    "trip": "the rig tripped",
-    "paused": "the operator paused the run",
-    "resumed": "the operator resumed the run",
-}
-"""Descriptions by stream."""
+from rig.data.events import (
+    EVENTS,
+    OF_THE_PRESS,
+    PRESS_EVENTS,
+    Column,
+    HoldEnd,
+    OfThePress,
+    OfTheSensor,
+    columns_of,
+    description_of,
+    stream_of,
+)
+from rig.data.presses import PressRow
+from rig.data.tables import HOLD_COLUMNS, PRESSES, RUN_COLUMNS, SUPERSEDED
 
 FAMILIES = {
     "precondition_": "of preconditioning presses, which are not data",
@@ -40,101 +24,14 @@ FAMILIES = {
 }
 """Descriptions by prefix; tables that end in `_superseded` hold indentations that were repeated."""
 
-MEANINGS = {
-    "t_s": "time of the event since the start of the run",
-    "index": "number of the press among those of its kind, from 0, in the order of the protocol; −1 outside a press",
-    "indentor": "shape of the indentor, e.g. bar:3.0",
-    "x_mm": "lateral position of the indentor's reference point, from the center of the pad",
-    "along_mm": "position along the finger, from the receptor plane",
-    "height_mm": "height of the indentor's lowest point above the nominal apex of the finger",
-    "target": "commanded quantity and its unit: doi_mm (depth past contact) or force_gwt",
-    "value": "commanded value, in the unit of target",
-    "commanded": "commanded value of this hold, in the unit of target",
-    "increments": "number of holds, at equal parts of the target",
-    "verb": "verb of the press: indent or ramp",
-    "indentation_start.speed_mm_s": "speed that the protocol asked for, of the press or the ramp",
-    "predicted_doi_mm": "depth in the last hold that the finger model predicts",
-    "predicted_force_gwt": "force in the last hold that the finger model predicts",
-    "indentation_start.hold_s": "duration of each hold that the protocol asked for",
-    "target_doi_mm": "commanded depth past contact, for a hold its own part; empty if a force was commanded",
-    "target_force_gwt": "commanded force, for a hold its own part; empty if a depth was commanded",
-    "block": "number of the block in the schedule, from 1; empty outside a schedule",
-    "repeat": "repetition of the condition in its block, from 1; empty outside a schedule",
-    "condition": "item of the schedule, as text",
-    "phase": "activity: clearance, moving, approach, back off, touch, press, ramp, hold or compliance",
-    "doi_mm": "depth past the fitted contact, corrected for the rig's compliance; empty before contact is found",
-    "doi_sd_mm": "standard deviation of doi_mm, from the step of the stage and the compliance",
-    "force_gwt": "force on the finger, positive when pressing",
-    "hold_end.force_gwt": "mean force over the readings of the hold",
-    "force_sd_gwt": "standard deviation of the readings of the hold",
-    "peak_gwt": "highest force since the previous hold, or since contact",
-    "ramp_gwt": "change of force during the ramp to the hold",
-    "ramp_s": "duration of the ramp to the hold",
-    "readings": "number of readings in the hold",
-    "asked_s": "commanded duration of the hold",
-    "hold_s": "actual duration of the hold",
-    "interval_sd_s": "standard deviation of the time between readings of the hold",
-    "stable": "whether the sensor reported the reading as stable",
-    "contact": "state of contact: lifted (measured), raised (by position only), disagreement, touching or unknown",
-    "contact_s": "total contact time in the run so far",
-    "threshold_gwt": "force that counts as contact",
-    "height_at_threshold_mm": "height at which the force first exceeded the threshold",
-    "contact_height_mm": "height of first contact above the nominal apex, from the fit",
-    "fit_points": "number of readings in the fit",
-    "doi_bias_mm": "depth already reached when the force exceeded the threshold, from the fit",
-    "speed_mm_s": "speed of the ramp",
-    "measured_gwt": "force at the depth of the ramp, by the last press by increments there",
-    "trip_gwt": "force that trips the ramp",
-    "bound_gwt": "force that it does not exceed: the trip of a press and the overshoot of an increment",
-    "stop_mm": "stopping distance, with the delays of sensor, reading and controller",
-    "hold": "number of the hold in its indentation, from 1",
-    "at": "event that the pulse marks: touch, hold_start or hold_end",
-    "rise_s": "time since the start of the run when the device had confirmed the rise",
-    "uncertainty_s": "uncertainty of the rise: it may have been earlier by as much",
-    "width_s": "duration of the pulse",
-    "duration_s": "duration from the start of the indentation until clearance",
-    "true_x_mm": "virtual bench only: true lateral position of the indentor",
-    "true_doi_mm": "virtual bench only: true depth past contact",
-    "true_doi_bias_mm": "virtual bench only: true depth at the touch minus doi_mm",
-    "controller": "identification reported by the stage's controller",
-    "sensor": "identification reported by the force sensor",
-    "noise_gwt": "standard deviation of readings in the air",
-    "offset_gwt": "zero: reading in the air that is subtracted from every reading",
-    "drift_gwt": "drift of the previous zero: mean force in the air just before; empty at the first zeroing",
-    "deviation": "largest deviation from the first reference press, relative to its force",
-    "rest_s": "duration of the pause",
-    "choice.index": "number of the indentation that was chosen, from 0",
-    "choice.reason": "why this press, or why there is none (docs/adaptive_runs.md)",
-    "count": "spikes in the hold of the indentation before; empty if no count arrived",
-    "probabilities": "probability of each candidate after that count, as JSON",
-    "information_bits": "information (bits) that the press is expected to give about which candidate is true",
-    "possible": "number of the press among those that the run may choose from, from 0; empty at the end",
-    "chosen_in_s": "time between the arrival of the count and the choice",
-    "name": "name of the checkpoint",
-    "text": "text of the note",
-    "reason": "reason, as text",
-    "by": "who resumed the run",
-}
-"""Descriptions by column, or by table and column where they differ."""
+_TIME = Column("t_s", "s", float, "time of the event since the start of the run")
+_TABLES: Mapping[str, type] = {PRESSES: PressRow, **{stream_of(event): event for event in EVENTS}}
+_ALSO = {column.name: column for column in (_TIME, *columns_of(OfThePress), *columns_of(OfTheSensor))}
 
-OF_A_SENSOR_MEANINGS = {
-    "fx_n": "force along the sensor's x axis, not zeroed",
-    "fy_n": "force along the sensor's y axis, not zeroed",
-    "fz_n": "force along the sensor's z axis, not zeroed",
-    "tx_nm": "torque about the sensor's x axis, not zeroed",
-    "ty_nm": "torque about the sensor's y axis, not zeroed",
-    "tz_nm": "torque about the sensor's z axis, not zeroed",
-    "packets_lost": "packets of the sensor that have not arrived since its stream was started",
-    "packets_repeated": "packets of the sensor without a new sample since its stream was started",
-    "packets_late": "packets of the sensor that arrived after a newer one since its stream was started",
-}
-"""Descriptions of the columns that a sensor adds to `sample`."""
-
+_OF_HOLD_END = {column.name: column.what for column in columns_of(HoldEnd)}
 OF_A_HOLD = {
-    "index": MEANINGS["index"],
-    "hold": MEANINGS["hold"],
-    "x_mm": MEANINGS["x_mm"],
-    **{name: MEANINGS[name] for name in OF_THE_PRESS},
+    **{name: _OF_HOLD_END[name] for name in ("index", "hold", "x_mm")},
+    **{column.name: column.what for column in columns_of(OfThePress)},
 }
 MODEL_TABLES = {
     "model_contact": {
@@ -157,12 +54,6 @@ MODEL_TABLES = {
     },
 }
 """Columns of the model's CSV files beside the report, after those of `OF_A_HOLD`."""
-
-TEXT = frozenset({
-    *("indentor", "target", "condition", "phase", "at", "controller", "sensor", "contact"),
-    *("verb", "name", "text", "reason", "by", "probabilities"),
-})  # fmt: skip
-FLAGS = frozenset({"stable"})
 
 ATTRIBUTES = {
     "run": "name of the run's folder",
@@ -188,27 +79,20 @@ _OF_A_RUN = {
 }
 
 
-@dataclass(frozen=True)
-class Column:
-    """Column of a CSV file, and dataset of data.h5."""
-
-    table: str
-    name: str
-    unit: str
-    dtype: str
-    what: str
-
-
 def about_table(stream: str) -> str:
-    """Return the description of a table."""
+    """Return the description of a table, empty for one that this program does not write."""
     family, name = _plain(stream)
-    words = TABLES.get(name, "")
+    if name not in _TABLES:
+        return ""
+    words = description_of(_TABLES[name])
     return f"{words} ({FAMILIES[family]})" if family else words
 
 
-def meaning(stream: str, column: str) -> str:
-    """Return the description of a column, or an empty text."""
-    return MEANINGS.get(f"{_plain(stream)[1]}.{column}", MEANINGS.get(column, OF_A_SENSOR_MEANINGS.get(column, "")))
+def column_of(stream: str, name: str) -> Column | None:
+    """Return the column of a table by its name, None for one that this program does not write."""
+    event = _TABLES.get(_plain(stream)[1])
+    own = {} if event is None else {column.name: column for column in columns_of(event)}
+    return own.get(name, _ALSO.get(name))
 
 
 def _plain(stream: str) -> tuple[str, str]:
@@ -218,19 +102,19 @@ def _plain(stream: str) -> tuple[str, str]:
     return family, name.removeprefix(family)
 
 
-def dtype(column: str) -> str:
-    """Return the type in data.h5, where a missing number is NaN and a missing text empty."""
-    return "text (UTF-8)" if column in TEXT else "bool" if column in FLAGS else "float64"
+def described_tables() -> dict[str, list[Column]]:
+    """Return the columns of all tables; families have the columns of the table of the same name."""
+    return {stream: list(_columns(stream)) for stream in _TABLES}
 
 
-def columns() -> Iterator[Column]:
-    """Yield every column of every table; families have the columns of the table of the same name."""
-    for stream in TABLES:
-        units = {"t_s": "s", **STREAMS[stream]}
-        own = {name: unit for name, unit in units.items() if stream not in PRESS_STREAMS or name not in OF_THE_PRESS}
-        joined = OF_THE_PRESS if stream in PRESS_STREAMS else {}
-        for name, unit in {**own, **joined}.items():
-            yield Column(stream, name, unit, dtype(name), meaning(stream, name))
+def _columns(stream: str) -> Iterator[Column]:
+    table = _TABLES[stream]
+    of_a_press = table in PRESS_EVENTS
+    if table is not PressRow:
+        yield _TIME
+    yield from (one for one in columns_of(table) if not of_a_press or one.name not in OF_THE_PRESS)
+    if of_a_press:
+        yield from columns_of(OfThePress)
 
 
 def as_markdown() -> str:
@@ -254,11 +138,12 @@ def _model() -> str:
 
 def _tables() -> str:
     parts = ["## Every column\n"]
-    for stream, words in TABLES.items():
-        parts.append(f"\n### `{stream}`\n\nOne row per event: {words}.\n\n{_HEAD}")
-        parts += [_row(one.name, one.unit, one.dtype, one.what) for one in columns() if one.table == stream]
+    for stream, columns in described_tables().items():
+        row = "press" if stream == PRESSES else "event"
+        parts.append(f"\n### `{stream}`\n\nOne row per {row}: {about_table(stream)}.\n\n{_HEAD}")
+        parts += map(_row, columns)
     parts.append(f"\n### Columns of `sample` with a Net F/T sensor\n\n{_HEAD}")
-    parts += [_row(name, unit, dtype(name), meaning("sample", name)) for name, unit in OF_A_SENSOR.items()]
+    parts += map(_row, columns_of(OfTheSensor))
     parts.append("\n### The same columns\n\n| table | rows |\n|---|---|\n")
     parts += [f"| `{begin}…` | {words} |\n" for begin, words in FAMILIES.items()]
     return "".join([*parts, f"| `…{SUPERSEDED}` | of indentations that were interrupted and repeated |\n"])
@@ -270,16 +155,14 @@ def _attributes() -> str:
 
 
 def _many_runs() -> str:
-    units = {name: unit for keys in (*STREAMS.values(), OF_THE_PRESS, {"t_s": "s"}) for name, unit in keys.items()}
-    of_runs = [
-        _row(name, "", "bool" if name == "virtual" else "text (UTF-8)", _OF_A_RUN[name]) for name in RUN_COLUMNS
-    ]
-    of_holds = [_row(name, units[name], dtype(name), meaning("hold_end", name)) for name in HOLD_COLUMNS]
-    return "".join([f"\n## Columns of `rig runs --table`\n\nOne row per hold.\n\n{_HEAD}", *of_runs, *of_holds])
+    of_runs = (Column(name, "", bool if name == "virtual" else str, _OF_A_RUN[name]) for name in RUN_COLUMNS)
+    of_holds = (column_of("hold_end", name) or column_of("touch", name) for name in HOLD_COLUMNS)
+    rows = [_row(column) for column in (*of_runs, *of_holds) if column is not None]
+    return "".join([f"\n## Columns of `rig runs --table`\n\nOne row per hold.\n\n{_HEAD}", *rows])
 
 
 _HEAD = "| column | unit | dtype in `data.h5` | what it is |\n|---|---|---|---|\n"
 
 
-def _row(name: str, unit: str, kind: str, words: str) -> str:
-    return f"| `{name}` | {unit} | {kind} | {words} |\n"
+def _row(column: Column) -> str:
+    return f"| `{column.name}` | {column.unit} | {column.dtype} | {column.what} |\n"

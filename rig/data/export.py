@@ -15,10 +15,12 @@ from typing import Any
 import h5py
 import numpy as np
 
-from rig.data.dictionary import FLAGS, TEXT, about_table, meaning
+from rig.data.dictionary import about_table, column_of
+from rig.data.events import Column, HoldEnd, columns_of
 from rig.data.folder import replacement, write_all
+from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, RunReadings, provenance_of
-from rig.data.spike_files import SPIKES, SYNTHETIC, SpikeRecord, about_columns, columns_of, write_csv, write_nix
+from rig.data.spike_files import SPIKES, SYNTHETIC, SpikeRecord, about_columns, values_of, write_csv, write_nix
 from rig.data.tables import Table, tables
 from rig.errors import RigError
 from rig.printable import printable
@@ -122,7 +124,7 @@ class _TextError(Exception):
 def _write_hdf5(run: Run, found: Mapping[str, Table], file: h5py.File) -> None:
     file.attrs.update(_attributes(run))
     for stream, table in found.items():
-        texts = set(TEXT)
+        texts = set[str]()
         while True:
             try:
                 _write_group(file.create_group(stream), stream, table, texts)
@@ -137,10 +139,12 @@ def _write_group(group: h5py.Group, stream: str, table: Table, texts: Collection
     group.attrs["description"] = about_table(stream)
     datasets = []
     for name, unit in table.units.items():
-        kind = bool if name in FLAGS else h5py.string_dtype() if name in texts else float
+        column = column_of(stream, name)
+        type_ = str if name in texts else float if column is None else column.type
+        kind = bool if type_ is bool else h5py.string_dtype() if type_ is str else float
         dataset = group.create_dataset(name, shape=(len(table.events),), dtype=kind)
         dataset.attrs["unit"] = unit
-        dataset.attrs["description"] = meaning(stream, name)
+        dataset.attrs["description"] = "" if column is None else column.what
         datasets.append((name, kind, dataset))
     begin = 0
     for rows in _blocks(table):
@@ -182,12 +186,6 @@ def _as_array(name: str, kind: Any, values: Sequence[Any]) -> Any:
 # requires.
 
 _M_PER_MM = 1e-3
-_MARKS = {
-    "block": "number of the block in the schedule, from 1; 0 outside a schedule",
-    "repeat": "repetition of the condition in its block, from 1; 0 outside a schedule",
-    "condition": "item of the schedule, as text",
-}
-_OUTSIDE: dict[str, Any] = {"block": 0, "repeat": 0, "condition": ""}
 
 
 class NwbMissingError(RigError):
@@ -252,7 +250,7 @@ def _as_nwb(run: Run, pynwb: Any, spikes: SpikeRecord | None) -> Any:
     )
     _add_devices(run, file)
     _add_samples(run, file, pynwb)
-    _add_indentations(run, file)
+    _add_presses(run, file)
     _add_holds(run, file, pynwb)
     _add_sync(run, file, pynwb)
     if fired:
@@ -332,29 +330,27 @@ def _add_samples(run: Run, file: Any, pynwb: Any) -> None:
     file.add_acquisition(position)
 
 
-def _add_indentations(run: Run, file: Any) -> None:
-    """Add one trial for each finished indentation."""
-    ends = {event["index"]: event["t_s"] for event in run.stream("indentation_end")}
-    starts = [event for event in run.stream("indentation_start") if event["index"] in ends]
-    if not starts:
-        return
-    for name, about in {
-        "index": "number of the indentation in the script",
-        "indentor": "shape of the indentor, e.g. bar:3.0",
-        "x_mm": "lateral position of the indentor's reference point from the center of the pad, mm",
-        "target": "commanded quantity: doi_mm (depth past contact) or force_gwt (gram-weight)",
-        "value": "commanded value, in the unit of target",
-        "increments": "number of holds, at equal parts of the target",
-    }.items():
-        file.add_trial_column(name, about)
-    marked = any("block" in event for event in starts)
-    for name, about in _MARKS.items() if marked else ():
-        file.add_trial_column(name, about)
-    for event in starts:
-        columns = {name: event[name] for name in ("index", "indentor", "x_mm", "target", "value", "increments")}
-        if marked:
-            columns |= {name: event.get(name, outside) for name, outside in _OUTSIDE.items()}
-        file.add_trial(start_time=event["t_s"], stop_time=ends[event["index"]], **columns)
+def _add_presses(run: Run, file: Any) -> None:
+    """Add one trial for each press that ended at clearance, with the columns that any of them has."""
+    finished = [row for row in presses_table(run) if row["end_s"] is not None]
+    for row in finished:
+        file.add_trial(start_time=row["t_s"], stop_time=row["end_s"])
+    for column in columns_of(PressRow):
+        values = [row[column.name] for row in finished]
+        if column.name not in ("t_s", "end_s") and any(value is not None for value in values):
+            file.add_trial_column(column.name, _about(column), data=_without_none(column, values))
+
+
+def _about(column: Column) -> str:
+    """Return the meaning of a column with its unit, for which the format has no other place."""
+    return f"{column.what} ({column.unit})" if column.unit else column.what
+
+
+def _without_none(column: Column, values: Sequence[Any]) -> list[Any]:
+    """Return values with an empty text or NaN for None."""
+    if column.type is str:
+        return ["" if value is None else value for value in values]
+    return [math.nan if value is None else float(value) for value in values] if None in values else list(values)
 
 
 def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
@@ -363,18 +359,13 @@ def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
     if not began:
         return
     table = pynwb.epoch.TimeIntervals(name="holds", description="Indentor at rest on the finger, as delivered.")
-    for name, about in {
-        "index": "number of the indentation in the script",
-        "hold": "number of the hold within it, from 1",
-        "x_mm": "lateral position of the indentor's reference point from the center of the pad, mm",
-        "doi_mm": "depth past the fitted contact, mm",
-        "force_gwt": "mean force in gram-weight",
-        "force_sd_gwt": "standard deviation of the readings, in gram-weight",
-    }.items():
-        table.add_column(name, about)
+    names = ("index", "hold", "x_mm", "doi_mm", "force_gwt", "force_sd_gwt")
+    for column in columns_of(HoldEnd):
+        if column.name in names:
+            table.add_column(column.name, _about(column))
     for event in began:
         end = ends[event["index"], event["hold"]]
-        columns = {name: end[name] for name in ("index", "hold", "x_mm", "doi_mm", "force_gwt", "force_sd_gwt")}
+        columns = {name: end[name] for name in names}
         table.add_row(start_time=event["t_s"], stop_time=end["t_s"], **columns)
     file.add_time_intervals(table)
 
@@ -410,7 +401,7 @@ def _add_spikes(run: Run, spikes: SpikeRecord, file: Any, pynwb: Any) -> None:
             obs_intervals=[[0.0, end_s]],
             electrodes=[0],
             electrode_group=group,
-            **columns_of(train),
+            **values_of(train),
         )
 
 

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
 from rig.data.documents import MOST_ON_A_LINE, Damage, Document, JournalLine, LineCheck, read_lines
+from rig.data.events import PRESS_STREAMS, READING
 from rig.data.folder import RunFolder
 from rig.data.journal import listed_documents
 from rig.data.run_time import RunTime
-from rig.data.schema import PRESS_STREAMS, READING
 from rig.errors import RigError
 from rig_shared.user_files import json_of, open_file, read_text
 

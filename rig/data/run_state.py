@@ -13,8 +13,8 @@ from typing import Any, Literal, NamedTuple
 
 from rig.data.deviation import PressDeviation, bands_of, deviation_of
 from rig.data.documents import Document
+from rig.data.events import READING, WAITED_FOR
 from rig.data.folder import RunFolder, replace_text
-from rig.data.schema import READING, WAITED_FOR
 from rig_shared.user_files import json_of, read_text
 
 Milestone = tuple[str, int, int]

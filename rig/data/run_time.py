@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rig.data.documents import Document, is_document
-from rig.data.schema import INSTANTS
+from rig.data.events import INSTANTS
 
 
 def resumed_s(last_s: float, since_start_s: float) -> float:

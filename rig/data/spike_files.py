@@ -69,7 +69,7 @@ class SpikeRecord:
         return f"on the nerve, {self.path_m:g} m from the fingertip"
 
 
-def columns_of(train: SpikeTrain) -> dict[str, Any]:
+def values_of(train: SpikeTrain) -> dict[str, Any]:
     """Return the values of a row of the table of afferents."""
     return {name: getattr(train, "model" if name == "class" else name) for name in _ABOUT}
 
@@ -82,7 +82,7 @@ def about_columns() -> Mapping[str, str]:
 def write_csv(folder: RunFolder, record: SpikeRecord) -> list[Path]:
     """Write both tables. Times have all of their digits."""
     spikes = [(one.afferent, repr(float(t))) for one in record.trains for t in one.spike_s]
-    rows = [[*columns_of(one).values(), len(one.spike_s), record.seed, record.path_m] for one in record.trains]
+    rows = [[*values_of(one).values(), len(one.spike_s), record.seed, record.path_m] for one in record.trains]
     tables = {
         SPIKES: _as_csv(("afferent", "time_s"), spikes),
         AFFERENTS: _as_csv((*_ABOUT, "spikes", "seed", "path_m"), rows),
@@ -152,7 +152,7 @@ def write_nix(run: Run, record: SpikeRecord) -> Path | None:
     stop_s = max([run.end_s, *(float(one.spike_s[-1]) for one in record.trains if len(one.spike_s))])
     for one in record.trains:
         train = neo.SpikeTrain(one.spike_s, units="s", t_start=0.0, t_stop=stop_s, name=one.afferent)
-        train.annotate(**columns_of(one), electrode=record.electrode)
+        train.annotate(**values_of(one), electrode=record.electrode)
         segment.spiketrains.append(train)
     pulses = [float(event["rise_s"]) for event in run.stream("sync")]
     segment.events.append(neo.Event(np.array(pulses), labels=["sync"] * len(pulses), units="s", name="sync_pulses"))

@@ -10,17 +10,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, units_of
 from rig.data.folder import RunFolder
+from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, read_run
-from rig.data.schema import PRESS_STREAMS, READING, WAITED_FOR
 from rig.errors import is_coded
 
-OF_THE_PRESS = {
-    "indentor": "", "target_doi_mm": "mm", "target_force_gwt": "gwt", "block": "", "repeat": "", "condition": "",
-}  # fmt: skip
-"""Last columns of every table of a press, and their units: indentor, target, and condition."""
-
-SUPERSEDED = "_superseded"
+PRESSES, SUPERSEDED = "presses", "_superseded"
 _START = "indentation_start"
 
 TableRow = Mapping[str, Any]
@@ -47,6 +43,8 @@ class Table:
 def tables(run: Run) -> dict[str, Table]:
     """Return the tables of all streams with events, by name; repeated indentations have separate ones."""
     found = {name: table(run, name) for name, events in run.events.items() if events}
+    if rows := presses_table(run):
+        found = {PRESSES: Table(units_of(PressRow), rows)} | found
     return found | {name + SUPERSEDED: _table(run, name, events) for name, events in run.superseded.items()}
 
 

@@ -196,7 +196,7 @@ class ForceKind(DeviceKind):
         Returns the longest time from the request for a reading to its arrival (s), from the settings. An older
         reading trips. Default: 1 s.
     also : tuple of str, optional
-        Keys of `ForceReading.also`, which samples of the journal then have (`rig/data/schema.py`: `OF_A_SENSOR`).
+        Keys of `ForceReading.also`, which samples of the journal then have (`rig/data/events.py`: `OF_A_SENSOR`).
     """
 
     room: ClassVar[Room] = "force"

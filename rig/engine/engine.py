@@ -6,8 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NoReturn, Protocol, TypeVar
+from typing import NoReturn, Protocol, TypeVar
 
+from rig.data.events import Alarm, Event, Retract, Sample, Trip, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
@@ -425,20 +426,20 @@ class Engine:
         *,
         stable: bool = False,
         also: Mapping[str, float] = MappingProxyType({}),
-        record: Callable[[str, Mapping[str, Any]], None] | None = None,
+        record: Callable[[Event, PressId], None] | None = None,
     ) -> None:
-        about = {
-            "index": press.index,
-            "phase": phase,
-            "x_mm": None if math.isnan(self.x_mm) else self.x_mm,
-            "height_mm": None if math.isnan(self.height_mm) else round(self.height_mm, 6),
-            "doi_mm": None if doi_mm is None else round(doi_mm, 6),
-            "force_gwt": force_gwt,
-            "stable": stable,
-            "contact_s": self.contact.rounded_s,
-            **also,
-        }
-        (record or self.record)(press.stream("sample"), about)
+        reading = Sample(
+            index=press.index,
+            phase=phase,
+            x_mm=None if math.isnan(self.x_mm) else self.x_mm,
+            height_mm=None if math.isnan(self.height_mm) else round(self.height_mm, 6),
+            doi_mm=None if doi_mm is None else round(doi_mm, 6),
+            force_gwt=force_gwt,
+            stable=stable,
+            contact_s=self.contact.rounded_s,
+            of_the_sensor=also,
+        )
+        (record or self.record)(reading, press)
 
     def reading(self) -> ForceReading:
         """Return a new reading from zero, taken at rest; trip without one or beyond the hard trip."""
@@ -509,7 +510,7 @@ class Engine:
 
     def alarm(self, reason: TripError) -> None:
         """Journal an alarm; trip if limits.on_alarm is `trip`."""
-        self.record("alarm", {"reason": str(reason)})
+        self.record(Alarm(str(reason)))
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
@@ -521,8 +522,7 @@ class Engine:
         """
         self.state, self.problem = State.TRIPPED, reason
         with contextlib.suppress(RecordError):  # The caller reports the trip.
-            data = {"reason": str(reason), "force_gwt": force_gwt, "contact_s": self.contact.rounded_s}
-            self._journalled("trip", data)
+            self._journalled(Trip(str(reason), force_gwt, self.contact.rounded_s))
         lifted = False
         try:
             if self.settings.limits.on_trip == "stop":
@@ -537,17 +537,16 @@ class Engine:
         with contextlib.suppress(RecordError):  # The caller reports the trip.
             self.measure_contact()
             if lifted:
-                self._journalled("retract", self.after_lift())
+                self._journalled(self.after_lift())
         self.heartbeat.rest()
         self.state, self.problem = State.TRIPPED, reason
         raise reason
 
-    def after_lift(self) -> dict[str, Any]:
+    def after_lift(self) -> Retract:
         """Return height, contact time and state of contact for the journal."""
         known = self.known_contact
         height_mm = round(self.height_mm, 6) if math.isfinite(self.height_mm) else None
-        about = {"height_mm": height_mm, "contact_s": self.contact.rounded_s}
-        return {**about, "contact": known.kind, "force_gwt": known.force_gwt}
+        return Retract(height_mm, self.contact.rounded_s, known.kind, known.force_gwt)
 
     def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
         """Trip with the reading that is the reason; a journal that fails does not delay the lift."""
@@ -608,10 +607,13 @@ class Engine:
 
     # --- journal and heartbeat ---
 
-    def record(self, stream: str, data: Mapping[str, Any]) -> None:
-        """Journal an event, without waiting for the disk. If that fails, lift and raise RecordError."""
+    def record(self, event: Event, press: PressId = NO_PRESS) -> None:
+        """Journal an event, of a press if it has one, without waiting for the disk.
+
+        If that fails, lift and raise RecordError.
+        """
         try:
-            self._journalled(stream, data)
+            self._journalled(event, press)
         except RecordError as error:
             self._lift_unrecorded(error)
 
@@ -622,8 +624,8 @@ class Engine:
         except RecordError as error:
             self._lift_unrecorded(error)
 
-    def _journalled(self, stream: str, data: Mapping[str, Any]) -> None:
-        self._journal.event(stream, as_fine(data))
+    def _journalled(self, event: Event, press: PressId = NO_PRESS) -> None:
+        self._journal.event(press.stream(stream_of(type(event))), as_fine(event.data()))
 
     def _lift_unrecorded(self, error: RecordError) -> NoReturn:
         self.problem = self.problem or error

@@ -4,8 +4,9 @@ import math
 import statistics
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple, NoReturn
+from typing import NamedTuple, NoReturn
 
+from rig.data.events import Find, IndentationEnd, IndentationStart, Touch
 from rig.devices.registry import ramps
 from rig.engine.engine import Engine
 from rig.engine.limits import CONTACT_EXPONENT, RampBound, fit_contact
@@ -134,17 +135,17 @@ class Approach:
 
     def _record(self, touch: ContactFit) -> None:
         engine = self.engine
-        data = {
-            "index": self.press.index,
-            "threshold_gwt": touch.threshold_gwt,
-            "height_at_threshold_mm": round(touch.height_at_threshold_mm, 6),
-            "contact_height_mm": round(touch.contact_height_mm, 6),
-            "fit_points": touch.fit_points,
-            "doi_bias_mm": round(touch.doi_bias_mm, 6),
-            "doi_mm": round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
-        }
+        event = Touch(
+            index=self.press.index,
+            threshold_gwt=touch.threshold_gwt,
+            height_at_threshold_mm=round(touch.height_at_threshold_mm, 6),
+            contact_height_mm=round(touch.contact_height_mm, 6),
+            fit_points=touch.fit_points,
+            doi_bias_mm=round(touch.doi_bias_mm, 6),
+            doi_mm=round(engine.doi_mm(touch.contact_height_mm, touch.force_gwt), 6),
+        )
         pulse(engine, self.press, "touch")
-        engine.record(self.press.stream("touch"), data)
+        engine.record(event, self.press)
 
 
 class PredictedPress(NamedTuple):
@@ -243,18 +244,6 @@ class ScriptedPress:
     speed_mm_s: float
     hold_s: float
 
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Columns of the journal."""
-        return {
-            "verb": self.verb,
-            "target": self.target.kind,
-            "value": self.target.value,
-            "increments": self.increments,
-            "speed_mm_s": self.speed_mm_s,
-            "hold_s": self.hold_s,
-        }
-
 
 def _indentation(
     engine: Engine,
@@ -292,8 +281,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
         raise
     retract(engine)
     engine.touched.at(engine.x_mm, engine.along_mm, height_mm)
-    found = {"indentor": engine.indentor, "x_mm": engine.x_mm, "along_mm": engine.along_mm}
-    engine.record("find", {"index": index, **found, "contact_height_mm": round(height_mm, 6)})
+    engine.record(Find(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
     return height_mm
 
 
@@ -308,15 +296,21 @@ def _attempt(
     safe_point(engine)
     before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
     press, start_s = approach.press, engine.clock.monotonic_s()
-    engine.record(
-        press.stream("indentation_start"),
-        {
-            **{"index": press.index, "indentor": engine.indentor, "x_mm": engine.x_mm},
-            **asked.fields,
-            **({} if predicted is None else predicted._asdict()),
-            **press.marks,
-        },
+    start = IndentationStart(
+        index=press.index,
+        indentor=engine.indentor,
+        x_mm=engine.x_mm,
+        verb=asked.verb,
+        target=asked.target.kind,
+        value=asked.target.value,
+        increments=asked.increments,
+        speed_mm_s=asked.speed_mm_s,
+        hold_s=asked.hold_s,
+        predicted_doi_mm=None if predicted is None else predicted.predicted_doi_mm,
+        predicted_force_gwt=None if predicted is None else predicted.predicted_force_gwt,
+        **press.marks,
     )
+    engine.record(start, press)
     try:
         touch = approach.touch_off()
         pressing = Press(engine, press, touch, press_mm_s)
@@ -327,7 +321,7 @@ def _attempt(
     retract(engine)
     engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
     duration = engine.clock.monotonic_s() - start_s
-    engine.record(press.stream("indentation_end"), {"index": press.index, "duration_s": round(duration, 6)})
+    engine.record(IndentationEnd(press.index, round(duration, 6)), press)
     return Indentation(press.index, engine.x_mm, holds)
 
 

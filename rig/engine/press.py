@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 
+from rig.data.events import HoldEnd, HoldStart, Ramp, Sync
 from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import Engine
 from rig.engine.limits import (
@@ -74,16 +75,8 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
     clock.wait_s(sync.width_s)
     engine.guarded(lambda: stage.set_output(False))
     width_s = clock.monotonic_s() - rise_s
-    engine.record(
-        "sync",
-        {
-            "index": press.index,
-            "at": at,
-            "rise_s": round(clock.run_s(rise_s), 6),
-            "uncertainty_s": round(rise_s - requested_s, 6),
-            "width_s": round(width_s, 6),
-        },
-    )
+    run_s, uncertainty_s = round(clock.run_s(rise_s), 6), round(rise_s - requested_s, 6)
+    engine.record(Sync(press.index, at, run_s, uncertainty_s, round(width_s, 6)), press)
 
 
 _MAX_SEEK_MOVES = 400
@@ -138,9 +131,15 @@ class Press:
         to_mm = self._contact_mm - doi_mm - engine.sensing.deflection_mm(bound.force_gwt)
         engine.limit_depth(to_mm - self._habits.increment_mm)
         engine.trips.ramp_at(bound.trip_gwt)
-        data = {"index": self.id.index, "speed_mm_s": bound.speed_mm_s}
-        limits = {"trip_gwt": bound.trip_gwt, "bound_gwt": bound.bound_gwt, "stop_mm": round(bound.stop_mm, 6)}
-        engine.record(self.id.stream("ramp"), {**data, "measured_gwt": bound.force_gwt, **limits})
+        start = Ramp(
+            index=self.id.index,
+            speed_mm_s=bound.speed_mm_s,
+            measured_gwt=bound.force_gwt,
+            trip_gwt=bound.trip_gwt,
+            bound_gwt=bound.bound_gwt,
+            stop_mm=round(bound.stop_mm, 6),
+        )
+        engine.record(start, self.id)
         self._peak_gwt = 0.0
         self._ramp_from = (0.0, engine.clock.monotonic_s())
         engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(doi_mm, bound))
@@ -322,37 +321,34 @@ class Press:
     def _hold(self, target: Target, hold: int, hold_s: float) -> Hold:
         """Carry out and journal a hold."""
         engine, clock = self._engine, self._engine.clock
-        about = {"index": self.id.index, "hold": hold}
         pulse(engine, self.id, "hold_start")
         start = clock.monotonic_s()
-        ramp = {
-            "ramp_gwt": self._force_gwt - self._ramp_from[0],
-            "ramp_s": round(start - self._ramp_from[1], 6),
-        }
-        begin = {"doi_mm": round(self._doi_mm, 6), "force_gwt": self._force_gwt}
-        commanded = {"target": target.kind, "commanded": target.value}
-        engine.record(self.id.stream("hold_start"), {**about, **commanded, **begin})
+        ramp_gwt, ramp_s = self._force_gwt - self._ramp_from[0], round(start - self._ramp_from[1], 6)
+        begun = HoldStart(self.id.index, hold, target.kind, target.value, round(self._doi_mm, 6), self._force_gwt)
+        engine.record(begun, self.id)
         readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
         pulse(engine, self.id, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         doi = round(self._doi_mm, 6)
-        data = {
-            **about,
-            **ramp,
-            "x_mm": engine.x_mm,
-            "doi_mm": doi,
-            "doi_sd_mm": round(engine.sensing.doi_sd_mm(self._force_gwt), 6),
-            "commanded": target.value,
-            "force_gwt": mean,
-            "force_sd_gwt": sd,
-            "peak_gwt": self._peak_gwt,
-            "readings": len(readings),
-            "asked_s": hold_s,
-            "hold_s": round(lasted_s, 6),
-            "interval_sd_s": round(statistics.pstdev([b - a for a, b in pairwise([start, *times])]), 6),
-        }
-        engine.record(self.id.stream("hold_end"), data)
+        ended = HoldEnd(
+            index=self.id.index,
+            hold=hold,
+            x_mm=engine.x_mm,
+            doi_mm=doi,
+            doi_sd_mm=round(engine.sensing.doi_sd_mm(self._force_gwt), 6),
+            force_gwt=mean,
+            force_sd_gwt=sd,
+            commanded=target.value,
+            peak_gwt=self._peak_gwt,
+            ramp_gwt=ramp_gwt,
+            ramp_s=ramp_s,
+            readings=len(readings),
+            asked_s=hold_s,
+            hold_s=round(lasted_s, 6),
+            interval_sd_s=round(statistics.pstdev([b - a for a, b in pairwise([start, *times])]), 6),
+        )
+        engine.record(ended, self.id)
         self._ramp_from, self._peak_gwt = (self._force_gwt, clock.monotonic_s()), 0.0
         return Hold(target, doi, mean, sd)
 

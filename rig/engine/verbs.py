@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from rig.clock import Clock
+from rig.data.events import Alarm, Checkpoint, Home, Mount, Move, Note, Paused, Rest, Resumed, Zero
 from rig.devices.base import LOOK_S
 from rig.engine import homing
 from rig.engine.bench_memory import LastKnown
@@ -44,7 +45,7 @@ def mount(engine: Engine, indentor: str) -> None:
             f"mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}", "wrong_indentor"
         )
     engine.indentor = indentor
-    engine.record("mount", {"indentor": indentor})
+    engine.record(Mount(indentor))
 
 
 def home(engine: Engine) -> None:
@@ -67,7 +68,7 @@ def home(engine: Engine) -> None:
         left = engine.not_lifted
         engine.trip(TripError(f"homed, and {left}", left.code), found.force_gwt)
     engine.be_clear()
-    engine.record("home", {"controller": controller, **_contact(engine)})
+    engine.record(Home(controller, engine.known_contact.kind, engine.known_contact.force_gwt))
 
 
 def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
@@ -91,13 +92,7 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
     finally:
         sensing.zero = None
     if found is not None:
-        engine.record("alarm", {"reason": f"before the first motion: {found}; now {engine.known_contact.words}"})
-
-
-def _contact(engine: Engine) -> dict[str, Any]:
-    """Return the state of contact for the journal."""
-    known = engine.known_contact
-    return {"contact": known.kind, "force_gwt": known.force_gwt}
+        engine.record(Alarm(f"before the first motion: {found}; now {engine.known_contact.words}"))
 
 
 def zero(engine: Engine) -> None:
@@ -130,9 +125,8 @@ def zero(engine: Engine) -> None:
         sensing.zero = None
         engine.trip(refused)
     engine.keep_zero(sensing.lasting_zero)
-    known = {"noise_gwt": found.noise_gwt, "offset_gwt": found.offset_n / GWT_N}
     engine.know_contact(0.0)  # The lift has shown that nothing touched while the zero was taken.
-    engine.record("zero", {"sensor": name, **known, "drift_gwt": drift_gwt})
+    engine.record(Zero(name, found.noise_gwt, found.offset_n / GWT_N, drift_gwt))
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(
@@ -196,7 +190,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
         _go_sideways(engine, x_mm, along_mm)
         _go_to_clearance(engine, engine.settings.habits.travel_speed_mm_s)
     engine.placed = True
-    engine.record("move", {"x_mm": x_mm, "along_mm": along_mm, "height_mm": engine.height_mm})
+    engine.record(Move(x_mm, along_mm, engine.height_mm))
 
 
 @contextmanager
@@ -257,7 +251,7 @@ def retract(engine: Engine) -> None:
         raise engine.not_allowed("retract")
     engine.lift()
     engine.confirm_lifted()
-    engine.record("retract", engine.after_lift())
+    engine.record(engine.after_lift())
 
 
 def rest(engine: Engine, seconds: float) -> None:
@@ -275,7 +269,7 @@ def rest(engine: Engine, seconds: float) -> None:
         safe_point(engine)
         if until_s - clock.monotonic_s() > takes_s:
             look()
-    engine.record("rest", {"rest_s": seconds})
+    engine.record(Rest(seconds))
 
 
 class LooksAtClearance:
@@ -322,12 +316,12 @@ class LooksAtClearance:
 
 def checkpoint(engine: Engine, name: str) -> None:
     """Journal a checkpoint of the protocol."""
-    engine.record("checkpoint", {"name": name})
+    engine.record(Checkpoint(name))
 
 
 def note(engine: Engine, text: str) -> None:
     """Journal a note."""
-    engine.record("note", {"text": text})
+    engine.record(Note(text))
 
 
 def safe_point(engine: Engine) -> None:
@@ -342,10 +336,10 @@ def safe_point(engine: Engine) -> None:
     if pressing:
         retract(engine)
     engine.touched.forget()  # the operator may move the finger
-    engine.record("paused", {"reason": "operator"})
+    engine.record(Paused("operator"))
     if not pause.go_on(LooksAtClearance(engine, engine.clock, handled=True)):
         raise RunAborted("stopped by the operator at a safe point; the indentor is lifted", "stopped_at_a_safe_point")
-    engine.record("resumed", {"by": "operator"})
+    engine.record(Resumed("operator"))
     if pressing:
         raise PressPaused("paused by the operator")
 

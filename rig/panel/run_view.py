@@ -10,7 +10,7 @@ from rig.data.documents import Document
 from rig.data.folder import RunFolder
 from rig.data.run import Following, RunError
 from rig.data.run_state import BEGUN, RunFollower
-from rig.data.schema import READING
+from rig.data.events import READING
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError

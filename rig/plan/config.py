@@ -194,24 +194,6 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
 
 
 # Longer endings first: `mm_s` before `s`.
-UNITS = {
-    "steps_per_mm": "steps/mm",
-    "mm_per_n": "mm/N",
-    "kpa": "kPa",
-    "mm_s2": "mm/s²",
-    "mm_s": "mm/s",
-    "gwt": "gwt",
-    "deg": "°",
-    "rpm": "1/min",
-    "mm": "mm",
-    "um": "µm",
-    "ms": "ms",
-    "gb": "GB",
-    "baud": "bit/s",
-    "s": "s",
-    "n": "N",
-    "g": "g",
-}
 ABSENT = "…"
 _KINDS: dict[Any, str] = {
     bool: "true | false",
@@ -292,7 +274,7 @@ def _usual(default: BaseModel | None, name: str, field: FieldInfo) -> Any:
 
 def unit(name: str) -> str:
     """Return the unit of a key by the end of its name; empty for counts, names and ratios."""
-    return next((said for end, said in UNITS.items() if name == end or name.endswith(f"_{end}")), "")
+    return unit_of(name)
 
 
 def _allowed(field: FieldInfo, device: BaseModel | None) -> str:

@@ -17,7 +17,7 @@ from typing import Any
 from pydantic import ValidationError
 
 import rig
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.errors import BadInputError, Coded, around, first_problem
 from rig.protocol.api import ProtocolParameters, Rig
 from rig_shared.user_files import read_bytes

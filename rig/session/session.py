@@ -19,7 +19,7 @@ from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_
 from rig.data.documents import last_document
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
-from rig.data.schema import STREAMS, streams_with
+from rig.data.events import STREAMS, streams_with
 from rig.data.tables import foreign_in_one_line
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs

@@ -8,7 +8,7 @@ from typing import Any
 from pymodbus.framer import FramerRTU
 
 from rig.bench.virtual import stage_opener, true_carriage, virtual_force, virtual_line, virtual_stage
-from rig.data.schema import streams_with
+from rig.data.events import streams_with
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Target

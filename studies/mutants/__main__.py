@@ -33,7 +33,7 @@ FIRST_GROUP = (
     "rig/plan/*.py",
     "rig/protocol/*.py",
     "rig/data/journal.py",
-    "rig/data/schema.py",
+    "rig/data/events.py",
     "rig/data/run_state.py",
     "rig/manual/guard.py",
     "rig/manual/jog.py",

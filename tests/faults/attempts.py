@@ -5,7 +5,7 @@ from collections import Counter
 from typing import Any
 
 from rig.data import Run
-from rig.data.schema import PRESS_STREAMS
+from rig.data.events import PRESS_STREAMS
 from studies.faults.campaign.runner import attempts
 
 Told = list[tuple[int, str, dict[str, Any]]]  # part of the run, stream, event

@@ -49,7 +49,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
         '    def tap(self, *, times: int) -> None:\n        """Tap."""\n        self._do(Tap(times=times))\n\n',
     ),
     (
-        "rig/data/schema.py",
+        "rig/data/events.py",
         '    "note": {"text": ""},\n',
         '    "tap": {"times": "", "x_mm": "mm", "contact_height_mm": "mm"},\n',
     ),

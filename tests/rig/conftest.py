@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from rig.bench.served import ServedBench
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.devices.make_drivers import force_driver, stage_driver
 from rig.engine import Engine, Journal, Pause, verbs
 from rig.engine.bench import Meanwhile

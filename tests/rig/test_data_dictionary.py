@@ -12,7 +12,7 @@ import pytest
 
 from rig.data import Run, export_run, read_run
 from rig.data.dictionary import ATTRIBUTES, FLAGS, MEANINGS, TABLES, TEXT, about_table, columns, meaning
-from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.events import PRESS_STREAMS, STREAMS
 from rig.data.tables import OF_THE_PRESS, tables
 from rig.engine import PressId, Target, indent, verbs
 

@@ -11,7 +11,7 @@ import pytest
 
 from rig.data.documents import JournalError
 from rig.data.journal import Journal, read_journal
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.engine import LimitError, NotReadyError, RunAborted, TripError
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from rig.data.lsl import CHANNELS, GrowingRuns, RunStreams, marker_of, sample_of
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from tests.program import Program
 
 

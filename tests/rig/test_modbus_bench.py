@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from rig.bench.virtual import virtual_force, virtual_stage
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.devices.base import StageAlarm, StageError, StageNotHomed, StageTimeout
 from rig.devices.laumas import LaumasForce
 from rig.devices.leadshine import LeadshineStage

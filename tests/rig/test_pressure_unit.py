@@ -6,7 +6,7 @@ import pytest
 
 from rig.cli.json_schemas import OUTPUTS, schema_of
 from rig.data.dictionary import MODEL_TABLES
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.plan.config import Config
 from rig.settings import LimitSettings
 from rig.study.parameter_study import columns

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.engine import Pause, Target, indent
 from rig.engine.indentation import touch_place
 from rig.engine.reference import measure_compliance

@@ -14,7 +14,7 @@ import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.folder import UnwritableError
-from rig.data.schema import PRESS_STREAMS, STREAMS
+from rig.data.events import PRESS_STREAMS, STREAMS
 from rig.data.tables import KILLED, OF_THE_PRESS
 from rig.engine import Target, indent, verbs
 from rig.plan.config import Config

@@ -12,7 +12,7 @@ import pytest
 
 from rig.data import Run, RunFolder, new_run_folder
 from rig.data.journal import Journal
-from rig.data.schema import STREAMS
+from rig.data.events import STREAMS
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import Spot
