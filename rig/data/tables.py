@@ -13,7 +13,7 @@ from typing import Any
 from rig.data.folder import RunFolder
 from rig.data.run import Run, RunError, read_run
 from rig.data.schema import PRESS_STREAMS, READING, WAITED_FOR
-from rig.errors import is_coded
+from rig_shared.errors import CodedError
 
 OF_THE_PRESS = {
     "indentor": "", "target_doi_mm": "mm", "target_force_gwt": "gwt", "block": "", "repeat": "", "condition": "",
@@ -201,7 +201,7 @@ def foreign_in_one_line(path: Path) -> Iterator[None]:
     try:
         yield
     except FOREIGN as error:
-        if is_coded(error):
+        if isinstance(error, CodedError):
             raise
         raise RunError(f"run folder {path}: {foreign(error)}", "foreign_run") from None
 
