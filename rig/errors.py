@@ -16,7 +16,7 @@ class RigError(CodedError):
 
 
 class RuleError(RigError, ValueError):
-    """Values that do not go together, found by a validator; code and fields survive the validation."""
+    """Values that do not go together, found by a validator; its code survives the validation."""
 
     default_code = "invalid_value"
 
@@ -65,7 +65,6 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
     model: validated model; for an unknown key the most similar ones are suggested.
 
     Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
-    Fields: where, key, value, rule (the validation's own name for it), and the rule's bounds.
     """
     problems = error.errors()
     problem = problems[0]
@@ -77,25 +76,19 @@ def first_problem(where: str, error: ValidationError, model: type[BaseModel] | N
         near = [] if model is None else _neighbours(problem["loc"], model)
         meant = f", did you mean {' or '.join(near)}?" if near else ""
         return BadInputError(f"{where}: {place}: there is no such key{meant}", "unknown_key")
-    context = problem.get("ctx", {})
-    raised = context.get("error")
-    fields = {name: bound for name, bound in context.items() if name != "error"}
-    code = {"missing": "missing_key"}.get(rule)
-    if raised is not None and is_coded(raised):
-        fields, code = dict(raised.fields), raised.code
+    raised = problem.get("ctx", {}).get("error")
+    code = raised.code if isinstance(raised, CodedError) else "missing_key" if rule == "missing" else None
     what = str(raised) if rule == "value_error" else plain_rule(problem["msg"])
     if rule == "missing" and isinstance(problem["loc"][-1], int):  # a number of a list
         place, what = _short(".".join(map(str, problem["loc"][:-1]))), "has too few values"
     if rule == "model_type" and model is not None and (table := _table_at(problem["loc"], model)) is not None:
         needed = [name for name, field in table.model_fields.items() if field.is_required()]
         what += f" with {', '.join(needed)}" if needed else ""
-    fields |= {"where": where, "key": place, "rule": rule, "problem": what}
     if isinstance(problem["input"], dict):  # about a whole table: the message names the keys
-        parts = ("{where}" if where else "", "{key}" if place else "", "{problem}" if what else "")
-        return BadInputError(": ".join(part for part in parts if part), code=code or "invalid_table", **fields)
-    value = _as_lists(problem["input"])
-    fields |= {"value": value, "shown": _SHORT.repr(value)}
-    return BadInputError("{where}: {key} = {shown}: {problem}", code=code or "invalid_value", **fields)
+        sentence = ": ".join(part for part in (where, place, what) if part)
+        return BadInputError(sentence, code or "invalid_table")
+    shown = _SHORT.repr(_as_lists(problem["input"]))
+    return BadInputError(f"{where}: {place} = {shown}: {what}", code or "invalid_value")
 
 
 def _as_lists(value: Any) -> Any:

@@ -542,17 +542,12 @@ def _seconds(cost: Cost, aim: Aim) -> float:
 
 
 def _unknown(situation: Situation) -> NoModelError:
-    depth = "to a force" if situation.depth_mm is None else "{depth_mm:.2f} mm deep"
+    depth = "to a force" if situation.depth_mm is None else f"{situation.depth_mm:.2f} mm deep"
     return NoModelError(
-        f"the errors for {{shape}} {depth}, {{place_mm:.2f}} mm from the pad center, were not measured; "
-        f"measured are depths to {{deepest_mm:g}} mm and distances to {{farthest_mm:g}} mm; name a model, "
+        f"the errors for {situation.shape} {depth}, {situation.place_mm:.2f} mm from the pad center, were not "
+        f"measured; measured are depths to {DEPTHS_MM[-1]:g} mm and distances to {PLACES_MM[-1]:g} mm; name a model, "
         "e.g. --model finger",
-        code="not_measured",
-        shape=situation.shape,
-        depth_mm=situation.depth_mm,
-        place_mm=situation.place_mm,
-        deepest_mm=DEPTHS_MM[-1],
-        farthest_mm=PLACES_MM[-1],
+        "not_measured",
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from rig_shared.errors import CodedError
+from rig_shared.errors import CodedError, code_of
 
 _NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?", re.IGNORECASE)
 
@@ -22,11 +22,24 @@ def raises(kind: type[CodedError], code: str, /, **shown: Any) -> Iterator[pytes
 
 
 def has_code(error: BaseException, code: str, /, **shown: Any) -> None:
-    """Assert the code of an error, and that its sentence shows these values; numbers as precisely as it prints them."""
+    """Assert the code of an error, and that its sentence shows these values, numbers to the digits printed."""
     assert isinstance(error, CodedError), repr(error)
     assert error.code == code, f"{error.code}: {error}"
     for name, value in shown.items():
         assert shows(str(error), value), f"{name} = {value!r}: {error}"
+
+
+def causes(error: BaseException) -> list[str]:
+    """Return the codes of the errors that led to an error, the nearest first."""
+    cause = error.__cause__ or error.__context__
+    return [] if cause is None else [code_of(cause), *causes(cause)]
+
+
+def printed(error: BaseException, before: str, after: str = "") -> float:
+    """Return the number that stands between two texts in the sentence of an error."""
+    found = re.search(f"{re.escape(before)}({_NUMBER.pattern}){re.escape(after)}", str(error), re.IGNORECASE)
+    assert found is not None, f"no number between {before!r} and {after!r}: {error}"
+    return float(found.group(1))
 
 
 def shows(sentence: str, value: Any) -> bool:
@@ -35,7 +48,7 @@ def shows(sentence: str, value: Any) -> bool:
         return all(shows(sentence, one) for one in value)
     if isinstance(value, (bool, str)) or value is None:
         return str(value) in sentence
-    return any(_is_printed(number, value) for number in _NUMBER.findall(sentence)) or str(value) in sentence
+    return any(_is_printed(number, value) for number in _NUMBER.findall(sentence))
 
 
 def _is_printed(number: str, value: Any) -> bool:

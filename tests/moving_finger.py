@@ -430,7 +430,7 @@ class Cable(StopGate):
 
     def refuse(self, wire: Transport) -> None:
         if self.cut:
-            raise TransportError("{port}: unplugged", code="lost", port=wire.name)
+            raise TransportError(f"{wire.name}: unplugged", "lost")
         super().refuse(wire)
 
     def write(self, wire: Transport, data: bytes) -> None:

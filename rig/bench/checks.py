@@ -17,7 +17,7 @@ from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory, LastKnown
 from rig.engine.contact import KnownContact, contact_at
 from rig.engine.sensing import NoReadingError, Sensing
-from rig.errors import BadInputError, around, code_of
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import refuse_place
 from rig.transport import PortOwner, TransportError, first_owner, port_owner
@@ -44,7 +44,7 @@ def _problems(config: Config) -> Iterator[BadInputError]:
     try:
         refuse_place(0.0, 0.0, config)
     except BadInputError as error:
-        yield around(BadInputError, "frame: the stage cannot reach the pad at clearance: {problem}", error)
+        yield BadInputError(f"frame: the stage cannot reach the pad at clearance: {error}", error.code)
     apex_mm, lowest_mm = config.frame.apex_z_mm, -config.stage.travel_mm[2]
     if not lowest_mm <= apex_mm <= 0:
         yield BadInputError(
@@ -209,7 +209,7 @@ def _look_at_stage(settings: Config, *, closely: bool) -> tuple[dict[str, Any], 
             if closely and found["state"] in _AT_REST:
                 found["identity"] = stage.connect()
     except (StageError, TransportError) as error:
-        found |= {"problem_text": str(error), "code": code_of(error)}
+        found |= {"problem_text": str(error), "code": error.code}
     return found, at
 
 
@@ -223,7 +223,7 @@ def _look_at_force(settings: Config) -> dict[str, Any]:
             reading = force.read()
             return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
     except (ForceError, TransportError) as error:
-        return {"problem_text": str(error), "code": code_of(error)}
+        return {"problem_text": str(error), "code": error.code}
 
 
 def _owned(owner: PortOwner) -> dict[str, Any]:

@@ -22,8 +22,7 @@ class PortError(TransportError):
     """Error of a port that could not be opened; `device` names it."""
 
     def __init__(self, device: Literal["stage", "force"], error: TransportError) -> None:
-        fields = {**error.fields, "device": device, "problem": str(error)}
-        super().__init__("{problem}", code=error.code, **fields)
+        super().__init__(str(error), error.code)
         self.device = device
 
 

@@ -19,7 +19,7 @@ from rig.bench.virtual import (
     with_kinds,
 )
 from rig.devices.registry import StageKind, find, kind_of
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.settings import ForceSettings, StageSettings
 from sim.carriage import Carriage
@@ -72,10 +72,10 @@ class ServedBench:
             self._build(config, stage, force, complain)
         except PortBusyError as error:
             self.close()
-            raise around(BadInputError, "{problem}; choose another number for --tcp", error) from None
+            raise BadInputError(f"{error}; choose another number for --tcp", error.code) from None
         except FingerNotLoadedError as error:
             self.close()
-            raise around(BadInputError, "{problem}", error) from None
+            raise BadInputError(str(error), error.code) from None
         except BaseException:
             self.close()
             raise

@@ -26,7 +26,7 @@ from rig.engine.bench import LOOK_S, NO_PAUSE, Heartbeat, Meanwhile, Pause
 from rig.engine.bench_memory import LastKnown
 from rig.engine.contact import KnownContact
 from rig.engine.sensing import ForceZero
-from rig.errors import BadInputError, around, first_problem
+from rig.errors import BadInputError, first_problem
 from rig.plan.config import Config
 from rig.plan.finger_model import with_stored_file
 from rig.settings import DeviceSettings, ForceSettings, Framing, StageSettings, SyncSettings
@@ -212,7 +212,7 @@ def _made(device: DeviceSettings, make: Callable[[Callable[..., Any]], Any]) -> 
     try:
         return make(_twin(kind_of(device)))
     except TwinError as problem:
-        raise around(BadInputError, "{room}.{problem}", problem, room=device.room) from None
+        raise BadInputError(f"{device.room}.{problem}", problem.code) from None
 
 
 def _twin(entry: DeviceKind) -> Callable[..., Any]:

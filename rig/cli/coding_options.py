@@ -9,7 +9,7 @@ import typer
 from numpy.typing import NDArray
 
 from rig.cli.options import unit_of
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.printable import either
 from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import checked_pressures, read_pressures
@@ -106,8 +106,9 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
     try:
         return read_pressures(Path(text), spacing_mm) if values is None else checked_pressures(values)
     except TableError as error:
-        sentence = "--pressure {problem}: must be numbers such as 20,14, or a CSV with a column pressure"
-        raise around(BadInputError, sentence, error) from None
+        raise BadInputError(
+            f"--pressure {error}: must be numbers such as 20,14, or a CSV with a column pressure", error.code
+        ) from None
     except CodingError as error:
         raise in_options(error) from None
 
@@ -124,5 +125,7 @@ _OPTIONS = {"bounds": "--range"}
 
 def in_options(error: CodingError) -> BadInputError:
     """Return the same error with the names of options for its arguments."""
-    named = {name: _OPTIONS.get(name, f"--{name}") for name, value in error.fields.items() if value == name}
-    return BadInputError(error.sentence, code=error.code, **{**error.fields, **named})
+    sentence = str(error)
+    for name in error.arguments:
+        sentence = sentence.replace(name, _OPTIONS.get(name, f"--{name}"), 1)
+    return BadInputError(sentence, error.code)

@@ -28,7 +28,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.printable import either
 from sim.coding.bayes import FittedReceptor
@@ -478,7 +478,7 @@ def _source(
     try:
         return read_readings(readings, finger)
     except TableError as error:
-        raise around(BadInputError, "--readings {problem}", error) from None
+        raise BadInputError(f"--readings {error}", error.code) from None
 
 
 def _decoded(task: DecodeTask) -> DecodeResult:

@@ -4,7 +4,7 @@ Errors are known by name: importing their classes would load engine and solver o
 """
 
 from rig.cli.output import ExitCode
-from rig.errors import code_of
+from rig_shared.errors import code_of
 
 BAD_INPUT = {
     "rig.errors:BadInputError",

@@ -64,7 +64,7 @@ from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
 from rig.engine import RunAborted
-from rig.errors import BadInputError, around, code_of
+from rig.errors import BadInputError
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.fresh_passes import find_difference
 from rig.plan.plan import make_plan
@@ -500,10 +500,11 @@ def _stage(
             try:
                 ready_for_a_real_run("resume", stopped.config, run.parent, yes=yes)
             except TransportError as error:
-                if code_of(error) != "no_port":
+                if error.code != "no_port":
                     raise
-                sentence = "{problem}, then name it: rig resume {run} --config TOML"
-                raise around(TransportError, sentence, error, run=shlex.quote(str(run))) from None
+                raise TransportError(
+                    f"{error}, then name it: rig resume {shlex.quote(str(run))} --config TOML", error.code
+                ) from None
             _refuse_mounts("resume", stopped.script, stopped.config, finger, mounted, stopped, as_json=as_json)
             stage.open()
         yield stage

@@ -32,7 +32,7 @@ from rig.data.tables import motions_in_contact
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError, RunAborted
 from rig.engine.bench import Meanwhile
-from rig.errors import BadInputError, RigError, code_of
+from rig.errors import BadInputError, RigError
 from rig.plan.config import Config
 from rig.plan.finger_model import about_model
 from rig.plan.plan import Plan, make_plan
@@ -44,6 +44,7 @@ from rig.session.rehearsal_summary import Page
 from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, Made, NewRun, NoAttendant, Session, record_after, record_before
+from rig_shared.errors import code_of
 from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked

@@ -10,7 +10,6 @@ from rig.cli.options import ConfigOption, JsonOption
 from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import STOP_SIGNAL
 from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
-from rig.errors import code_of
 from rig.printable import printable
 
 
@@ -20,7 +19,7 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
         settings, passed = stage_alone(config)
     except NoStageError as error:
         words = f"Stop NOT sent: {error}"
-        _fail(words, code_of(error), {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
+        _fail(words, error.code, {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
     named = None if found.owner is None else found.owner.pid  # Windows does not name it.
     result: dict[str, Any] = {

@@ -244,14 +244,9 @@ def _refuse_strays(ordered: Sequence[StimulusRow], recordings: Mapping[str, Reco
     for shape in recordings:
         if shape not in held | conditions:
             same = [one.title for one in ordered if one.shape == shape.partition("@")[0]]
-            raise ComparisonError(
-                "--recorded {shape}: the runs contain "
-                + ("{names}; use that" if same else "no such shape; use one of {names}"),
-                code="never_pressed",
-                shape=shape,
-                held=sorted(held, key=natural_order),
-                names=", ".join(sorted(same or held, key=natural_order)),
-            )
+            names = ", ".join(sorted(same or held, key=natural_order))
+            known = f"{names}; use that" if same else f"no such shape; use one of {names}"
+            raise ComparisonError(f"--recorded {shape}: the runs contain {known}", "never_pressed")
 
 
 def _normalized(recordings: Mapping[str, Recording]) -> dict[str, Recording]:

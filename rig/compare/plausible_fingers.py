@@ -403,8 +403,7 @@ def on_plausible_fingers(
     try:
         found, _ = cached_arrays(key, lambda: _all_answers(work), kind="answers")
     except FingersError as error:
-        fields = {**error.fields, "where": plausible.source, "problem": str(error)}
-        raise FingersError("{where}: {problem}", code=error.code, **fields) from None
+        raise FingersError(f"{plausible.source}: {error}", error.code) from None
     between = not all(one.exact for one in work)
     measures = [np.asarray(found[f"{n}"], dtype=float) for n in range(len(pressed))]
     return [replace(s, on_fingers=one, interpolated=between) for s, one in zip(pressed, measures, strict=True)]

@@ -105,7 +105,7 @@ class Announced(Announcement, frozen=True):
         if answer.get("ok") is not True:
             problem = str(answer.get("problem", f"process {self.pid} refused {do!r}"))
             code = str(answer.get("code", RefusedError.default_code))
-            raise RefusedError(f"{problem}", code)
+            raise RefusedError(str(problem), code)
         return answer
 
     def _answer(self, request: dict[str, Any], within_s: float) -> dict[str, Any]:

@@ -46,9 +46,9 @@ class UnwritableError(RigError, OSError):
         """Return the error for a failed write."""
         reason = error.strerror or str(error)
         free = f", {free_space(path)}" if allowed(error) else ""
-        made = cls("{path}: cannot be written: {reason}{free}", path=str(path), reason=reason, free=free)
-        made.errno, made.filename = error.errno, str(path)
-        made.strerror = f"cannot be written: {reason}{free}"
+        what = f"cannot be written: {reason}{free}"
+        made = cls(f"{path}: {what}")
+        made.errno, made.filename, made.strerror = error.errno, str(path), what
         return made
 
     def __str__(self) -> str:
@@ -56,7 +56,8 @@ class UnwritableError(RigError, OSError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         again, whose, state = super().__reduce__()  # Without what OSError stores outside of __dict__.
-        return again, whose, {**state, "errno": self.errno, "strerror": self.strerror, "filename": self.filename}
+        stored = ("args", "errno", "strerror", "filename")
+        return again, whose, {**state, **{name: getattr(self, name) for name in stored}}
 
 
 @dataclass(frozen=True)

@@ -48,9 +48,9 @@ class LostFileError(RigError, OSError):
 
     default_code = "lost"
 
-    def __init__(self, path: Path, what: str, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(what, code=code, **fields)
-        self.strerror, self.filename = str(self.args[0]), str(path)
+    def __init__(self, path: Path, what: str, code: str | None = None) -> None:
+        super().__init__(what, code)
+        self.strerror, self.filename = what, str(path)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # The dictionary lacks what OSError stores itself.
@@ -118,16 +118,14 @@ class LineFile:
             there = os.stat(self._at)
         except FileNotFoundError:
             if mine.st_nlink == 0:
-                return LostFileError(self.path, "was deleted during the run", code="deleted")
-            return LostFileError(self.path, "was moved during the run, alone or with its folder", code="moved")
+                return LostFileError(self.path, "was deleted during the run", "deleted")
+            return LostFileError(self.path, "was moved during the run, alone or with its folder", "moved")
         except OSError as error:
-            what = "can no longer be found: {problem}"
-            return LostFileError(self.path, what, code="not_found", problem=error.strerror)
+            return LostFileError(self.path, f"can no longer be found: {error.strerror}", "not_found")
         if not os.path.samestat(mine, there):
-            return LostFileError(self.path, "was replaced during the run", code="replaced")
+            return LostFileError(self.path, "was replaced during the run", "replaced")
         if mine.st_size < self._size:
-            what = "was shortened during the run by another program"
-            return LostFileError(self.path, what, code="shortened")
+            return LostFileError(self.path, "was shortened during the run by another program", "shortened")
         return None
 
     def content(self) -> bytes:

@@ -14,7 +14,12 @@ from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, un
 from rig.data.folder import RunFolder
 from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, read_run
+<<<<<<< HEAD
 from rig.errors import is_coded
+=======
+from rig.data.schema import PRESS_STREAMS, READING, WAITED_FOR
+from rig_shared.errors import CodedError
+>>>>>>> errors27
 
 PRESSES, SUPERSEDED = "presses", "_superseded"
 _START = "indentation_start"
@@ -199,7 +204,7 @@ def foreign_in_one_line(path: Path) -> Iterator[None]:
     try:
         yield
     except FOREIGN as error:
-        if is_coded(error):
+        if isinstance(error, CodedError):
             raise
         raise RunError(f"run folder {path}: {foreign(error)}", "foreign_run") from None
 

@@ -11,7 +11,7 @@ from rig.design.design import DesignRequest
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Range, Unknowns
 from rig.design.presses import Kind, PossiblePress, possible_presses
-from rig.errors import around, first_problem
+from rig.errors import first_problem
 from rig.protocol.script import Script
 from sim.contact.shapes import parse_shape
 
@@ -66,7 +66,7 @@ class Designed:
             planned = _planned(script.design["BLOCKS"], block.kind)
         except ValidationError as error:
             problem = first_problem(f"{script.path.name}, DESIGN", error, _Block)
-            raise around(DesignError, "{problem}", problem) from None
+            raise DesignError(str(problem), problem.code) from None
         except (TypeError, ValueError):
             raise DesignError(
                 f"{script.path.name}, BLOCKS: must be shapes, each with pairs of numbers", "bad_blocks"

@@ -76,20 +76,19 @@ def read_counts(path: Path, presses: Sequence[PossiblePress], hold_s: float) -> 
         shape = row.cells["shape"].strip()
         if shape not in {one.shape for one in presses} | names:
             shapes = ", ".join(sorted(names, key=natural_order))
-            raise row.wrong("shape", "shape_not_designed", "one of {shapes}", shapes=shapes)
+            raise row.wrong("shape", "shape_not_designed", f"one of {shapes}")
         if "window_s" in row.cells and not np.isclose(row.number("window_s"), hold_s, rtol=1e-3, atol=0.0):
-            expected = "the hold, {hold_s:g} s; use the same --hold-s as for the design, and count over all of it"
-            raise row.wrong("window_s", "other_window", expected, hold_s=hold_s)
+            expected = f"the hold, {hold_s:g} s; use the same --hold-s as for the design, and count over all of it"
+            raise row.wrong("window_s", "other_window", expected)
         if round(target, _DECIMALS) not in targets:
-            raise row.wrong(
-                kind, "press_not_designed", "one of {targets}; use the same {option} as for the design",
-                targets=", ".join(f"{one:g}" for one in targets), option=option,
-            )  # fmt: skip
+            possible = ", ".join(f"{one:g}" for one in targets)
+            expected = f"one of {possible}; use the same {option} as for the design"
+            raise row.wrong(kind, "press_not_designed", expected)
         at = shape_name(shape), round(x_mm, _DECIMALS), round(target, _DECIMALS)
         if at not in number:
-            possible = sorted(x for name, x, to in number if (name, to) == (at[0], at[2]))
-            expected = "that of a possible press of this shape to this target, {places} mm"
-            raise row.wrong("x_mm", "press_not_designed", expected, places=_in_words(possible))
+            places = _in_words(sorted(x for name, x, to in number if (name, to) == (at[0], at[2])))
+            expected = f"that of a possible press of this shape to this target, {places} mm"
+            raise row.wrong("x_mm", "press_not_designed", expected)
         found.append(CountedPress(number[at], count))
     if not found:
         raise no_rows(path, "a count")

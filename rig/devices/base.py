@@ -4,7 +4,7 @@ import math
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 from rig.errors import RigError
 
@@ -35,13 +35,11 @@ class StageAlarm(StageError):  # noqa: N818
         Number of the alarm in the manual of the controller, or its letters.
     meaning : str
         What the manual says about this number.
-    **fields
-        Further fields of the error.
     """
 
     default_code = "alarm"
 
-    def __init__(self, number: int | str, meaning: str, **fields: Any) -> None:
+    def __init__(self, number: int | str, meaning: str) -> None:
         super().__init__(f"stage alarm {number}: {meaning}")
         self.number = number
         self.meaning = meaning
@@ -113,13 +111,11 @@ class StageRejected(StageError):  # noqa: N818
         The line that was sent.
     meaning : str
         What the manual says about this number.
-    **fields
-        Further fields of the error.
     """
 
     default_code = "line_refused"
 
-    def __init__(self, number: int | str, line: str, meaning: str, **fields: Any) -> None:
+    def __init__(self, number: int | str, line: str, meaning: str) -> None:
         super().__init__(f"the stage's controller refused {line!r} with error {number}: {meaning}")
         self.number = number
         self.line = line

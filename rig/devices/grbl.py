@@ -52,7 +52,6 @@ from rig.devices.grbl_link import (
     overrun,
     parse_setting,
     refuse_move,
-    settings_fields,
     states,
     unsuited,
 )
@@ -138,11 +137,9 @@ class GrblStage(Stage):
         wrong = differences(board, self._expected) + unsuited(printed, board)
         if wrong:
             raise StageError(
-                "{port}: the settings of the board differ from the configuration{keys}; send it {settings}",
-                code="not_as_configured",
-                port=self._transport.name,
-                keys=keys_of(board, self._expected),
-                **settings_fields(wrong),
+                f"{self._transport.name}: the settings of the board differ from the configuration"
+                f"{keys_of(board, self._expected)}; send it {', '.join(map(str, wrong))}",
+                "not_as_configured",
             )
         if self._bounds is not None:
             self._enforce({**board, **enforced_settings(board, self._bounds)})
@@ -177,12 +174,8 @@ class GrblStage(Stage):
             for n, value in wrong.items():
                 self._link.command(f"${n}={number(value, 3)}")
             self._agreed_settings()
-        raise StageError(
-            "{port}: the board did not accept the settings {settings}",
-            code="not_kept",
-            port=self._transport.name,
-            **settings_fields(differences(self._settings, required)),
-        )
+        refused = ", ".join(map(str, differences(self._settings, required)))
+        raise StageError(f"{self._transport.name}: the board did not accept the settings {refused}", "not_kept")
 
     def homing(self) -> Looks:
         """Home with `$H`. Most boards do not respond meanwhile, and the position is not trusted.
@@ -216,12 +209,9 @@ class GrblStage(Stage):
         self._link.trusted = self._link.times_stopped == times
 
     def _refuse_not_homed(self, missed: Misplaced | None) -> NoReturn:
-        where = {} if missed is None else {"missed": str(missed), **missed._asdict()}
+        where = "" if missed is None else f": {missed}"
         raise StageError(
-            "{port}: the board answered ok to '$H' but did not home" + (": {missed}" if missed else ""),
-            code="did_not_home",
-            port=self._transport.name,
-            **where,
+            f"{self._transport.name}: the board answered ok to '$H' but did not home{where}", "did_not_home"
         )
 
     def unlock(self) -> None:
@@ -336,12 +326,8 @@ class GrblStage(Stage):
             assert refused is not None
             raise refused
         raise StageError(
-            "{port}: the board did not confirm the target ({doubt}); nothing was moved",
-            code="not_confirmed",
-            port=self._transport.name,
-            doubt=doubt.words,
-            doubt_code=doubt.code,
-            **doubt.fields,
+            f"{self._transport.name}: the board did not confirm the target ({doubt}); nothing was moved",
+            "not_confirmed",
         )
 
     def _present(self) -> Xyz:
@@ -461,11 +447,7 @@ class GrblStage(Stage):
         missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
             raise StageError(
-                "{port}: the jog was stopped at the controller: {missed}",
-                code="jog_stopped",
-                port=self._transport.name,
-                missed=str(missed),
-                **missed._asdict(),
+                f"{self._transport.name}: the jog was stopped at the controller: {missed}", "jog_stopped"
             )
 
     def _still_jogging(self, timeout_s: float) -> StageTimeout:
@@ -545,13 +527,7 @@ class GrblStage(Stage):
             now = self.status()  # A single report may be garbled.
             missed = misplaced(self._settings, target, (now.x_mm, now.y_mm, now.z_mm))
         if missed:
-            raise StageError(
-                "{port}: {missed}",
-                code="not_there",
-                port=self._transport.name,
-                missed=str(missed),
-                **missed._asdict(),
-            )
+            raise StageError(f"{self._transport.name}: {missed}", "not_there")
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> Stage:

@@ -8,7 +8,7 @@ import re
 from collections.abc import Generator, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -220,17 +220,12 @@ class GrblLink:
         if is_held(state):
             raise StageHeld(state, f"{self.name}: ")
         if self.overrides != FULL:
-            changed: dict[str, Any] = {
-                f"{what}_percent": is_now
-                for what, is_now in zip(OVERRIDDEN, self.overrides, strict=True)
-                if is_now != 100
-            }
-            found = ", ".join(f"{name.removesuffix('_percent')} override {{{name}}} %" for name in changed)
-            raise StageOverridden(
-                f"{{port}}: {found} at the controller; reset it to 100 %",
-                port=self.name,
-                **changed,
+            found = ", ".join(
+                f"{what} override {percent} %"
+                for what, percent in zip(OVERRIDDEN, self.overrides, strict=True)
+                if percent != 100
             )
+            raise StageOverridden(f"{self.name}: {found} at the controller; reset it to 100 %")
 
     def recover(self) -> None:
         """Reset the board if it may still owe a reply; the position is not trusted afterwards."""
@@ -386,7 +381,7 @@ class GrblLink:
         code = number_after(line, "ALARM:")
         if code is not None:
             self.in_step = self.trusted = False
-            raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"), port=self.name)
+            raise StageAlarm(code, ALARMS.get(code, "see the controller's manual"))
 
 
 STEP_DIRECTION, REPORTS, INCHES, SOFT_LIMITS, HOMING, LASER = 3, 10, 13, 20, 22, 32
@@ -458,16 +453,6 @@ def differences(board: Mapping[int, float], expected: Mapping[int, float]) -> li
         for number, value in expected.items()
         if differs(board, number, value)
     ]
-
-
-def settings_fields(wrong: Iterable[Difference]) -> dict[str, Any]:
-    """Return the fields of an error about settings."""
-    all_wrong = list(wrong)
-    return {
-        "settings": ", ".join(map(str, all_wrong)),
-        "wanted": {one.number: one.expected for one in all_wrong},
-        "found": {one.number: one.found for one in all_wrong},
-    }
 
 
 def unsuited(printed: Iterable[str], board: Mapping[int, float]) -> list[Difference]:
@@ -572,14 +557,6 @@ _OFFSET_ROUND_OFF_MM = 1e-9
 _FEED_SHOWN_MM_MIN = 0.51
 
 
-class Doubt(NamedTuple):
-    """Missing confirmation: text, code and fields of the error that it leads to."""
-
-    words: str
-    code: str
-    fields: dict[str, Any]
-
-
 def offset_line(coordinates: Xyz, speed_mm_s: float) -> str:
     """Return the line that sets the work coordinates of the present position, modes and feed.
 
@@ -598,7 +575,7 @@ def doubt_about_zero(
     speed_mm_s: float,
     *,
     confirm_modes: bool,
-) -> Doubt | None:
+) -> str | None:
     """Set the work zero and read it back; nothing moves. Before a long motion, read back modes and feed as well.
 
     Settings of the board are by number, `present` is in machine mm, and `coordinates` are the work coordinates (mm)
@@ -619,26 +596,21 @@ def doubt_about_zero(
             f"{link.name}: the board is in state {fields.state} before a move, expected Idle", "not_idle"
         )
     if link.offset is None:
-        return Doubt("the status report after G92 contains no WCO", "no_offset", {})
+        return "the status report after G92 contains no WCO"
     intended = tuple(mm - coordinate for mm, coordinate in zip(present, coordinates, strict=True))
-    wrong = [
-        (axis, found, mm)
+    wrong = (
+        f"work zero {axis} is at {found} mm instead of {mm:.4f} mm"
         for i, (axis, found, mm) in enumerate(zip("XYZ", link.offset, intended, strict=True))
         if not near(board, i, found, mm)
-    ]
-    if not wrong:
-        return None
-    text = ", ".join(f"work zero {axis} is at {found} mm instead of {mm:.4f} mm" for axis, found, mm in wrong)
-    zeros = {axis: found for axis, found, _ in wrong}
-    return Doubt(text, "wrong_work_zero", {"found_mm": zeros, "meant_mm": {axis: mm for axis, _, mm in wrong}})
+    )
+    return ", ".join(wrong) or None
 
 
-def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> Doubt | None:
+def _doubt_about_modes(printed: list[str], feed_mm_min: float) -> str | None:
     words, feed = parse_modes(printed)
     missing = sorted({"G90", "G21", "G94"} - words)
     if missing:
-        return Doubt(f"$G does not show {', '.join(missing)}", "modes_missing", {"missing": missing})
+        return f"$G does not show {', '.join(missing)}"
     if feed is None or abs(feed - feed_mm_min) > _FEED_SHOWN_MM_MIN:
-        text = f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
-        return Doubt(text, "wrong_feed", {"found_mm_min": feed, "meant_mm_min": feed_mm_min})
+        return f"$G shows a feed of {feed} mm/min instead of {feed_mm_min:g} mm/min"
     return None

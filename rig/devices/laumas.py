@@ -5,7 +5,6 @@ Source: Laumas TLU manual, list of registers; LCB manual, status register 1. Lau
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -156,15 +155,14 @@ class LaumasForce:
         try:
             yield
         except ModbusTimeout as error:
-            raise ForceTimeout(f"{error}", silent) from error
+            raise ForceTimeout(str(error), silent) from error
         except ModbusError as error:
             code = "refused" if isinstance(error, ModbusRefused) else "garbled"
-            raise ForceError(f"{error}", code) from error
+            raise ForceError(str(error), code) from error
 
     @property
-    def _who(self) -> dict[str, Any]:
-        """Fields of every error."""
-        return {"port": self._bus.name, "device_id": self._settings.device_id}
+    def _label(self) -> str:
+        return f"{self._bus.name}: transmitter {self._settings.device_id}"
 
 
 def _bit(word: int, bit: int) -> bool:

@@ -14,7 +14,6 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from enum import IntFlag
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S, MoveError, StageAlarm, StageError, StageTimeout, next_look_s
@@ -84,10 +83,6 @@ JOG_PERIOD_S = 0.02
 HOMING_BEGINS_S = 1.0
 # Speed of homing and jogging that a bit error could start.
 CREEP_RPM = 1
-
-
-_DRIVE = "{port}: {axis} axis, drive {drive}"
-_AXIS = "{axis} axis: {problem}"
 
 
 class LeadshineDrive:
@@ -376,8 +371,7 @@ class LeadshineDrive:
     def _refuse(self, status: Status) -> None:
         if Status.FAULT in status:
             code = self._read(ALARM)[0]
-            meaning = f"{_DRIVE.format_map(self._names)}: {ALARMS.get(code, 'see its manual')} ({code:X} hex)"
-            raise StageAlarm(code, meaning, **self._names)
+            raise StageAlarm(code, f"{self._label}: {ALARMS.get(code, 'see its manual')} ({code:X} hex)")
         if Status.ENABLED not in status:
             raise StageError(f"{self._label} is not enabled; enable it", "not_enabled")
 
@@ -421,17 +415,14 @@ class LeadshineDrive:
             yield
         except ModbusTimeout as error:
             self.harmless = False
-            raise StageTimeout(_AXIS, code=error.code, **self._fields(error)) from error
+            raise StageTimeout(f"{self.axis} axis: {error}", error.code) from error
         except ModbusError as error:
             self.harmless = False
-            raise StageError(_AXIS, code=error.code, **self._fields(error)) from error
-
-    def _fields(self, error: ModbusError) -> dict[str, Any]:
-        return {**error.fields, "axis": self.axis, "problem": str(error)}
+            raise StageError(f"{self.axis} axis: {error}", error.code) from error
 
     def _stopped(self) -> StageError:
         return StageError(f"{self._label} was stopped", "stopped")
 
     @property
-    def _names(self) -> dict[str, Any]:
-        return {"port": self.bus.name, "axis": self.axis, "drive": self.device_id}
+    def _label(self) -> str:
+        return f"{self.bus.name}: {self.axis} axis, drive {self.device_id}"

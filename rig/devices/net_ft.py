@@ -390,24 +390,17 @@ class NetFtForce:
         self._reported = status != 0
         if not status:
             return
-        about: dict[str, Any] = {"port": self._records.name, "status": f"{status:08X}"}
+        port = self._records.name
         errors = status & ~(1 << 31 | SATURATED | MONITOR)
         if errors:
-            raise ForceBroken(
-                "{port}: the sensor reports an error: {meaning} (status {status})",
-                code="sensor_error",
-                meaning=", ".join(word for bit, word in _MEANINGS.items() if errors >> bit & 1) or "analog board",
-                **about,
-            )
+            meaning = ", ".join(word for bit, word in _MEANINGS.items() if errors >> bit & 1) or "analog board"
+            raise ForceBroken(f"{port}: the sensor reports an error: {meaning} (status {status:08X})", "sensor_error")
         if status & SATURATED:
             kind = ForceUnderload if force_n < 0 else ForceOverload
-            raise kind(
-                "{port}: the sensor is saturated (status {status}); remove the load", code="saturated", **about
-            )
+            raise kind(f"{port}: the sensor is saturated (status {status:08X}); remove the load", "saturated")
         raise ForceError(
-            "{port}: a monitor condition of the sensor is active (status {status}); see its threshold page",
-            code="monitor_condition",
-            **about,
+            f"{port}: a monitor condition of the sensor is active (status {status:08X}); see its threshold page",
+            "monitor_condition",
         )
 
 

@@ -146,8 +146,8 @@ class WatchedAxis(Generic[Look]):
 
     @property
     @abstractmethod
-    def _names(self) -> dict[str, Any]:
-        """Fields of every error of this axis: `port`, `axis`, and its place."""
+    def _label(self) -> str:
+        """Port and axis, the beginning of every error of this axis."""
         ...
 
     def _until(

@@ -268,11 +268,7 @@ def problems() -> Iterator[KindError]:
             try:
                 find(of, name)
             except KindError as problem:
-                yield KindError(
-                    "{room}.kind = {kind!r}: {problem}",
-                    code=problem.code,
-                    **{**problem.fields, "problem": str(problem), "room": room, "kind": name},
-                )
+                yield KindError(f"{room}.kind = {name!r}: {problem}", problem.code)
 
 
 @cache
@@ -417,16 +413,13 @@ class KnownBench(BenchSettings):
 
     @model_validator(mode="after")
     def _inputs_there(self) -> Self:
-        allowed = find(StageKind, self.stage.kind).inputs
+        inputs = find(StageKind, self.stage.kind).inputs
+        allowed = either(inputs) or "none, because it reports no inputs"
         for key, name in self.stop.inputs.items():
-            if name not in allowed:
+            if name not in inputs:
                 raise RuleError(
-                    "stop.{setting} = {input!r} is not available on a {stage} stage; allowed: {allowed}",
-                    code="no_such_input",
-                    setting=key,
-                    input=name,
-                    allowed=either(allowed) or "none, because it reports no inputs",
-                    stage=self.stage.kind,
+                    f"stop.{key} = {name!r} is not available on a {self.stage.kind} stage; allowed: {allowed}",
+                    "no_such_input",
                 )
         return self
 

@@ -12,7 +12,6 @@ The command `stop` also clears an alarm of the controller. An alarm that was see
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -282,9 +281,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
             bits = [1 << bit for bit in range(flags.bit_length()) if flags >> bit & 1]
             self._alarm = " ".join(ALARMS.get(bit, f"{bit:X} hex") for bit in bits)
         if self._alarm:
-            raise StageAlarm(
-                self._alarm, f"{self._link.name}: {self.name} axis: remove the cause, see its manual", **self._names
-            )
+            raise StageAlarm(self._alarm, f"{self._label}: remove the cause, see its manual")
 
     @staticmethod
     def is_referenced(status: AxisStatus) -> bool:
@@ -357,7 +354,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
 
     def _refuse_buttons(self, status: AxisStatus) -> None:
         if status.inputs & BUTTONS or (status.busy and status.command & COMMAND in (LEFT, RIGHT)):
-            raise StageHeld("BUTTON", f"{self._link.name}: {self.name} axis: ")
+            raise StageHeld("BUTTON", f"{self._label}: ")
 
     def _standing(self) -> int:
         """Return the position at rest."""
@@ -366,7 +363,7 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         self.refuse_unreferenced(status)
         self._refuse_buttons(status)
         if status.busy:
-            raise StageHeld("BUSY", f"{self._link.name}: {self.name} axis: ")
+            raise StageHeld("BUSY", f"{self._label}: ")
         return self._at(status)
 
     def _set_speed(self, speed_mm_s: float) -> None:
@@ -411,8 +408,8 @@ class StandaAxis(WatchedAxis[AxisStatus]):
         )
 
     @property
-    def _names(self) -> dict[str, Any]:
-        return {"port": self._link.name, "axis": self.name}
+    def _label(self) -> str:
+        return f"{self._link.name}: {self.name} axis"
 
 
 class StandaStage(TwoAxisStage[StandaAxis, AxisStatus]):

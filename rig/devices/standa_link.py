@@ -167,7 +167,7 @@ class StandaLink:
                 raise self._garbled(letters, heard)
             if head.decode("latin-1") in ERRORS:
                 word = head.decode("ascii")
-                raise StageRejected(word, letters, ERRORS[word], port=self.name)
+                raise StageRejected(word, letters, ERRORS[word])
             if len(head) == LETTERS and head != name:
                 odd = odd or heard
                 heard = heard[LETTERS if head == STOP.encode() else 1 :]

@@ -72,7 +72,7 @@ class StopKey:
     def pressed(self) -> bool:
         """Whether the key is held down. Raises StopKeyError if that is unknown."""
         if self.problem:
-            raise StopKeyError(f"{self.problem}", self._why)
+            raise StopKeyError(self.problem, self._why)
         return bool(self._held)
 
     def arm(self, on_press: Callable[[], object]) -> None:

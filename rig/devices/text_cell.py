@@ -392,16 +392,12 @@ class TextCellForce:
             reason = _COMMA
         elif found is None and _LONE_MINUS.search(line) and re.search(r"\d", line):
             reason = _MINUS
-        return ForceError(
-            "{port}: {line!r} {reason}",
-            code="garbled",
-            port=self._transport.name,
-            line=line,
-            expected=self._settings.line,
-            reason=reason
-            or f"does not match force.text_cell.line = {self._settings.line!r} with a number such as -12.5; correct "
-            "it, or add the beginning of the line to force.text_cell.ignore",
-        )
+        if reason is None:
+            reason = (
+                f"does not match force.text_cell.line = {self._settings.line!r} with a number such as -12.5; correct "
+                "it, or add the beginning of the line to force.text_cell.ignore"
+            )
+        return ForceError(f"{self._transport.name}: {line!r} {reason}", "garbled")
 
 
 def _driver(opener: Opener, clock: Clock, settings: BenchSettings) -> ForceSensor:

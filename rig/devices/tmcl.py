@@ -11,7 +11,6 @@ in a module: all is lost at power-off.
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -379,7 +378,7 @@ class TmclAxis(WatchedAxis[Look]):
         self._link.command(self.motor, command, kind, value)
 
     def _alarm(self, number: int, meaning: str) -> StageAlarm:
-        return StageAlarm(number, f"{self._link.name}: {self.name} axis: {meaning}", **self._names)
+        return StageAlarm(number, f"{self._label}: {meaning}")
 
     def _refuse_setting(self, setting: str, parameter: int, found: object, expected: object) -> None:
         raise StageError(
@@ -403,13 +402,8 @@ class TmclAxis(WatchedAxis[Look]):
         )
 
     @property
-    def _names(self) -> dict[str, Any]:
-        return {
-            "port": self._link.name,
-            "axis": self.name,
-            "device": self.motor.address,
-            "motor": self.motor.number,
-        }
+    def _label(self) -> str:
+        return f"{self._link.name}: {self.name} axis"
 
 
 class TmclStage(TwoAxisStage[TmclAxis, Look]):

@@ -13,7 +13,6 @@ import struct
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import StageError, StageRejected, StageTimeout
@@ -162,11 +161,7 @@ class TmclLink:
             values = [self._exchanged(TmclRequest(motor, GAP, parameter))[0].value for parameter in parameters]
             reply, others = self._exchanged(last)
         if GAP in others:
-            raise StageError(
-                "{port}: TMCL module {device}, motor {motor}: more replies than questions; check the cable",
-                code="late_answer",
-                **self._about(last),
-            )
+            raise StageError(f"{self._label(motor)}: more replies than questions; check the cable", "late_answer")
         return values, reply.value
 
     def _exchanged(self, request: TmclRequest) -> tuple[TmclReply, list[int]]:
@@ -199,9 +194,6 @@ class TmclLink:
                 reply.status,
                 str(request),
                 MEANINGS[reply.status],
-                port=self.name,
-                device=request.motor.address,
-                motor=request.motor.number,
             )
         return reply
 
@@ -235,19 +227,16 @@ class TmclLink:
         self._heard = b""
 
     def _failure(self, request: TmclRequest, heard: bytes) -> StageError:
-        about = "{port}: TMCL module {device}, motor {motor}, {command}: "
+        label = f"{self._label(request.motor)}, {request}"
         if heard:
+            shown = heard[: 4 * LENGTH].hex(" ")
             return StageError(
-                f"{self._about(request)}: {heard[: 4 * LENGTH].hex(' ')} is not a reply; check the cable, stage.baud "
-                "and host_address",
-                "garbled",
+                f"{label}: {shown} is not a reply; check the cable, stage.baud and host_address", "garbled"
             )
         return StageTimeout(
-            f"{self._about(request)}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the "
-            "address",
+            f"{label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
             "no_reply",
         )
 
-    def _about(self, request: TmclRequest) -> dict[str, Any]:
-        motor = request.motor
-        return {"port": self.name, "device": motor.address, "motor": motor.number, "command": str(request)}
+    def _label(self, motor: Motor) -> str:
+        return f"{self.name}: TMCL module {motor.address}, motor {motor.number}"

@@ -11,7 +11,6 @@ import math
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from typing import Any
 
 from rig.clock import Clock
 from rig.devices.base import (
@@ -180,10 +179,9 @@ class ZaberAxis(WatchedAxis[Reply]):
         warnings = self.warnings(reply)
         at = self._position(reply)
         if warnings & (UNREFERENCED | {INTERRUPTED}) or abs(at) > self._tolerance:
+            found = " ".join(sorted(warnings)) or "none"
             raise StageError(
-                f"{self._label} did not home: it is at {at} with the warnings {' '.join(sorted(warnings)) or 'none'}; "
-                "home again",
-                "did_not_home",
+                f"{self._label} did not home: it is at {at} with the warnings {found}; home again", "did_not_home"
             )
 
     def moving(self, to_mm: float, speed_mm_s: float, keep_on: Callable[[], bool], look_s: float) -> Iterator[Reply]:
@@ -309,7 +307,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         tolerated = HARMLESS | {DISPLACED} if homing else HARMLESS
         for flag in sorted(warnings - tolerated):
             meaning = ALARMS.get(flag, "unknown warning, see its manual")
-            raise StageAlarm(flag, f"{self._link.name}: {self.name} axis: {meaning}", **self._names)
+            raise StageAlarm(flag, f"{self._label}: {meaning}")
 
     def refuse_unreferenced(self, warnings: frozenset[str]) -> None:
         """Refuse a device that has lost its home position. Raises StageReset."""
@@ -350,7 +348,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self.refuse_alarm(warnings)
         self.refuse_unreferenced(warnings)
         if MANUAL in warnings:
-            raise StageHeld(MANUAL, f"{self._link.name}: {self.name} axis: ")
+            raise StageHeld(MANUAL, f"{self._label}: ")
         if INTERRUPTED in warnings:
             raise StageOverridden(f"{self._label}: another program or the device itself has interrupted the motion")
 
@@ -361,7 +359,7 @@ class ZaberAxis(WatchedAxis[Reply]):
         self.refuse_alarm(warnings)
         self.refuse_unreferenced(warnings)
         if reply.busy:
-            raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._link.name}: {self.name} axis: ")
+            raise StageHeld(MANUAL if MANUAL in warnings else "BUSY", f"{self._label}: ")
         return self._position(reply)
 
     @property
@@ -409,13 +407,8 @@ class ZaberAxis(WatchedAxis[Reply]):
         )
 
     @property
-    def _names(self) -> dict[str, Any]:
-        return {
-            "port": self._link.name,
-            "axis": self.name,
-            "device": self._address.address,
-            "device_axis": self._address.axis,
-        }
+    def _label(self) -> str:
+        return f"{self._link.name}: {self.name} axis"
 
 
 class ZaberStage(TwoAxisStage[ZaberAxis, Reply]):

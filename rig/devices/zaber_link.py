@@ -126,7 +126,6 @@ class ZaberLink:
                 reply.data,
                 f"/{device} {axis} {words}",
                 REASONS.get(reply.data, "see its manual"),
-                port=self.name,
             )
         return reply
 
@@ -164,16 +163,15 @@ class ZaberLink:
             if self._clock.monotonic_s() >= deadline_s:  # A device may never stop talking.
                 break
         self._lost_s[number] = self._clock.monotonic_s()
-        fields = {"port": self.name, "device": device, "axis": axis, "command": words}
-        about = "{port}: Zaber device {device}, axis {axis}, command {command!r}: "
+        label = f"{self.name}: Zaber device {device}, axis {axis}, command {words!r}"
         if open_line:
             raise StageError(
-                f"{self._label}: the reply has no checksum; set comm.checksum of the device to 1", "no_checksum"
+                f"{label}: the reply has no checksum; set comm.checksum of the device to 1", "no_checksum"
             )
         if garbled:
-            raise StageError(f"{self._label}: {garbled!a} is garbled; check the cable and stage.baud", "garbled")
+            raise StageError(f"{label}: {garbled!a} is garbled; check the cable and stage.baud", "garbled")
         raise StageTimeout(
-            f"{self._label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
+            f"{label}: no reply within {REPLY_S:g} s; check the power, the cable, stage.baud and the address",
             "no_reply",
         )
 

@@ -18,10 +18,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.clock import Clock
-from rig.errors import BadInputError, RigError, code_of
+from rig.errors import BadInputError, RigError
 from rig.panel.stream import Outlet
 from rig.plan.config import load_config
 from rig.plan.finger_model import from_copy
+from rig_shared.errors import code_of
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z

@@ -14,9 +14,9 @@ from starlette.responses import JSONResponse, Response, StreamingResponse
 from starlette.types import Send
 
 from rig.data.index import RunFilter, listed
-from rig.errors import code_of
 from rig.panel.access import FILE_POLICY
 from rig.panel.requests import RequestError, whole_of_text
+from rig_shared.errors import code_of
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
 _CHUNK = 1 << 16

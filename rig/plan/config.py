@@ -14,7 +14,7 @@ from pydantic import AfterValidator, BaseModel, Field, ValidationError, Validati
 from pydantic.fields import FieldInfo
 
 from rig.devices.registry import BUILT_IN, KINDS, KnownBench, find, names, with_kind_tables
-from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, around, first_problem
+from rig.errors import WRITTEN_BY_COMMANDS, RigError, RuleError, first_problem
 from rig.plan.finger_file import (
     IdentifiedFinger,
     checked_relaxation,
@@ -93,8 +93,8 @@ class VirtualSettings(Settings):
     def _relaxes(self) -> Self:
         try:
             checked_relaxation(self.relaxation)
-        except ValueError as error:
-            raise around(RuleError, "relaxation: {problem}", error) from None
+        except RuleError as error:
+            raise RuleError(f"relaxation: {error}", error.code) from None
         return self
 
 
@@ -326,9 +326,9 @@ def reraised_as(where: str, error: type[RigError], model: type[BaseModel] | None
     try:
         yield
     except OSError as problem:
-        what = str(problem.strerror or problem)
-        raise error("{where}: {problem}", code="unreadable", where=where, problem=what) from None
+        raise error(f"{where}: {problem.strerror or problem}", "unreadable") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise error("{where}: not valid TOML: {problem}", code="no_toml", where=where, problem=str(problem)) from None
+        raise error(f"{where}: not valid TOML: {problem}", "no_toml") from None
     except ValidationError as problem:
-        raise around(error, "{problem}", first_problem(where, problem, model)) from None
+        found = first_problem(where, problem, model)
+        raise error(str(found), found.code) from None

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.folder import SHAPE_COPY, replace_bytes
 from rig.engine.limits import CONTACT_EXPONENT
-from rig.errors import around
 from rig.plan.finger_file import IdentifiedFinger, fingers_of
 from rig.protocol.check import ForceTooDeepError, NoPredictionError
 from rig.records import Pace, Prediction, PredictionBand, Target
@@ -237,8 +236,8 @@ def _with_band(
     try:
         likely = answers(finger, shape, found.x_mm, found.target, pace, identified)
     except ForceOutOfReachError as error:
-        sentence = "for one of the {fingers} likely fingers: {problem}"
-        raise around(ForceTooDeepError, sentence, error, fingers=len(identified.draw)) from None
+        sentence = f"for one of the {len(identified.draw)} likely fingers: {error}"
+        raise ForceTooDeepError(sentence, error.code) from None
     converged = np.asarray(np.isfinite(likely).all(axis=0))
     lost, fingers = int((~converged).sum()), len(converged)
     if lost > _MOST_LOST * fingers:
@@ -263,7 +262,7 @@ def _predicted(finger: "Fingertip", shape: Indentor, press: RequestedPress) -> P
     try:
         found = finger.indent(shape, press.x_mm, **{target.kind: target.value})  # type: ignore[arg-type]
     except ForceOutOfReachError as error:
-        raise around(ForceTooDeepError, "{problem}", error) from None
+        raise ForceTooDeepError(str(error), error.code) from None
     if not found.state.converged:
         raise NoPredictionError(
             f"the model does not converge here (residual {found.state.residual:.0e})", "not_converged"

@@ -11,12 +11,12 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rig.errors import code_of
 from rig.plan.config import Config, config_from
 from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script, script_with
 from rig.protocol.steps import Step
+from rig_shared.errors import code_of
 
 _HASH_SEEDS = ("1", "2")
 _LONGEST_S = 60.0

@@ -94,7 +94,6 @@ class Walk:
 
 _MAX_COUNT = 100
 _LONGEST_S = 3600.0
-_MEANS = "{verb}: {key} = {value:g} at x = {x_mm:g} mm means "
 
 
 def checked_target(verb: str, doi_mm: float | None, force_gwt: float | None) -> Target:
@@ -168,10 +167,10 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
     """Raise an error for a press whose prediction is too deep, too forceful, or below the stage's travel."""
     limits, doi_mm, force_gwt = settings.limits, planned.deepest_mm, planned.highest_gwt
     if doi_mm > limits.max_doi_mm:
-        raise _means(verb, planned, "a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm", doi_mm=doi_mm)
+        raise _means(verb, planned, f"a DOI of {doi_mm:.3g} mm", limits, "max_doi_mm")
     refuse_force(verb, planned, force_gwt, limits)
     if force_gwt * GWT_N > limits.soft_trip_n:
-        raise _means(verb, planned, "{force_n:.3g} N", limits, "soft_trip_n", force_n=force_gwt * GWT_N)
+        raise _means(verb, planned, f"{force_gwt * GWT_N:.3g} N", limits, "soft_trip_n")
     deflection_mm = settings.calibration.value("compliance_mm_per_n", 0.0) * force_gwt * GWT_N
     lowest_mm = planned.expected_contact_mm - max(doi_mm + deflection_mm, limits.search_mm)
     refuse_travel("z", settings.frame.apex_z_mm + lowest_mm, settings)
@@ -180,7 +179,7 @@ def refuse_reach(verb: str, planned: PlannedIndentation, settings: RigSettings) 
 def refuse_force(verb: str, planned: PlannedIndentation, force_gwt: float, limits: LimitSettings) -> None:
     """Raise an error for a target whose predicted force is beyond its limit."""
     if force_gwt > limits.max_force_gwt:
-        raise _means(verb, planned, "a force of {force_gwt:.3g} gwt", limits, "max_force_gwt", force_gwt=force_gwt)
+        raise _means(verb, planned, f"a force of {force_gwt:.3g} gwt", limits, "max_force_gwt")
 
 
 def refuse_approach(verb: str, contact_mm: float, settings: RigSettings) -> None:
@@ -201,38 +200,23 @@ def refuse_pressure(verb: str, planned: PlannedIndentation, limits: LimitSetting
     """Raise an error for too much force on the predicted contact area."""
     if planned.contact_area_mm2 <= 0:
         raise BadInputError(
-            _MEANS + "no contact that the model can detect; use a larger target",
-            code="no_contact",
-            **_request(verb, planned),
+            f"{_press(verb, planned)} means no contact that the model can detect; use a larger target", "no_contact"
         )
     if planned.mean_pressure_kpa > limits.max_pressure_kpa:
-        raise _means(
-            verb,
-            planned,
-            "{pressure_kpa:.3g} kPa over a contact of {area_mm2:.2g} mm²",
-            limits,
-            "max_pressure_kpa",
-            pressure_kpa=planned.mean_pressure_kpa,
-            area_mm2=planned.contact_area_mm2,
-        )
+        found = f"{planned.mean_pressure_kpa:.3g} kPa over a contact of {planned.contact_area_mm2:.2g} mm²"
+        raise _means(verb, planned, found, limits, "max_pressure_kpa")
 
 
-def _means(
-    verb: str, planned: PlannedIndentation, what: str, limits: LimitSettings, limit: str, **found: float
-) -> BadInputError:
+def _means(verb: str, planned: PlannedIndentation, what: str, limits: LimitSettings, limit: str) -> BadInputError:
     """Return the error of a target whose prediction exceeds a limit."""
     return BadInputError(
-        _MEANS + what + ", beyond limits.{limit} = {high:g}",
-        code="means_beyond_limit",
-        **_request(verb, planned),
-        limit=limit,
-        high=getattr(limits, limit),
-        **found,
+        f"{_press(verb, planned)} means {what}, beyond limits.{limit} = {getattr(limits, limit):g}",
+        "means_beyond_limit",
     )
 
 
-def _request(verb: str, planned: PlannedIndentation) -> dict[str, Any]:
-    return {"verb": verb, "key": planned.target.kind, "value": planned.target.value, "x_mm": planned.x_mm}
+def _press(verb: str, planned: PlannedIndentation) -> str:
+    return f"{verb}: {planned.target.kind} = {planned.target.value:g} at x = {planned.x_mm:g} mm"
 
 
 def refuse_outside(verb: str, key: str, value: float, limits: tuple[float, float]) -> None:

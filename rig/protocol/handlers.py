@@ -95,13 +95,8 @@ class SilentScriptError(BaseException):
 
     code = "silent"
 
-    def __init__(self, longest_s: float | None = None) -> None:
-        longest_s = LONGEST_SILENCE_S if longest_s is None else longest_s
-        super().__init__(f"the script timed out: no step for {longest_s:g} s")
-        self.fields = {"longest_s": longest_s}
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), (self.fields["longest_s"],)
+    def __init__(self, sentence: str | None = None) -> None:
+        super().__init__(sentence or f"the script timed out: no step for {LONGEST_SILENCE_S:g} s")
 
 
 class Patience:
@@ -216,7 +211,7 @@ else:
     @contextmanager
     def _alarms() -> Iterator[None]:
         def too_long(number: int, frame: FrameType | None) -> None:
-            raise SilentScriptError(LONGEST_SILENCE_S)
+            raise SilentScriptError
 
         before, began_s = signal.signal(signal.SIGALRM, too_long), time.monotonic()
         left_s, _ = signal.getitimer(signal.ITIMER_REAL)  # an alarm set by the caller

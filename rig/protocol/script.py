@@ -12,14 +12,15 @@ from importlib.machinery import ModuleSpec, SourceFileLoader
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 import rig
 from rig.data.events import STREAMS
-from rig.errors import BadInputError, Coded, around, first_problem
+from rig.errors import BadInputError, RigError, first_problem
 from rig.protocol.api import ProtocolParameters, Rig
+from rig_shared.errors import code_of
 from rig_shared.user_files import read_bytes
 
 
@@ -78,8 +79,7 @@ def script_with(path: Path, name: str, parameters: Mapping[str, Any]) -> Script:
     except ValidationError as error:
         known = ", ".join(kind.model_fields) or "none"
         found = first_problem("--set", error)
-        sentence = "{problem} (parameters of {file}: {known})"
-        raise around(BadInputError, sentence, found, file=path.name, known=known) from None
+        raise BadInputError(f"{found} (parameters of {path.name}: {known})", found.code) from None
     metadata = _metadata(path, getattr(module, "METADATA", {}))
     title, source = str(metadata.get("title", name)), str(metadata.get("source", ""))
     design = getattr(module, "DESIGN", None)
@@ -132,25 +132,23 @@ def where_in_script(path: Path, error: BaseException) -> str:
 
 def failed_in_script(path: Path, error: BaseException) -> BadInputError:
     """Return the error for an exception in a script; it corrects a misspelled or wrongly called verb."""
-    fields = {"exception": type(error).__name__, "problem": str(error)}
+    problem = f"{type(error).__name__}: {error}"
     if isinstance(error, AttributeError) and isinstance(error.obj, Rig):
         verbs = [name for name in vars(Rig) if not name.startswith("_")]
         near = get_close_matches(str(error.name), verbs)
         meant = f"did you mean rig.{near[0]}?" if near else f"expected one of {', '.join(verbs)}"
-        return BadInputError("{exception}: {problem}: there is no rig.{verb}, {meant}", code="unknown_verb",
-                             verb=error.name, meant=meant, **fields)  # fmt: skip
+        return BadInputError(f"{problem}: there is no rig.{error.name}, {meant}", "unknown_verb")
     called = re.match(r"Rig\.(\w+)\(\) ", str(error)) if isinstance(error, TypeError) else None
     if called and hasattr(Rig, called[1]):
         signature = inspect.signature(getattr(Rig, called[1]))
         names = [f"{p.name}=" if p.kind is p.KEYWORD_ONLY else p.name for p in signature.parameters.values()][1:]
-        return BadInputError("{exception}: {problem}: expected rig.{verb}({arguments})", code="wrong_arguments",
-                             verb=called[1], arguments=", ".join(names), **fields)  # fmt: skip
+        return BadInputError(f"{problem}: expected rig.{called[1]}({', '.join(names)})", "wrong_arguments")
     if isinstance(error, FileNotFoundError):
         advice = 'name the file in METADATA["files"] and open it as Path(__file__).parent / NAME'
-        return BadInputError("{exception}: {problem}; {advice}", code="exception_in_script", advice=advice, **fields)
+        return BadInputError(f"{problem}; {advice}", "exception_in_script")
     if isinstance(error, ModuleNotFoundError) and (advice := _module_advice(path.parent, str(error.name))):
-        return BadInputError("{exception}: {problem}; {advice}", code="module_beside_script", advice=advice, **fields)
-    return BadInputError("{exception}: {problem}", code="exception_in_script", **fields)
+        return BadInputError(f"{problem}; {advice}", "module_beside_script")
+    return BadInputError(problem, "exception_in_script")
 
 
 def _module_advice(folder: Path, name: str) -> str:
@@ -163,12 +161,15 @@ def _module_advice(folder: Path, name: str) -> str:
     return ""
 
 
+_Error = TypeVar("_Error", bound=RigError)
+
+
 def script_error(
-    kind: type[Coded], path: Path, error: BaseException, verbatim: tuple[type[BaseException], ...]
-) -> Coded:
+    kind: type[_Error], path: Path, error: BaseException, verbatim: tuple[type[BaseException], ...]
+) -> _Error:
     """Return an error that names the line of the script, and for classes other than `verbatim` the class."""
     problem = error if isinstance(error, verbatim) else failed_in_script(path, error)
-    return around(kind, "{place}: {problem}", problem, place=where_in_script(path, error))
+    return kind(f"{where_in_script(path, error)}: {problem}", code_of(problem))
 
 
 _RUN_FILES = {"protocol.py", "config.toml", "data.h5", "run.nwb", "report.html", "choice.csv", "sha256sums"}
@@ -226,9 +227,7 @@ def _import(path: Path) -> tuple[ModuleType, dict[str, bytes]]:
         ) from None
     except (Exception, SystemExit) as error:
         found = failed_in_script(path, error)
-        raise around(
-            BadInputError, "protocol {place}: {problem}", found, place=where_in_script(path, error)
-        ) from None
+        raise BadInputError(f"protocol {where_in_script(path, error)}: {found}", found.code) from None
     finally:
         sys.meta_path.remove(finder)
         for name in finder.found:  # another script, as of another run, has a module of this name

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.protocol.check import (
     ForceTooDeepError,
     NoPredictionError,
@@ -203,7 +203,7 @@ def expect_press(
             "force_out_of_reach",
         ) from None
     except NoPredictionError as error:
-        raise around(BadInputError, "{verb}: {problem}", error, verb=verb) from None
+        raise BadInputError(f"{verb}: {error}", error.code) from None
     ramp_mm_s = pace.speed_mm_s if ramp else None
     planned = PlannedIndentation(**vars(found), increments=increments, hold_s=hold_s, ramp_mm_s=ramp_mm_s)
     refuse_reach(verb, planned, walk.settings)

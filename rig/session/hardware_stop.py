@@ -9,7 +9,7 @@ from rig.control.stop import OwnedStage
 from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.settings import BenchSettings, StopSettings
 from rig.transport import TransportError
 
@@ -113,7 +113,7 @@ def _key(settings: StopSettings) -> StopKey | None:
     try:
         return StopKey(Path(settings.device), settings.key_code)
     except StopKeyError as error:
-        raise around(BadInputError, "{key}: {problem}", error, key="stop.device") from None
+        raise BadInputError(f"stop.device: {error}", error.code) from None
 
 
 @contextmanager
@@ -146,11 +146,7 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
                     "release the stop button" if key == "input" else "unload the force sensor and check its relay"
                 )
                 raise BadInputError(
-                    "{key} = {value!r}: this input is active, so nothing may move; {remedy}",
-                    code="input_active",
-                    key=f"stop.{key}",
-                    value=name,
-                    remedy=remedy,
+                    f"stop.{key} = {name!r}: this input is active, so nothing may move; {remedy}", "input_active"
                 )
     if stop.trip_gwt is not None and isinstance(bench.force, HasSetPoint):
         found_gwt = bench.force.set_point_gwt(stop.trip_register)

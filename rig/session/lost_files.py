@@ -11,7 +11,7 @@ from rig.data.folder import rescued_folder
 from rig.data.journal import ByteLog, LineFile
 from rig.engine import Journal
 from rig.engine.bench_memory import state_folder
-from rig.errors import LostRecordError, around
+from rig.errors import LostRecordError
 from rig.session.early_ending import FinalPosition
 
 
@@ -45,22 +45,16 @@ class LostRun:
         Raises LostRecordError if nothing can be written, or the rest is not a whole journal.
         """
         where = Path()
+        sentence = f"{self.problem}; the indentor is {at.words}"
         try:
             where = rescued_folder(folder, self.contents, state_folder() / "rescued").path
             return read_run(where)
         except OSError as error:
-            sentence = (
-                "{problem}; the indentor is {indentor}; the data are lost because they cannot be written to a "
-                "new folder: {why}"
-            )
-            raise around(
-                LostRecordError, sentence, self.problem, code="data_lost", indentor=at.words, why=str(error)
+            raise LostRecordError(
+                f"{sentence}; the data are lost because they cannot be written to a new folder: {error}", "data_lost"
             ) from error
         except RunError as error:
-            sentence = "{problem}; the indentor is {indentor}; the remaining data are in {rescued}"
-            raise around(
-                LostRecordError, sentence, self.problem, code="rescued", indentor=at.words, rescued=str(where)
-            ) from error
+            raise LostRecordError(f"{sentence}; the remaining data are in {where}", "rescued") from error
 
 
 def _left(file: LineFile) -> bytes | None:

@@ -23,7 +23,7 @@ from rig.data.tables import FOREIGN, foreign_in_one_line
 from rig.devices.registry import StageKind, find, stage_ports
 from rig.engine import RunAborted
 from rig.engine.bench_memory import BenchMemory
-from rig.errors import BadInputError, around
+from rig.errors import BadInputError
 from rig.plan.config import Config, config_from, load_config
 from rig.plan.finger_model import about_model
 from rig.protocol.script import Script, script_with
@@ -73,7 +73,7 @@ def read_stopped(path: Path) -> StoppedRun:
             f"run folder {path}: cannot read {error.filename}: {error.strerror}; give a run folder", "no_run_folder"
         ) from None
     except (RunError, JournalError) as error:
-        raise around(BadInputError, "{problem}", error) from None
+        raise BadInputError(str(error), error.code) from None
 
 
 def with_ports(stopped: StoppedRun, path: Path) -> StoppedRun:

@@ -37,8 +37,7 @@ def _naming(scheduler: str) -> Iterator[None]:
     try:
         yield
     except WorkersError as error:
-        fields = {**error.fields, "scheduler": scheduler, "problem": str(error)}
-        raise WorkersError("--scheduler {scheduler}: {problem}", code=error.code, **fields) from None
+        raise WorkersError(f"--scheduler {scheduler}: {error}", error.code) from None
     except (CancelledError, CommClosedError):
         raise WorkersError(
             f"--scheduler {scheduler}: the scheduler is no longer reachable; check it and start again",

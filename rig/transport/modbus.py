@@ -7,7 +7,6 @@ Modbus application protocol V1.1b3; Modbus over serial line V1.02, §2.5.1.1 (si
 import threading
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from pymodbus.exceptions import ModbusException
 from pymodbus.framer import FramerRTU, FramerSocket
@@ -45,9 +44,6 @@ _EXCEPTIONS = {
 }  # fmt: skip
 
 
-_ABOUT = "{port}: device {device}, {function} (function {function_number}) of {count} registers at 0x{address:04X}"
-
-
 class ModbusError(RigError):
     """Error of an exchange; it names port, device, function and register."""
 
@@ -70,11 +66,6 @@ class ModbusRefused(ModbusError):  # noqa: N818
     """Error of a request that the device refused with a Modbus exception number."""
 
     default_code = "refused"
-
-    def __init__(self, message: str, number: int, **fields: Any) -> None:
-        """Build the error. message: format string over the fields and `number`; plain text without fields."""
-        super().__init__(message if fields else "{message}", **(fields or {"message": message}), number=number)
-        self.number = number
 
 
 @dataclass(frozen=True)
@@ -185,7 +176,7 @@ class ModbusMaster:
             raise self._refused(request, answer)
         if answer.function_code != request.function_code or not fits(answer):
             raise ModbusGarbled(
-                f"{self._about(request)}: the answer does not match the request ({answer})", "does_not_fit"
+                f"{self._label(request)}: the answer does not match the request ({answer})", "does_not_fit"
             )
         return answer
 
@@ -218,29 +209,23 @@ class ModbusMaster:
             self._refuse_two_answers(request, received)
             if answer.dev_id != request.dev_id:
                 raise ModbusGarbled(
-                    f"{self._about(request)}: device {answer.dev_id} answered instead", "another_device"
+                    f"{self._label(request)}: device {answer.dev_id} answered instead", "another_device"
                 )
             return answer
         self._unanswered = _Unanswered(_kind(request), self._clock.monotonic_s())
         code, result = "no_reply", "no answer"
         if received:
-            code, result = "incomplete", "only {heard}"
+            code, result = "incomplete", f"only {received.hex(' ')}"
         elif self.echoes:
             code, result = "only_echo", "only its own echo"
-        raise ModbusTimeout(
-            f"{_ABOUT}: {result} within {{timeout_s:g}} s",
-            code=code,
-            heard=received.hex(" "),
-            timeout_s=self._reply_s,
-            **self._about(request),
-        )
+        raise ModbusTimeout(f"{self._label(request)}: {result} within {self._reply_s:g} s", code)
 
     def _without_echo(self, request: ModbusPDU, received: bytes, sent: bytes) -> bytes:
         """Return the data after the echo of the request; the first read shows whether the adapter echoes."""
         found = received.startswith(sent)
         if self.echoes and not found:
             raise ModbusGarbled(
-                f"{self._about(request)}: the echo of the adapter is missing in {received.hex(' ')}", "no_echo"
+                f"{self._label(request)}: the echo of the adapter is missing in {received.hex(' ')}", "no_echo"
             )
         self.echoes = found
         return received[len(sent) :] if found else received
@@ -267,7 +252,7 @@ class ModbusMaster:
         if received:
             self._unanswered = None
             raise ModbusGarbled(
-                f"{self._about(request)}: a late answer to an earlier request also arrived", "late_answer"
+                f"{self._label(request)}: a late answer to an earlier request also arrived", "late_answer"
             )
 
     def _decoded(self, request: ModbusPDU, received: bytes) -> tuple[bytes, ModbusPDU | None]:
@@ -276,13 +261,13 @@ class ModbusMaster:
             used, answer = self._framer.handleFrame(received, 0, 0)
         except ModbusException:
             raise ModbusGarbled(
-                f"{self._about(request)}: received {received.hex(' ')}, which is not a Modbus answer; check the baud "
+                f"{self._label(request)}: received {received.hex(' ')}, which is not a Modbus answer; check the baud "
                 "rate and the framing",
                 "no_modbus",
             ) from None
         if used and answer is None:
             raise ModbusGarbled(
-                f"{self._about(request)}: wrong checksum (CRC) in {received.hex(' ')}; check the cable and the baud "
+                f"{self._label(request)}: wrong checksum (CRC) in {received.hex(' ')}; check the cable and the baud "
                 "rate",
                 "bad_crc",
             )
@@ -297,22 +282,12 @@ class ModbusMaster:
 
     def _refused(self, request: ModbusPDU, answer: ModbusPDU) -> ModbusRefused:
         meaning = _EXCEPTIONS.get(answer.exception_code, "see the device's manual")
-        return ModbusRefused(
-            f"{_ABOUT}: refused with exception {{number}}, {{meaning}}",
-            answer.exception_code,
-            meaning=meaning,
-            **self._about(request),
-        )
+        return ModbusRefused(f"{self._label(request)}: refused with exception {answer.exception_code}, {meaning}")
 
-    def _about(self, request: ModbusPDU) -> dict[str, Any]:
-        return {
-            "port": self.name,
-            "device": request.dev_id,
-            "function": _FUNCTIONS[request.function_code],
-            "function_number": request.function_code,
-            "count": request.count,
-            "address": request.address,
-        }
+    def _label(self, request: ModbusPDU) -> str:
+        code = request.function_code
+        what = f"{_FUNCTIONS[code]} (function {code}) of {request.count} registers at 0x{request.address:04X}"
+        return f"{self.name}: device {request.dev_id}, {what}"
 
 
 def silence_s(baud: int) -> float:

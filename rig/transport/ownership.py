@@ -327,8 +327,8 @@ class NotOwnedError(TransportError):
 
     default_code = "in_use"
 
-    def __init__(self, sentence: str, owner: PortOwner | None, /, *, code: str | None = None, **fields: Any) -> None:
-        super().__init__(sentence, code=code, **fields)
+    def __init__(self, sentence: str, owner: PortOwner | None, code: str | None = None) -> None:
+        super().__init__(sentence, code)
         self.owner = owner
 
 
@@ -347,23 +347,14 @@ class PortOwnership:
                 self._locks.append(MachineLock(name))
         except LockHeldError as held:
             self.release()
-            raise NotOwnedError(
-                "port {port} is in use by {owner}; end it or wait for it",
-                held.owner,
-                code="in_use",
-                port=port,
-                owner=str(held.owner),
-                pid=held.owner.pid,
-            ) from None
+            raise NotOwnedError(f"port {port} is in use by {held.owner}; end it or wait for it", held.owner) from None
         except OSError as problem:
             self.release()
             raise NotOwnedError(
-                "cannot lock port {port}: {path}: {problem}; ask the owner of that file to remove it",
+                f"cannot lock port {port}: {problem.filename}: {problem.strerror}; ask the owner of that file to "
+                "remove it",
                 None,
-                code="not_lockable",
-                port=port,
-                path=str(problem.filename),
-                problem=problem.strerror,
+                "not_lockable",
             ) from problem
 
     def release(self) -> None:

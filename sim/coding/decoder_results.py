@@ -15,11 +15,15 @@ Array = NDArray[np.float64]
 class CodingError(SimError, ValueError):
     """Error of input that cannot be encoded or decoded.
 
-    An argument that the sentence names is a field whose value is its own name, so that a program with other names for
-    its arguments can replace it.
+    `arguments` are those that the sentence names, so that a program with other names for them can replace each, where
+    it first stands in the sentence.
     """
 
     default_code = "not_coded"
+
+    def __init__(self, sentence: str = "", code: str | None = None, arguments: tuple[str, ...] = ()) -> None:
+        super().__init__(sentence, code)
+        self.arguments = arguments
 
 
 class DecodingError(CodingError):

@@ -150,10 +150,7 @@ class _Rows:
         return TableError(f"{self.path}, line {n}, column {column}: {float(value):g} must be {expected}", code)
 
     def _misplaced(self, n: int, column: str, error: ModelRangeError | ReceptorError) -> TableError:
-        found = {"path": self.path, "line": n, "column": column, "problem": str(error)}
-        return TableError(
-            "{path}, line {line}, column {column}: {problem}", code=error.code, **{**error.fields, **found}
-        )
+        return TableError(f"{self.path}, line {n}, column {column}: {error}", error.code)
 
     def _column(self, k: int) -> Iterator[tuple[int, float]]:
         return ((n, row[k]) for n, row in self.numbered)
@@ -280,8 +277,12 @@ def checked_pressures(values: ArrayLike) -> Array:
     """Return 1 to 400 pressures as an (n,) array. Raises CodingError for more, none, or what is not finite or < 0."""
     pressure = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if not 1 <= len(pressure) <= MOST_SAMPLES:
-        raise CodingError(f"pressure: {len(pressure)} samples; must be 1 to {MOST_SAMPLES}", "wrong_count")
+        raise CodingError(
+            f"pressure: {len(pressure)} samples; must be 1 to {MOST_SAMPLES}", "wrong_count", ("pressure",)
+        )
     wrong = pressure[~(np.isfinite(pressure) & (pressure >= 0))]
     if len(wrong):
-        raise CodingError(f"pressure {float(wrong[0]):g}: pressures must be finite, and 0 or more", "negative")
+        raise CodingError(
+            f"pressure {float(wrong[0]):g}: pressures must be finite, and 0 or more", "negative", ("pressure",)
+        )
     return pressure

@@ -366,7 +366,7 @@ def decode_task(task: DecodeTask) -> DecodeResult:
     Raises
     ------
     CodingError
-        For what cannot be encoded, sought or decoded. Arguments that it names are fields of the same name.
+        For what cannot be encoded, sought or decoded; `arguments` are those that its sentence names.
     ModelRangeError, ReceptorError, ShapeError
         For a finger that cannot be sampled or pressed like this.
     """
@@ -429,6 +429,7 @@ def _noise_of_readings(observation: Observation) -> ReadingNoise:
         raise CodingError(
             "readings requires a column sd or at_rest, since the decoder bayes uses the noise of the readings",
             "noise_unknown",
+            ("readings",),
         )
     return observation.noise
 
@@ -480,9 +481,11 @@ def _start(observation: Observation, search: SearchOptions, within: PressureRang
         return np.full(n, float(np.clip(size, *within)))
     start = np.array(search.start)
     if len(start) not in (1, n):
-        raise CodingError(f"start: {len(start)} numbers; must be 1 or {n}", "wrong_count")
+        raise CodingError(f"start: {len(start)} numbers; must be 1 or {n}", "wrong_count", ("start",))
     if not ((start >= within.low) & (start <= within.high)).all():
-        raise CodingError(f"start: must lie within bounds, {within.low:g} to {within.high:g}", "outside_range")
+        raise CodingError(
+            f"start: must lie within bounds, {within.low:g} to {within.high:g}", "outside_range", ("start", "bounds")
+        )
     return np.full(n, start[0]) if len(start) == 1 else start
 
 
@@ -512,6 +515,7 @@ def _of_press(task: DecodeTask, press: SectionPress) -> Observation:
             f"{float(operator.place_mm[0]):.2f} and {float(operator.place_mm[-1]):.2f} mm, where pressures are "
             f"estimated; at least {_HELD:.0%} is required; move the indentor towards x = 0",
             "beside_the_search",
+            ("shape",),
         )
     return _encoded(task, encoder, contact.stacked, operator, true)
 
@@ -535,6 +539,7 @@ def _encoded(
         raise CodingError(
             "no receptor responds; raise the pressure, or lower threshold below the SED of the receptors",
             "all_silent",
+            ("threshold",),
         )
     return Observation(operator, encoded.rate, task.receptor, noise_of(encoded, receptor, task.noise), true)
 
@@ -559,7 +564,9 @@ def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
     _refuse_kind(task, readings)
     if readings.z_mm is not None:
         if task.decoder != "bayes":
-            raise CodingError("readings with a column z_mm requires decoder bayes", "sheet_not_decoded")
+            raise CodingError(
+                "readings with a column z_mm requires decoder bayes", "sheet_not_decoded", ("readings", "decoder")
+            )
         return Observation(
             _over_sheet(task, readings, readings.z_mm), readings.reading, task.receptor, _noise(task, readings)
         )
@@ -570,6 +577,7 @@ def _of_readings(task: DecodeTask, readings: FileReadings) -> Observation:
         raise CodingError(
             f"readings over {high - low:g} mm of skin: must span more than {task.sampling.spacing_mm:g} mm",
             "too_short",
+            ("readings",),
         )
     if task.decoder == "bayes" and n >= FEWEST_FOR_CONTACTS:
         operator: ForwardOperator = frictionless(section, np.linspace(low, high, n + 1), task.energy)
@@ -583,7 +591,9 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
     """Return one observation for each axial ellipse, with pressures in the receptor plane of the whole finger."""
     _refuse_kind(task, readings)
     if readings.z_mm is not None:
-        raise CodingError("axial applies to a row of receptors; remove it, or the column z_mm", "axial_of_sheet")
+        raise CodingError(
+            "axial applies to a row of receptors; remove it, or the column z_mm", "axial_of_sheet", ("axial",)
+        )
     row = receptor_row(task.finger, readings.place_mm, readings.depth_mm)
     low, high = _on_patch(readings, row.line.places(row.skin.nodes_mm[:, X]))
     n = round((high - low) / task.sampling.spacing_mm)
@@ -592,6 +602,7 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
         raise CodingError(
             f"axial with a row over {high - low:.2f} mm of skin: the row must span at least {least_mm:.2f} mm",
             "too_short",
+            ("axial",),
         )
     centre_mm = row.line.surface.apex.position_mm[Z]
     shapes = [AxialShape(half, centre_mm) for half in task.axial_mm]
@@ -606,12 +617,15 @@ def _of_row(task: DecodeTask, readings: FileReadings) -> list[Observation]:
 def _refuse_kind(task: DecodeTask, readings: FileReadings) -> None:
     if readings.kind == "rate" and task.receptor is None:
         raise CodingError(
-            f"readings with a column {readings.kind} requires gain and threshold; add them", "receptor_mismatch"
+            f"readings with a column {readings.kind} requires gain and threshold; add them",
+            "receptor_mismatch",
+            ("readings", "gain", "threshold"),
         )
     if readings.kind != "rate" and task.receptor is not None:
         raise CodingError(
             f"readings with a column {readings.kind} contains SED, which takes no threshold; remove it",
             "receptor_mismatch",
+            ("readings", "threshold"),
         )
 
 
@@ -639,6 +653,7 @@ def _places(name: str, receptors_mm: Array, middle_mm: float, apart_mm: float) -
             f"readings, {name}: the sheet spans {high - low:.2f} mm; it must span at least "
             f"{(FEWEST_PLACES - 1) * apart_mm:g} mm within ± {GRID_MM:g} mm of {middle_mm:.2f} mm",
             "too_short",
+            ("readings",),
         )
     return np.asarray(0.5 * (low + high) + centred(n, apart_mm))
 

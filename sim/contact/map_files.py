@@ -56,7 +56,7 @@ def read_height_map(file: str, options: Sequence[str]) -> HeightMap:
     try:
         return HeightMap.from_arrays(x, z, height, raised="low", name=name)
     except HeightMapError as error:
-        raise HeightMapError(error.sentence, code=error.code, **error.fields | {"name": where}) from None
+        raise HeightMapError(where + str(error).removeprefix(name), error.code) from None
 
 
 def raised_in_words(file: str, options: str) -> str:
@@ -208,13 +208,11 @@ def _table(where: str, file: str, settings: Mapping[str, str]) -> tuple[Array, A
         raise HeightMapError(f"{where}: {what}; must be a CSV file", "no_text") from None
     points = bool(lines) and lines[0].replace(" ", "") == COLUMNS
     if not points and "spacing_mm" not in settings:
+        read = lines[0][:_SHOWN] if lines else "nothing"
+        hint = _SEPARATE if lines and _is_separated_otherwise(lines[0]) else ""
         raise HeightMapError(
-            "{name}: must have the columns {columns}, or rows of heights and spacing_mm=…; read {read}"
-            + (_SEPARATE if lines and _is_separated_otherwise(lines[0]) else ""),
-            code="no_columns",
-            name=where,
-            columns=COLUMNS,
-            read=lines[0][:_SHOWN] if lines else "nothing",
+            f"{where}: must have the columns {COLUMNS}, or rows of heights and spacing_mm=…; read {read}{hint}",
+            "no_columns",
         )
     if sum(line.count(",") + 1 for line in lines) > 3 * MOST_POINTS + 3:
         raise _too_many(where)
@@ -244,13 +242,9 @@ def _numbers(where: str, line: int, text: str) -> list[float]:
         try:
             values.append(float(cell))
         except ValueError:
+            hint = _SEPARATE if _is_separated_otherwise(text) else ""
             raise HeightMapError(
-                "{name}, line {line}: {cell!r} must be a number"
-                + (_SEPARATE if _is_separated_otherwise(text) else ""),
-                code="no_number",
-                name=where,
-                line=line,
-                cell=cell.strip(),
+                f"{where}, line {line}: {cell.strip()!r} must be a number{hint}", "no_number"
             ) from None
     return values
 
@@ -275,15 +269,9 @@ def _refuse_location(
     if places:
         row, column = divmod(int(locations[0]), len(x))
         raise HeightMapError(
-            f"{{name}}: {what} at x = {{x_mm:g}}, z = {{z_mm:g}} mm ({{places}} locations); each location "
-            f"of the {{n_x}} × {{n_z}} grid must have exactly one height",
-            code=code,
-            name=where,
-            x_mm=float(x[column]),
-            z_mm=float(z[row]),
-            places=places,
-            n_x=len(x),
-            n_z=len(z),
+            f"{where}: {what} at x = {float(x[column]):g}, z = {float(z[row]):g} mm ({places} locations); each "
+            f"location of the {len(x)} × {len(z)} grid must have exactly one height",
+            code,
         )
 
 

@@ -223,7 +223,7 @@ def read_profile(path: str, *, linear: bool = False) -> MeasuredProfile:
     if not rows or tuple(cell.strip() for cell in rows[0]) != COLUMNS:
         header = ",".join(rows[0])[:_SHOWN] if rows else ""
         raise ProfileError(
-            f"profile {path}, line {1}: must be {','.join(COLUMNS)}, separated by a comma, not {header!r}",
+            f"profile {path}, line 1: must be {','.join(COLUMNS)}, separated by a comma, not {header!r}",
             "profile_columns",
         )
     points = np.array([_point(path, n, row) for n, row in enumerate(rows[1:], 2) if row]).reshape(-1, 2)

@@ -231,7 +231,7 @@ def _profile(text: str, argument: str) -> Indentor:
     try:
         return Indentor.along(read_profile(argument.removesuffix(LINEAR), linear=argument.endswith(LINEAR)))
     except ProfileError as error:
-        raise ShapeError(error.sentence, code=error.code, **error.fields) from None
+        raise ShapeError(str(error), error.code) from None
 
 
 def _height_map(text: str, argument: str) -> Indentor:
@@ -241,7 +241,7 @@ def _height_map(text: str, argument: str) -> Indentor:
     try:
         return read_height_map(found[2], [option for option in found[3].split(",") if option])
     except HeightMapError as error:
-        raise ShapeError(error.sentence, code=error.code, **error.fields) from None
+        raise ShapeError(str(error), error.code) from None
 
 
 def _sphere(text: str, argument: str) -> Indentor:

@@ -191,12 +191,9 @@ def _pressed_to_depth(indentor: str, scope: Scope, made: Made, work: Work) -> Ar
 
 
 def _responses_at_positions(indentor: str, scope: Scope, made: Made, tissue: Mapping[str, float]) -> Array:
-    """Return (positions, 3, depths) of `_responses` on one finger. Raises ModelRangeError, which can be pickled."""
+    """Return (positions, 3, depths) of `_responses` on one finger. Raises ModelRangeError."""
     finger, doi_mm = made(tissue), np.exp(scope.depth.nodes)
-    try:
-        return np.array([_responses(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
-    except ModelRangeError as error:
-        raise ModelRangeError(error.sentence, code=error.code, **error.fields) from None
+    return np.array([_responses(finger, indentor, x, doi_mm) for x in scope.x.nodes.tolist()])
 
 
 _RESPONSES = ("ln_force", "ln_geometric", "ln_strain")

@@ -98,16 +98,13 @@ def _depth_of(surface: FingertipSurface, point: Array) -> float:
     there = np.hypot(*surface.section(phi, point[2])) - np.hypot(*point[:2])
     found = _solved(missed, np.array([phi, point[2], there]))
     if found is None:
-        raise ReceptorError(
-            "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm has no foot on the skin",
-            code="no_way_up",
-            **_at(point),
-        )
+        raise ReceptorError(f"{_named(point)} has no foot on the skin", "no_way_up")
     return float(found[2])
 
 
-def _at(point: Array) -> dict[str, float]:
-    return dict(zip(("x_mm", "y_mm", "z_mm"), point.tolist(), strict=True))
+def _named(point: Array) -> str:
+    x, y, z = point
+    return f"the point ({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
 def strain_operator(mesh: FingerMesh, points_mm: Array) -> tuple[sp.csr_array, Ints]:
@@ -159,13 +156,8 @@ def located(mesh: FingerMesh, point: Array) -> MeshLocation:
     inside = low < point[2] < high
     where = "outside the tissue, above the skin or in the bone" if inside else "at an end of the finger or beyond it"
     raise ReceptorError(
-        "the point ({x_mm:.2f}, {y_mm:.2f}, {z_mm:.2f}) mm lies {where}; z must be {low_mm:.2f} to {high_mm:.2f} mm, "
-        "and y between skin and bone",
-        code="outside_finger",
-        **_at(point),
-        where=where,
-        low_mm=float(low),
-        high_mm=float(high),
+        f"{_named(point)} lies {where}; z must be {low:.2f} to {high:.2f} mm, and y between skin and bone",
+        "outside_finger",
     )
 
 
@@ -431,39 +423,25 @@ def _refuse_ends(config: FingertipConfig, z_mm: Array) -> None:
     ends = axial_places(config)[0][[1, -2]]
     outside = z_mm[~((z_mm > ends[0]) & (z_mm < ends[1]))]
     if len(outside):
-        raise ReceptorError(
-            "no receptor at z = {z_mm:g} mm: z must be {low_mm:g} to {high_mm:g} mm",
-            code="z_outside",
-            z_mm=float(outside[0]),
-            **_range(*ends),
-        )
+        raise ReceptorError(f"no receptor at z = {outside[0]:g} mm: z must be {_range(*ends)}", "z_outside")
 
 
 def _out_of_tissue(
     config: FingertipConfig, surface: FingertipSurface, x_mm: float, depth_mm: float, z_mm: float
 ) -> ReceptorError:
-    what = "no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin; choose "
-    at = {"x_mm": x_mm, "depth_mm": depth_mm, "z_mm": z_mm}
+    what = f"no receptor at x = {x_mm:g} mm, {depth_mm:g} mm below the skin"
     x, _ = surface.section(np.linspace(0.0, np.pi, 721), z_mm)
     if not x.min() < x_mm < x.max():
-        return ReceptorError(
-            what + "x from {low_mm:g} to {high_mm:g} mm at z = {z_mm:g} mm",
-            code="x_outside",
-            **at,
-            **_range(x.min(), x.max()),
-        )
+        return ReceptorError(f"{what}; choose x from {_range(x.min(), x.max())} at z = {z_mm:g} mm", "x_outside")
     least, most = 0.0, float(np.hypot(*surface.section(np.pi / 2, z_mm)))
     for _ in range(_BISECTIONS):
         middle = 0.5 * (least + most)
         there = _tissue_at(config, surface, x_mm, middle, z_mm)
         least, most = (middle, most) if there is not None else (least, middle)
     return ReceptorError(
-        what + "depths from {low_mm:g} to {high_mm:g} mm at x = {x_mm:g}, z = {z_mm:g} mm",
-        code="depth_outside",
-        **at,
-        **_range(0.0, least),
+        f"{what}; choose depths from {_range(0.0, least)} at x = {x_mm:g}, z = {z_mm:g} mm", "depth_outside"
     )
 
 
-def _range(low: float, high: float) -> dict[str, float]:
-    return {"low_mm": float(np.ceil(_ROUND * low) / _ROUND), "high_mm": float(np.floor(_ROUND * high) / _ROUND)}
+def _range(low: float, high: float) -> str:
+    return f"{np.ceil(_ROUND * low) / _ROUND:g} to {np.floor(_ROUND * high) / _ROUND:g} mm"

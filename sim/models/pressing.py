@@ -5,7 +5,6 @@ Smooth shapes go to the depth at once, others in steps from first touch where a 
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,10 +44,8 @@ class RimError(ModelRangeError, TooDeepError):
 
     default_code = "at_rim"
 
-    def __init__(
-        self, message: str, at_mm: tuple[float, float], others_mm: Array, *, code: str | None = None, **fields: Any
-    ) -> None:
-        super().__init__(message, code=code, **fields)
+    def __init__(self, sentence: str, at_mm: tuple[float, float], others_mm: Array, code: str | None = None) -> None:
+        super().__init__(sentence, code)
         self.at_mm = at_mm
         self.others_mm = others_mm  # (n, 2) undeformed skin beside the patch that the indentor would penetrate
 
@@ -141,9 +138,8 @@ class PlacedIndentor:
         for axis, at, nodes in zip(self.indentor.axes, self.touch.at_mm, self.model.patch.tangential_mm, strict=True):
             if not nodes.min() < at < nodes.max():
                 place = {X: 0.0, Z: self._plane_mm} | dict(zip(self.indentor.axes, self.touch.at_mm, strict=True))
-                what = "touches the skin at {axis} = {touch_mm:.2f} mm, outside the patch"
-                fields = {"code": "touch_beside_patch", "axis": _AXIS_NAMES[axis], "touch_mm": float(at)}
-                raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), **fields)
+                what = f"touches the skin at {_AXIS_NAMES[axis]} = {at:.2f} mm, outside the patch"
+                raise self._beyond(what, (place[X], place[Z]), np.zeros((0, 2)), "touch_beside_patch")
 
     def refuse_rim(self, pose: ContactPose, state: ContactState) -> None:
         """Raise RimError if the indentor touches skin outside the patch."""
@@ -154,8 +150,8 @@ class PlacedIndentor:
         if len(at_rim) or (gap < 0).any():
             below = pose.gap(beside[:, list(self.indentor.axes)].T, beside[:, Y]).height_mm < 0
             x, _, z = patch.position_mm[at_rim[0]] if len(at_rim) else beside[np.argmin(gap)]
-            what = "contact reaches the edge of the patch at x = {x_mm:.2f}, z = {z_mm:.2f} mm"
-            raise self._beyond(what, (x, z), beside[below][:, [X, Z]], x_mm=float(x), z_mm=float(z))
+            what = f"contact reaches the edge of the patch at x = {x:.2f}, z = {z:.2f} mm"
+            raise self._beyond(what, (x, z), beside[below][:, [X, Z]])
 
     @property
     def _plane_mm(self) -> float:
@@ -163,21 +159,17 @@ class PlacedIndentor:
         patch = self.model.patch
         return float(patch.position_mm[self.model.receptor_row * patch.shape[1], Z])
 
-    def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, **fields: Any) -> RimError:
-        at = {axis: float(at) for axis, at in zip(self.indentor.axes, self.place, strict=True)}
-        named = {_AXIS_NAMES[axis]: at[axis] for axis in self.indentor.placed_by}
-        where = ", ".join(f"{name} = {{at_{name}_mm:g}}" for name in named)
+    def _beyond(self, what: str, at_mm: tuple[float, float], others_mm: Array, code: str | None = None) -> RimError:
+        at = dict(zip(self.indentor.axes, self.place, strict=True))
+        where = ", ".join(f"{_AXIS_NAMES[axis]} = {at[axis]:g}" for axis in self.indentor.placed_by)
         where = f" at {where} mm" if where else ""
-        fields |= {f"at_{name}_mm": place for name, place in named.items()}
         size = "mesh.round_patch_mm" if len(at) > 1 else "mesh.patch_x_mm / patch_z_mm"
         return RimError(
-            f"{{indentor}}{where}: {what}; use a smaller depth, a position nearer to the pad center, or a "
-            f"larger {{size}}",
+            f"{self.indentor.name}{where}: {what}; use a smaller depth, a position nearer to the pad center, or a "
+            f"larger {size}",
             (float(at_mm[0]), float(at_mm[1])),
             others_mm,
-            indentor=self.indentor.name,
-            size=size,
-            **fields,
+            code,
         )
 
 
@@ -247,9 +239,7 @@ class Pressing:
         try:
             return solve_for_force(force, _FORCE_GUESS_MM, deepest_mm, solve, factor)
         except ForceNotReachedError as error:
-            raise ForceOutOfReachError(
-                "force {force_gwt:g} gwt: {problem}", force_gwt=force_gwt, problem=str(error), **error.fields
-            ) from None
+            raise ForceOutOfReachError(f"force {force_gwt:g} gwt: {error}") from None
 
     def by_other_paths(self, doi_mm: float) -> list[ContactState]:
         """Return the states at a depth after paths in finer steps from first touch."""

@@ -87,13 +87,12 @@ def spikes_of(
     if not np.isfinite(signal.value).all():
         raise ArgumentError("the signal at a receptor must be finite", "bad_signal")
     samples *= max(1, int(np.ceil(signal.step_s / _MOST_STEP_S - 1e-9)))
-    if max(len(gains), signal.value[..., 0].size) * samples > MOST_SAMPLES:
+    together = max(len(gains), signal.value[..., 0].size) * samples
+    if together > MOST_SAMPLES:
         raise ArgumentError(
-            "{samples} samples of all afferents together; must be at most {most}: take a longer step or fewer "
-            "afferents at once",
-            code="too_many_samples",
-            samples=max(len(gains), signal.value[..., 0].size) * samples,
-            most=MOST_SAMPLES,
+            f"{together} samples of all afferents together; must be at most {MOST_SAMPLES}: take a longer step or "
+            "fewer afferents at once",
+            "too_many_samples",
         )
     signal = _finer(signal)
     currents = model.current(signal, gains)

@@ -131,7 +131,6 @@ def _serve(
     try:
         answer = begin()
     except Exception as error:
-        problem = error.code if isinstance(error, SimError) else type(error).__name__
         far.send(FingerNotLoadedError(f"virtual finger: {message_of(error)}"))
         return
     threadpool_limits(1)  # on a busy machine, the threads of a small sum wait for each other

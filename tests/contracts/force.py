@@ -154,7 +154,7 @@ class FarEnd:
 
     def _refuse_cut(self, way: str) -> None:
         if way in self.cut:
-            raise TransportError("{port} is cut", code="cut", port=PORT)
+            raise TransportError(f"{PORT} is cut", "cut")
 
 
 class Connected:

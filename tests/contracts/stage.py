@@ -447,7 +447,7 @@ class StageContract:
             VERBS[verb](bench)
         assert 0.1 < bench.clock.monotonic_s() - begun_s < GIVES_UP_S
         assert caught.value.code in ("no_reply", "no_status", "no_banner"), repr(caught.value)
-        assert caught.value.fields["port"] == PORT
+        assert PORT in str(caught.value)
         assert bench.wire.asked.count(device.trigger) <= 1, "it may have been obeyed"
         if verb in ("connect", "status", "look"):
             assert bench.wire.asked.count(bench.wire.asked[0]) <= TRIES

@@ -1,7 +1,7 @@
 """The fault catalogue: each fault, how it strikes, and what must come of it."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from rig.units import GWT_N
@@ -21,7 +21,8 @@ class Fault:
     code: str  # of the error that ends it
     strike: Callable[[FaultyBench], object]
     tables: Mapping[str, Any]
-    fields: Mapping[str, Any] = field(default_factory=dict)  # of that error, among others
+    shows: object = ""  # in its sentence
+    cause: str = ""  # code of an error that led to it
 
 
 def _press(change: Callable[[FaultyBench], object]) -> Callable[[FaultyBench], object]:
@@ -84,7 +85,7 @@ SCREW = {"virtual": {"z_screw_steps_per_mm": 460.0}}
 COARSE_SCREW = {"virtual": {"z_screw_steps_per_mm": 340.0}}
 
 CATALOGUE = (
-    Fault("a lost `ok`", "held", "no_reply", _stage(once(lost(b"ok\r\n"))), GRBL, {"port": "stage"}),
+    Fault("a lost `ok`", "held", "no_reply", _stage(once(lost(b"ok\r\n"))), GRBL, shows="stage"),
     Fault("one garbled status", "done", "", _stage(once(lambda d: [d.replace(b"|MPos:", b"|M\xff\x00s:")])), GRBL),
     Fault(
         "every status garbled",
@@ -92,7 +93,7 @@ CATALOGUE = (
         "no_status",
         _stage(lambda d: [d.replace(b"MPos:-", b"MP<s:")]),
         GRBL,
-        {"port": "stage"},
+        shows="stage",
     ),
     Fault("a status in two pieces", "done", "", _stage(_split_status), GRBL),
     Fault("a reset in mid-move", "held", "was_reset", _press(_reset), GRBL),
@@ -102,20 +103,20 @@ CATALOGUE = (
         "alarm",
         _press(lambda b: b.stage_line.host_write(b"G53G0Z-500\n")),
         GRBL,
-        {"number": 2},
+        shows=2,
     ),
-    Fault("feed at 200 %", "lifted", "overridden", _press(_bytes(b"\x91" * 10)), GRBL, {"feed_percent": 200}),
-    Fault("feed at 10 %", "lifted", "overridden", _press(_bytes(b"\x92" * 9)), GRBL, {"feed_percent": 10}),
-    Fault("rapids at 25 %", "lifted", "overridden", _press(_bytes(b"\x97")), GRBL, {"rapid_percent": 25}),
-    Fault("a hold at the board", "held", "held", _press(_bytes(b"!")), GRBL, {"state": "Hold:0"}),
-    Fault("the safety door", "held", "held", _press(_bytes(b"\x84")), GRBL, {"state": "Door:0"}),
+    Fault("feed at 200 %", "lifted", "overridden", _press(_bytes(b"\x91" * 10)), GRBL, shows=200),
+    Fault("feed at 10 %", "lifted", "overridden", _press(_bytes(b"\x92" * 9)), GRBL, shows=10),
+    Fault("rapids at 25 %", "lifted", "overridden", _press(_bytes(b"\x97")), GRBL, shows=25),
+    Fault("a hold at the board", "held", "held", _press(_bytes(b"!")), GRBL, shows="Hold:0"),
+    Fault("the safety door", "held", "held", _press(_bytes(b"\x84")), GRBL, shows="Door:0"),
     Fault(
         "the stage's port unplugged",
         "held",
         "closed",
         _press(lambda b: b.stage_wire.close()),
         GRBL,
-        {"port": "stage"},
+        shows="stage",
     ),
     Fault(
         "the sensor's port unplugged",
@@ -123,7 +124,7 @@ CATALOGUE = (
         "no_reading",
         _press(lambda b: b.force_wire.close()),
         GRBL,
-        {"error_code": "closed"},
+        cause="closed",
     ),
     Fault("answers 0.4 s late", "done", "", _press(lambda b: delayed(b, b.force_line, 0.4)), GRBL),
     Fault(
@@ -132,7 +133,7 @@ CATALOGUE = (
         "no_reading",
         _press(lambda b: delayed(b, b.force_line, 0.6)),
         GRBL,
-        {"error_code": "no_reply"},
+        cause="no_reply",
     ),
     Fault(
         "a Modbus exception",
@@ -140,17 +141,17 @@ CATALOGUE = (
         "no_reading",
         _force(lambda d: [framed(1, bytes([d[1] | 0x80, 4]))]),
         MODBUS,
-        {"error_code": "refused"},
+        cause="refused",
     ),
     Fault("one CRC error", "done", "", _force(once(bad_crc)), MODBUS),
-    Fault("every CRC wrong", "lifted", "no_reading", _force(bad_crc), MODBUS, {"error_code": "garbled"}),
+    Fault("every CRC wrong", "lifted", "no_reading", _force(bad_crc), MODBUS, cause="garbled"),
     Fault(
         "another device answers",
         "lifted",
         "no_reading",
         _force(lambda d: [framed(9, d[1:-2])]),
         MODBUS,
-        {"error_code": "garbled"},
+        cause="garbled",
     ),
     Fault(
         "words swapped",
@@ -167,16 +168,16 @@ CATALOGUE = (
         "no_reading",
         _force(lambda d: [b"S D        nan g\r\n"]),
         GRBL,
-        {"error_code": "garbled"},
+        cause="garbled",
     ),
-    Fault("over-range", "lifted", "no_reading", _force(lambda d: [b"S +\r\n"]), GRBL, {"error_code": "overload"}),
+    Fault("over-range", "lifted", "no_reading", _force(lambda d: [b"S +\r\n"]), GRBL, cause="overload"),
     Fault(
         "cell error",
         "lifted",
         "no_reading",
         _press(lambda b: setattr(b, "extra_n", lambda t_s: float("nan"))),
         MODBUS,
-        {"error_code": "cell_error"},
+        cause="cell_error",
     ),
     Fault(
         "tare drift of +0.05 gwt/s",
@@ -184,7 +185,7 @@ CATALOGUE = (
         "not_lifted",
         _press(lambda b: _drift(b, 0.05)),
         GRBL,
-        {"contact": "disagreement"},
+        shows="the motor may have stalled",
     ),
     Fault(
         "tare drift of −0.05 gwt/s",
@@ -192,11 +193,11 @@ CATALOGUE = (
         "not_lifted",
         _press(lambda b: _drift(b, -0.05)),
         GRBL,
-        {"contact": "disagreement"},
+        shows="the motor may have stalled",
     ),
     Fault("a motor that stalls", "lifted", "frozen", _press(_stall), GRBL),
-    Fault("commanded ≠ feedback", "held", "not_there", _press(_feedback_stays), MODBUS, {"axis": "z"}),
-    Fault("a finer screw than believed", "lifted", "no_contact", lambda b: None, SCREW, {"felt_before": False}),
+    Fault("commanded ≠ feedback", "held", "not_there", _press(_feedback_stays), MODBUS, shows="z axis"),
+    Fault("a finer screw than believed", "lifted", "no_contact", lambda b: None, SCREW),
     Fault("a coarser screw than believed", "lifted", "touch_at_clearance", lambda b: None, COARSE_SCREW),
     Fault("a full disk", "lifted", "cannot_be_written", _press(_full_disk), GRBL),
     Fault("the wall clock jumps back an hour", "done", "", _press(_wall_clock_jumps), GRBL),

@@ -33,7 +33,6 @@ from rig.data.bug_report import bug_report, bundle_name
 from rig.data.index import INDEX, listed
 from rig.data.run_state import Course
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.errors import is_coded
 from rig.panel.run_view import RunView
 from rig.plan.config import config_from, load_config
 from rig.plan.finger_file import read_finger_file
@@ -41,6 +40,7 @@ from rig.protocol.script import load_script
 from rig.report.recording_sections import read_deflections
 from rig.session.resume import left_on_record, read_stopped
 from rig.study.parameter_study import read_study
+from rig_shared.errors import CodedError
 from sim.coding.decoder_results import CodingError
 from sim.coding.readings_file import read_pressures, read_readings
 from sim.config import FingertipConfig
@@ -102,7 +102,7 @@ def failure_of(read: Callable[[Path], object], path: Path) -> str:
         return ""
     except Exception as error:
         found = outcome(error)
-        known = found is not None and (is_coded(error) or getattr(error, "errno", None) is not None)
+        known = found is not None and (isinstance(error, CodedError) or getattr(error, "errno", None) is not None)
         if not known or not str(error).strip():
             return f"{type(error).__name__}: {str(error)[:500]!r}"
     return ""

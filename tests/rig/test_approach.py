@@ -28,7 +28,7 @@ def _bench(felt: Felt = _finger, settings: dict[str, Any] | None = None, **optio
 def test_contact_is_looked_for_down_to_the_lowest_height_and_no_farther(lowest_mm: float, last_mm: float) -> None:
     """By increments of 0.05 mm from clearance, 2 mm."""
     bench = _bench(lambda bench: 0.0)
-    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=lowest_mm, felt_before=False):
+    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=lowest_mm):
         Approach(bench.ready(), PressId(0), lowest_mm, 3.0).touch_off()
     heights = [height for height, _ in bench.readings("approach")]
     assert heights[-1] == pytest.approx(last_mm)
@@ -105,8 +105,9 @@ def test_what_was_felt_coarsely_is_felt_again_within_an_increment_or_trips(
 ) -> None:
     """Felt at -0.35 mm, the first increment that shows 0.05 gwt; the fine descent goes on to -0.4 mm at most."""
     bench = _bench(_dies)
-    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=said_mm, felt_before=again):
+    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=said_mm) as missed:
         Approach(bench.ready(), PressId(0), lowest_mm, 0.2).touch_off()
+    assert ("showed a touch there just before" in str(missed.value)) is again
     assert bench.readings("approach")[-1][0] == pytest.approx(-0.35)
     assert bench.readings("touch")[-1][0] == pytest.approx(last_mm)
 

@@ -102,7 +102,7 @@ def test_the_one_move_ends_where_the_search_does() -> None:
     bench = _bench()
     engine = bench.ready()
     indent(engine, TARGET, hold_s=0.0, expected_contact_mm=CONTACT_MM)
-    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=0.4, felt_before=False):
+    with raises(TripError, "no_contact", x_mm=0.0, lowest_mm=0.4):
         indent(engine, TARGET, hold_s=0.0, expected_contact_mm=0.9)
     assert min(_approached(bench)[1]) == pytest.approx(0.4)
 

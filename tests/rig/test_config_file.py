@@ -35,11 +35,10 @@ def _refused(path: Path) -> BadInputError:
         load_config(path)
     assert "\n" not in str(caught.value)
     assert str(caught.value).startswith(f"config {path}: ")
-    assert caught.value.fields["where"] == f"config {path}"
     return caught.value
 
 
-VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
+VALUE, TABLE = "invalid_value", "invalid_table"
 
 
 @pytest.mark.parametrize(
@@ -48,16 +47,16 @@ VALUE, TABLE, RULE = "invalid_value", "invalid_table", "value_error"
         ("[limits]\nmax_dio_mm = 1.0\n", "unknown_key", {"key": "limits.max_dio_mm", "near": ["max_doi_mm"]}),
         ("[limit]\nmax_doi_mm = 1.0\n", "unknown_key", {"key": "limit", "near": ["limits"]}),
         ('[habits]\nclearance_mm = "high"\n', VALUE,
-         {"key": "habits.clearance_mm", "value": "high", "rule": "float_type"}),
-        ("[limits]\nmax_force_gwt = nan\n", VALUE, {"key": "limits.max_force_gwt", "rule": "finite_number"}),
+         {"key": "habits.clearance_mm", "value": "high", "rule": "must be a number"}),
+        ("[limits]\nmax_force_gwt = nan\n", VALUE, {"key": "limits.max_force_gwt", "rule": "must be a finite number"}),
         ("[limits]\nmax_doi_mm = 2.5\n", VALUE,
-         {"key": "limits.max_doi_mm", "value": 2.5, "rule": "less_than_equal", "le": 2.0}),
+         {"key": "limits.max_doi_mm", "value": 2.5, "rule": "must be less than or equal to 2"}),
         ('[stage]\nkind = "rack"\n', "unknown_kind",
          {"key": "stage.kind", "value": "rack", "either": "'grbl', 'leadshine', 'zaber', 'standa' or 'tmcl'"}),
         ('[force]\nkind = "scale"\n', "unknown_kind",
          {"key": "force.kind", "value": "scale", "either": "'mtsics', 'laumas', 'text_cell' or 'net_ft'"}),
         ("[stage.drives.x]\npulses_per_rev = 400\n", "missing_key", {"key": "stage.drives.x.device_id"}),
-        ("[stage.drives.x]\ndevice_id = 2\n", "one_id_for_two", {"key": "stage", "rule": RULE}),
+        ("[stage.drives.x]\ndevice_id = 2\n", "one_id_for_two", {"key": "stage"}),
         ('[sync]\noutput = "drive"\nregister_address = 0x6002\n', VALUE,
          {"key": "sync.register_address", "value": 24578, "le": 4095}),
         ('[stage]\nport = "tcp://10.0.0.7"\n', "no_port_name", {"key": "stage.port", "value": "tcp://10.0.0.7"}),
@@ -120,8 +119,9 @@ def test_keys_that_go_with_each_other(tables: dict[str, dict[str, object]], begi
     if begins:
         with pytest.raises(ValidationError) as caught:
             Config.model_validate(tables)
-        has_code(first_problem("", caught.value), CODES.get(begins, TABLE))
-        assert first_problem("", caught.value).fields["problem"].startswith(begins)
+        problem = first_problem("", caught.value)
+        has_code(problem, CODES.get(begins, TABLE))
+        assert f": {begins}" in f": {problem}"
     else:
         _takes(tables)
 
@@ -286,7 +286,7 @@ def test_a_calibration_of_a_day_to_come_has_a_wrong_date_or_the_computer_a_wrong
     days = [datetime.date(1970, 1, 1), datetime.date(2026, 4, 29), datetime.date(2026, 4, 30), DAY]
     assert [config.calibration.to_come(day) for day in days] == [["force_scale"], ["force_scale"], [], []]
     monkeypatch.setattr(checks, "today", lambda: days[1])
-    about: dict[str, Any] = {"key": "calibration.force_scale", "date": DAY, "today": days[1]}
+    about: dict[str, Any] = {"key": "calibration.force_scale", "date": str(DAY), "today": str(days[1])}
     with raises(BadInputError, "of_a_day_to_come", **about):
         checks.refuse_expired(config)
     (warning,) = checks.expired_calibrations(config)

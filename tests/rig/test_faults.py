@@ -9,7 +9,7 @@ from rig.engine.limits import Stopping
 from rig.plan.config import Config
 from studies.faults.faulty_bench import bound_gwt
 from studies.registry import read_table
-from tests.error_codes import has_code
+from tests.error_codes import causes, has_code
 from tests.faults import phases
 from tests.faults.catalogue import CATALOGUE, Fault
 from tests.faults.outcomes import suffer
@@ -23,7 +23,8 @@ def test_a_fault_ends_as_the_catalogue_says(fault: Fault, tmp_path: Path) -> Non
     if found.ended_by is None:
         assert fault.code == ""
     else:
-        has_code(found.ended_by, fault.code, **fault.fields)
+        has_code(found.ended_by, fault.code, shown=fault.shows)
+        assert fault.cause in ("", *causes(found.ended_by))
     assert found.worst_gwt <= bound_gwt()
     assert found.journalled > 5
     expected = {"done": {"ready"}, "lifted": {"tripped", "ready"}, "held": {"tripped", "unhomed"}}
@@ -136,6 +137,6 @@ def test_a_sensor_that_dies_at_0_is_noticed_within_an_increment_or_two(phase: st
     assert cell.worst_gwt < 10.0 * (0.11 + 0.05) ** 1.5
     assert cell.ended_by is not None
     if phase == "touch":
-        has_code(cell.ended_by, "no_contact", felt_before=True)
+        has_code(cell.ended_by, "no_contact", before="showed a touch there just before")
     else:
         has_code(cell.ended_by, "lost_finger")

@@ -10,6 +10,7 @@ import pytest
 
 from rig.devices.registry import ForceKind, find
 from studies.faults.faulty_bench import TARGET, Change, FaultyBench, bound_gwt, delayed
+from tests.error_codes import causes, shows
 from tests.faults.catalogue import Fault
 from tests.faults.outcomes import suffer
 
@@ -144,22 +145,24 @@ def _silence(data: bytes) -> list[bytes]:
 
 # Every alarm of a stage: tests/rig/test_tmcl_driver.py and its like; garbled replies and a cut wire: tests/contracts.
 FAULTS = {
-    "tmcl: steps lost": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), TMCL, {"number": 207}),
-    "tmcl: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.press("right")), TMCL, {"axis": "x"}),
-    "zaber: stalled": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), ZABER, {"number": "FS"}),
-    "zaber: pushed": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.warn("WM")), ZABER, {"number": "WM"}),
-    "standa: an alarm": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.fail(0x800)), STANDA, {"axis": "z"}),
-    "standa: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.fail(0x200)), STANDA, {"axis": "x"}),
+    "tmcl: steps lost": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), TMCL, shows=207),
+    "tmcl: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.press("right")), TMCL, shows="x axis"),
+    "zaber: stalled": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.stall()), ZABER, shows="FS"),
+    "zaber: pushed": Fault("", "held", "alarm", _in_press(lambda b: b.board.z.warn("WM")), ZABER, shows="WM"),
+    "standa: an alarm": Fault(
+        "", "held", "alarm", _in_press(lambda b: b.board.z.fail(0x800)), STANDA, shows="z axis"
+    ),
+    "standa: of x": Fault("", "held", "alarm", _in_press(lambda b: b.board.x.fail(0x200)), STANDA, shows="x axis"),
     **{
-        f"{tables['stage']['kind']}: {name}": Fault("", "held", code, strike, tables, fields)
+        f"{tables['stage']['kind']}: {name}": Fault("", "held", code, strike, tables, shows)
         for tables in (TMCL, ZABER, STANDA)
-        for name, code, strike, fields in (
-            ("power lost", "was_reset", _in_press(lambda b: b.board.power_cycle()), {"axis": "z"}),
-            ("silence", "no_reply", _changed(_silence), {"port": "stage"}),
+        for name, code, strike, shows in (
+            ("power lost", "was_reset", _in_press(lambda b: b.board.power_cycle()), "z axis"),
+            ("silence", "no_reply", _changed(_silence), "stage"),
         )
     },
     **{
-        f"net_ft: {code}": Fault("", "lifted", "no_reading", strike, NET_FT, {"error_code": code})
+        f"net_ft: {code}": Fault("", "lifted", "no_reading", strike, NET_FT, cause=code)
         for code, strike in (
             ("saturated", _status(0x80020000)),
             ("no_reply", _changed(_silence)),
@@ -175,7 +178,8 @@ def test_a_fault_in_a_press_ends_it(name: str, tmp_path: Path) -> None:
     found = suffer(fault, tmp_path)
     assert found.ended_by is not None
     assert (found.outcome, found.ended_by.code) == (fault.outcome, fault.code), str(found.ended_by)
-    assert dict(fault.fields).items() <= found.ended_by.fields.items()
+    assert shows(str(found.ended_by), fault.shows)
+    assert fault.cause in ("", *causes(found.ended_by))
     assert found.worst_gwt <= bound_gwt()
 
 

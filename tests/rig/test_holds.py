@@ -96,9 +96,8 @@ def test_a_hold_that_waited_in_a_queue_moves_nothing(
 ) -> None:
     assert (HOLD_S, AHEAD_S) == (0.25, 1.0)
     if not taken:
-        with raises(LimitError, "late_hold", high_s=0.25) as refused:
+        with raises(LimitError, "late_hold", high_s=0.25):
             holds.take(a_hold(clock, ago_s))
-        assert refused.value.fields["ago_s"] == pytest.approx(ago_s, abs=1e-5, nan_ok=True)
         assert holds.press is None
         return
     holds.take(a_hold(clock, ago_s))

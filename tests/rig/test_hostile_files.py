@@ -31,13 +31,13 @@ from rig.compare.recordings.spikes import _read_csv
 from rig.control.stop import stage_alone
 from rig.data import RunFolder, read_run
 from rig.data.run import Following
-from rig.errors import code_of, is_coded
 from rig.plan.config import load_config
 from rig.plan.finger_file import read_finger_file
 from rig.protocol.script import load_script
 from rig.report.recording_sections import read_deflections
 from rig.study.parameter_study import read_study
 from rig_shared import user_files
+from rig_shared.errors import CodedError, code_of
 from sim.coding.readings_file import read_pressures, read_readings
 from sim.config import FingertipConfig
 from sim.contact.map_files import read_height_map
@@ -163,7 +163,7 @@ def test_no_reader_opens_what_is_no_regular_file(here: Path, monkeypatch: pytest
 
 def _line_of(error: BaseException) -> str | None:
     """Return the line that a command prints of an error, or None for one that it does not expect."""
-    found = outcome(error) if isinstance(error, Exception) and not is_coded(error) else (str(error),)
+    found = outcome(error) if isinstance(error, Exception) and not isinstance(error, CodedError) else (str(error),)
     return None if found is None or "\n" in found[0] else found[0]
 
 

@@ -149,7 +149,9 @@ def test_paths_of_the_owner_are_made_null_and_so_is_what_homes_or_jogs_fast(stag
 
 def test_a_path_that_stays_is_refused(stage: Make) -> None:
     script = [hello(1), *disarmed(1, {15: "00 41"})[:17], ("01 03 62 78 00 01", "01 03 02 00 41")]
-    with raises(StageError, "not_as_configured", drive=1, name="path 15", register=0x6278, found=[65], expected=[0]):
+    with raises(
+        StageError, "not_as_configured", drive=1, name="path 15", register="0x6278", found="[65]", expected="[0]"
+    ):
         stage(script).connect()
 
 
@@ -204,7 +206,7 @@ MOVE_1_MM = [status(1, HOMED), commanded(1, "00 00 00 00"), *started(1, "FF FF F
 
 def test_a_trigger_that_is_not_confirmed_is_not_repeated(homed: Make) -> None:
     there = homed([*MOVE_1_MM[:4], (MOVE_1_MM[4][0], "")])
-    with raises(StageTimeout, "no_reply", function="write", count=1, address=0x6002):
+    with raises(StageTimeout, "no_reply", function="write", count=1, address="0x6002"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
     with raises(StageNotHomed, "not_homed", who="the drives"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
@@ -216,7 +218,7 @@ def test_a_path_that_the_drive_has_otherwise_is_not_started(homed: Make, word: i
     words = ["00", "01", "FF", "FF", "FE", "70", "01", "2C", "01", "4D", "01", "4D", "00", "00"]
     words[2 * word + 1] = f"{int(words[2 * word + 1], 16) ^ 0x20:02X}"
     there = homed([*MOVE_1_MM[:3], (MOVE_1_MM[3][0], "01 03 0E " + " ".join(words))])
-    with raises(StageError, "not_as_configured", axis="x", drive=1, name="path 0", register=0x6200):
+    with raises(StageError, "not_as_configured", axis="x", drive=1, name="path 0", register="0x6200"):
         there.move_to(x_mm=-1.0, speed_mm_s=5.0)
     assert not there.homed
 
@@ -255,8 +257,8 @@ LIMIT = [status(2, HOMED), *set_and_read_back(2, "60 08", "FF FF D6 98")]
     [
         ([status(2, "00 46")], "runs", {"axis": "z", "drive": 2}),
         ([status(2, AT_REST)], "lost_home", {"axis": "z"}),
-        ([*LIMIT[:2], (LIMIT[2][0], "02 03 04 FF FF C1 80")], "not_as_configured", {"register": 0x6008}),
-        ([*LIMIT, ("02 03 60 00 00 01", "02 03 02 00 00")], "not_as_configured", {"register": 0x6000}),
+        ([*LIMIT[:2], (LIMIT[2][0], "02 03 04 FF FF C1 80")], "not_as_configured", {"register": "0x6008"}),
+        ([*LIMIT, ("02 03 60 00 00 01", "02 03 02 00 00")], "not_as_configured", {"register": "0x6000"}),
     ],
     ids=["runs", "not homed", "not taken", "off"],
 )

@@ -179,7 +179,7 @@ def test_after_an_exchange_that_failed_paths_are_made_null_before_anything_moves
     if trouble is None:
         write = bus.write
         bus.write = lambda device, register, values: None  # type: ignore[method-assign]
-        with raises(StageError, "not_as_configured", axis="z", register=0x6200):
+        with raises(StageError, "not_as_configured", axis="z", register="0x6200"):
             stage.jog("z", -1.0, 1.0)
         bus.write = write  # type: ignore[method-assign]
     else:
@@ -427,10 +427,10 @@ def test_an_alarm_that_lasts_is_not_unlocked(bench: Make) -> None:
 
 def test_a_stop_that_a_drive_refuses_is_an_error_and_the_other_drive_is_stopped(bench: Make) -> None:
     bus, stage = bench()
-    bus.trouble = ModbusRefused("refused with exception 3", 3)
-    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+    bus.trouble = ModbusRefused("refused with exception 3")
+    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
         stage.halt()
-    with raises(StageError, "refused", axis="z", number=3, problem="refused with exception 3"):
+    with raises(StageError, "refused", axis="z", problem="refused with exception 3"):
         stage.stop()
     assert {device for _, device, *_ in bus.told} == {X, Z}
 

@@ -100,16 +100,15 @@ def test_after_a_frame_that_nobody_answers_the_bus_is_left_until_it_is_over(
 
 # --- what goes wrong ---
 
-ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number": 3, "count": 2, "address": 7}
+ABOUT_2 = {"port": "scripted", "device": 1, "function": "read", "function_number": 3, "count": 2, "address": "0x0007"}
 """What an error about READ_2 names."""
 
 
 @pytest.mark.parametrize("number", [1, 11])
 def test_an_exception_response_says_function_register_and_code(master: Any, rtu: Rtu, number: int) -> None:
     bus = master([(READ_2, rtu(f"01 83 {number:02X}"))])
-    with raises(ModbusRefused, "refused", number=number, **ABOUT_2) as refused:
+    with raises(ModbusRefused, "refused", number=f"exception {number},", **ABOUT_2):
         bus.read(1, 7, 2)
-    assert refused.value.number == number
 
 
 def test_a_bad_crc_is_read_again(master: Any, rtu: Rtu, clock: VirtualClock) -> None:
@@ -254,7 +253,7 @@ def test_a_write_is_never_tried_again(master: Any, answer: bytes, kind: type[Mod
 
 
 def test_a_refused_read_is_not_tried_again(master: Any, rtu: Rtu) -> None:
-    with raises(ModbusRefused, "refused", number=2):
+    with raises(ModbusRefused, "refused", number="exception 2,"):
         master([(READ_2, rtu("01 83 02"))]).read(1, 7, 2)
 
 
@@ -318,7 +317,7 @@ def test_with_an_echo_a_dead_device_has_not_obeyed(master: Any, rtu: Rtu) -> Non
     """Function 06 answers with the very bytes of its question: one copy is the adapter's, and nobody's answer."""
     bus = master([(READ_2, READ_2 + rtu(ANSWER_2)), (GOLDEN_SAVE, GOLDEN_SAVE)])
     bus.read(1, 7, 2)
-    with raises(ModbusTimeout, "only_echo", address=0x1801, timeout_s=0.2):
+    with raises(ModbusTimeout, "only_echo", address="0x1801", timeout_s=0.2):
         bus.write_one(1, 0x1801, 0x2244)
 
 
@@ -377,7 +376,7 @@ def test_the_master_ends_with_an_error_in_bounded_time(framing: Framing, answers
     if came is not None:
         assert "\n" not in str(came)
         assert came.code in CODES
-        has_code(came, came.code, device=1, function="read", function_number=3, count=1, address=0x1003)
+        has_code(came, came.code, device=1, function="read", function_number=3, count=1, address="0x1003")
     assert clock.monotonic_s() < 2.0
 
 

@@ -44,7 +44,7 @@ def _felt(*, after: int = 0) -> Callable[[], None]:
 
     def feel() -> None:
         if not left:
-            raise InterruptedMotionError("felt", 3.0, code="for_the_test")
+            raise InterruptedMotionError("felt", "for_the_test", 3.0)
         left.pop()
 
     return feel
@@ -71,7 +71,7 @@ MOVES: dict[str, Callable[[Motion], None]] = {
 def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: str, silent: bool) -> None:
     watched.motion.home()
     watched.stage.silent, watched.feel = silent, _felt(after=1)
-    with raises(InterruptedMotionError, "for_the_test", force_gwt=3.0) as felt:
+    with raises(InterruptedMotionError, "for_the_test") as felt:
         MOVES[move](watched.motion)
     assert felt.value.force_gwt == 3.0
     assert watched.stage.told[-1] == "halt"

@@ -35,14 +35,16 @@ needs_root = pytest.mark.skipif(os.geteuid() != 0, reason="only root can act as 
 # By the name of a port: the code and the owner that whoever asks for it is told, or that it was opened.
 ASKS = """\
 import json, sys
-from rig.transport import TransportError, open_port
+from rig.transport import NotOwnedError, TransportError, open_port
 told = {}
 for name in sys.argv[1:]:
     try:
         open_port(name, 9600).close()
         told[name] = "opened"
+    except NotOwnedError as error:
+        told[name] = error.code, error.owner and error.owner.pid
     except TransportError as error:
-        told[name] = error.code, error.fields.get("pid")
+        told[name] = error.code, None
 print(json.dumps(told))
 """
 FOLDERS_OF_ENVIRONMENT = ("TMPDIR", "HOME", "XDG_RUNTIME_DIR", "RIG_RUNTIME_DIR", "RIG_STATE_DIR")
@@ -69,8 +71,8 @@ def elsewhere(do: Callable[[], object], uid: int | None = None, umask: int = 0o0
             try:
                 kept = do()
                 said = "done" if kept is None else str(kept)
-            except TransportError as error:
-                said = f"{error.code} {error.fields.get('pid')}"
+            except NotOwnedError as error:
+                said = f"{error.code} {error.owner and error.owner.pid}"
             except Exception as error:
                 said = str(error)
             os.write(tells, f"{said}\n".encode())

@@ -140,7 +140,7 @@ def test_an_export_that_fails_leaves_the_old_one(folder: RunFolder, monkeypatch:
         export_run(read_run(folder.path))
     assert isinstance(caught.value, OSError)
     for error in (caught.value, pickle.loads(pickle.dumps(caught.value))):
-        assert (error.errno, error.filename) == (28, error.fields["path"])
+        assert (error.errno, error.code) == (28, "unwritable")
         assert str(error) == f"{error.filename}: {error.strerror}"
     assert {p.name: p.read_bytes() for p in folder.path.iterdir() if p.suffix != ".part"} == before
 

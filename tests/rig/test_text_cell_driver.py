@@ -15,7 +15,7 @@ from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from sim.devices.line import Load, SerialLine, VirtualForceSpec
 from sim.devices.text_cell import text_twin
-from tests.error_codes import raises
+from tests.error_codes import has_code, raises
 from tests.timed_wire import TimedWire
 
 PERIOD_S = 0.1
@@ -183,8 +183,7 @@ def test_no_line_takes_long(line: str, piece: str) -> None:
 def test_a_table_that_cannot_be_used(table: dict[str, Any], key: str, code: str) -> None:
     with pytest.raises(ValidationError) as caught:
         Config.model_validate({"force": {"kind": "text_cell", "text_cell": table}})
-    found = first_problem("", caught.value)
-    assert (found.fields["key"], found.code) == (key, code)
+    has_code(first_problem("", caught.value), code, key=key)
 
 
 # --- lines that are old, or lack their beginning ---

@@ -208,7 +208,7 @@ def test_a_module_without_one_of_the_parameters_is_refused_when_it_connects(numb
         return parameter(which)
 
     bench.devices.z.parameter = refuses  # type: ignore[method-assign]
-    with raises(StageRejected, "line_refused", number=3, line=f"GAP {number}", motor=1):
+    with raises(StageRejected, "line_refused", number=3, line=f"GAP {number}"):
         bench.stage.connect()
 
 
@@ -261,7 +261,7 @@ def test_a_fault_under_way_is_an_alarm_with_its_parameter(number: int) -> None:
     looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
     next(looks)
     ACCIDENTS[number](bench.devices)
-    with raises(StageAlarm, "alarm", number=number, axis="z", device=1, motor=1):
+    with raises(StageAlarm, "alarm", number=number, axis="z"):
         list(looks)
     assert not bench.stage.homed
     bench.stage.stop()

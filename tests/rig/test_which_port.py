@@ -35,12 +35,13 @@ class Closed:
 
 
 def _missing(*_: Any) -> Any:
-    raise TransportError("{port}: no such port", code="no_port", port="/dev/no-such10")
+    raise TransportError("/dev/no-such10: no such port", "no_port")
 
 
 def test_a_missing_stage_is_not_taken_for_the_sensor(config: Config) -> None:
-    with raises(PortError, "no_port", device="stage", port="/dev/no-such10"):
+    with raises(PortError, "no_port", port="/dev/no-such10") as caught:
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
+    assert caught.value.device == "stage"
     with raises(TransportError, "no_port", port="/dev/no-such10"):
         _opened_bench(config)
 
@@ -52,8 +53,9 @@ def test_a_missing_sensor_is_not_taken_for_the_stage(
     stage = Closed()
     monkeypatch.setattr(real, "open_stage", lambda *_: stage)
     monkeypatch.setattr(real, "open_force", _missing)
-    with raises(PortError, "no_port", device="force", port="/dev/no-such10"):
+    with raises(PortError, "no_port", port="/dev/no-such10") as caught:
         open_bench(config, NO_TIME, io.StringIO(), lambda request: "")
+    assert caught.value.device == "force"
     assert stage.closed == 1
     with raises(BadInputError, "not_felt", port="/dev/no-such10"):
         _opened_bench(config)

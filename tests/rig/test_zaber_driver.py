@@ -223,7 +223,7 @@ def test_a_fault_under_way_is_an_alarm_with_its_letters_and_stays_until_it_is_cl
     looks = bench.stage.moving(z_mm=-10.0, speed_mm_s=2.0)
     next(looks)
     (bench.devices.z.warn if flag == "WS" else bench.devices.z.fail)(flag)
-    with raises(StageAlarm, "alarm", number=flag, axis="z", device=2):
+    with raises(StageAlarm, "alarm", number=flag, axis="z"):
         list(looks)
     assert not bench.stage.homed
     bench.stage.halt()

@@ -231,7 +231,7 @@ class Rim:
     def __call__(self, doi: float, start: ContactState | None) -> ContactState:
         if doi > self.reach and (self.left is None or self.left > 0):
             self.left = None if self.left is None else self.left - 1
-            raise TooDeepError("rim beyond {reach_mm:g}", reach_mm=self.reach)
+            raise TooDeepError(f"rim beyond {self.reach:g}")
         return self.spring(doi, start)
 
 

@@ -26,7 +26,6 @@ from rig.compare.recordings.recording import Recording, shape_key
 from rig.compare.recordings.table_cells import table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
-from rig.errors import code_of
 from rig_shared.natural_order import natural_order
 from rig_shared.plural import number_of
 
@@ -62,7 +61,7 @@ def read_afferents(
     Raises
     ------
     RecordingError
-        With a line for every row that cannot be used; `rows` has their numbers, codes and sentences.
+        With a line for every row that cannot be used.
     """
     table = path / _TABLE if path.is_dir() and (path / _TABLE).is_file() else path
     named, wrong = _in_folder(path) if table.is_dir() else _in_table(table)
@@ -73,13 +72,13 @@ def read_afferents(
             ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
             _refuse(one, key, recording, found, seen, stimuli)
         except (RecordingError, ValueError) as error:
-            wrong.append(_wrong(one.where, one.row, str(error), code_of(error)))
+            wrong.append(_wrong(one.where, one.row, str(error)))
         else:
             found.setdefault(one.afferent, {})[key] = recording
     if wrong:
-        wrong.sort(key=lambda row: int(str(row["row"])))
+        wrong.sort(key=lambda row: row[0])
         more = f"\n… and {len(wrong) - _MOST_LISTED} more" if len(wrong) > _MOST_LISTED else ""
-        problems = "\n".join(str(row["problem"]) for row in wrong[:_MOST_LISTED]) + more
+        problems = "\n".join(problem for _, problem in wrong[:_MOST_LISTED]) + more
         raise RecordingError(f"{path}: {number_of(len(wrong), 'recordings')} cannot be used\n{problems}", "bad_rows")
     if not found:
         raise no_rows(table, "recordings")
@@ -88,12 +87,13 @@ def read_afferents(
     return {afferent: saying_unused_sd(_mirrored(some, mirror)) for afferent, some in found.items()}
 
 
-Wrong = list[dict[str, object]]
+Wrong = list[tuple[int, str]]
+"""Numbers of rows, and what is wrong in each."""
 
 
-def _wrong(where: str, row: int, problem: str, code: str) -> dict[str, object]:
+def _wrong(where: str, row: int, problem: str) -> tuple[int, str]:
     about = " ".join(problem.split()).removeprefix(f"{where}, ")
-    return {"row": row, "code": code, "problem": f"{where}: {about}"}
+    return row, f"{where}: {about}"
 
 
 def _own(reading: Reading, one: _Named) -> Reading:
@@ -112,23 +112,20 @@ def _refuse(
     """Refuse a shape that the runs do not have, a recording or copy that is named twice, and an unclear name."""
     alike = [name for name in found if name != one.afferent and _as_name(name) == _as_name(one.afferent)]
     if alike or is_summary(one.afferent):
+        like = f", or the same as {alike[0]!r}" if alike else ""
         raise RecordingError(
-            "{afferent!r} is no name of an afferent" + (", or the same as {other!r}" if alike else "")
-            + "; name each afferent in one way, and delete rows of means and the like",
-            code="unclear_name", afferent=one.afferent, other="".join(alike[:1]),
-        )  # fmt: skip
+            f"{one.afferent!r} is no name of an afferent{like}; name each afferent in one way, and delete rows of "
+            "means and the like",
+            "unclear_name",
+        )
     shape = key.partition("@")[0]
     conditions = [stimulus.condition for stimulus in stimuli if stimulus.shape == shape]
     if not conditions or ("@" in key and key.partition("@")[2] not in conditions):
         held = [f"{stimulus.shape} at {stimulus.condition}" for stimulus in stimuli]
         raise RecordingError(f"the runs contain no {key}; they contain {', '.join(held)}", "never_pressed")
     if "@" not in key and len(conditions) > 1:
-        raise RecordingError(
-            "{shape} was pressed to {conditions}; state depth_mm or force_gwt",
-            code="several_conditions",
-            shape=shape,
-            conditions=" and ".join(sorted(conditions, key=natural_order)),
-        )
+        both = " and ".join(sorted(conditions, key=natural_order))
+        raise RecordingError(f"{shape} was pressed to {both}; state depth_mm or force_gwt", "several_conditions")
     if key in found.get(one.afferent, {}):
         raise RecordingError(
             f"afferent {one.afferent} already has a recording of {key}; name it once", "recorded_twice"
@@ -177,7 +174,7 @@ def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
                 raise RecordingError(f"{len(cells)} cells, but the header has {len(header)}", "cells_of_row")
             named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
-            wrong.append(_wrong(where, number, str(error), error.code))
+            wrong.append(_wrong(where, number, str(error)))
     return named, wrong
 
 

@@ -6,7 +6,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import (
@@ -182,16 +182,11 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
     if colon:
         factor = of.known(unit) if of.listed and of is not COUNT else None
         if not before or factor is None:
-            expected = "one of {units}" if of.listed and of is not COUNT else "omitted for this role"
-            raise RecordingError(
-                "--columns {given!r}: the unit {unit!r} must be "
-                + expected
-                + ("; if the colon belongs to the name, add the unit after another one" if colon in before else ""),
-                code="unknown_unit",
-                given=part,
-                unit=unit,
-                units=", ".join(of.listed) if of is not COUNT else "",
-            )
+            listed = of.listed and of is not COUNT
+            expected = f"one of {', '.join(of.listed)}" if listed else "omitted for this role"
+            if colon in before:
+                expected += "; if the colon belongs to the name, add the unit after another one"
+            raise RecordingError(f"--columns {part!r}: the unit {unit!r} must be {expected}", "unknown_unit")
         return RecordingColumn(before.strip(), unit.strip(), factor, True)
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
@@ -230,46 +225,35 @@ class Row:
             raise self.wrong(
                 column,
                 "ambiguous_number",
-                "written without a thousands separator, as {plain}, or, if the separator is the decimal sign, with a "
-                "point and other than three decimals",
-                plain=without_separators(text),
+                f"written without a thousands separator, as {without_separators(text)}, or, if the separator is the "
+                "decimal sign, with a point and other than three decimals",
             )
         if (shown := _SHOWN_AS.fullmatch(text)) and _is_unit_of(shown["unit"], column, in_file):
             text = shown["number"]
         value = self.format.number(text)
         if not value >= least:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
-            expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
+            expected = "a number" + f" of {least:g} or more" * bounded + " with a decimal comma" * mixed
             expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
             expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
-            fields = {"least": least} if bounded else {}
-            raise self.wrong(column, "no_number", expected, decimal_comma=mixed, **fields)
+            raise self.wrong(column, "no_number", expected)
         return self._of_a_finger(column, in_file.factor * value)
 
     def _of_a_finger(self, column: str, value: float) -> float:
         of, in_file = dimension_of(column), self.columns[column]
         if abs(value) > of.most and not is_own_unit(in_file.unit):
+            remedy = stated_unit(column, in_file.name, of.likely)
             raise self.wrong(
                 column,
                 "beyond_a_finger",
-                "at most {most:g} {unit}; if its unit is another, state it: {remedy}",
-                most=of.most,
-                unit=unit_of_name(column),
-                remedy=stated_unit(column, in_file.name, of.likely),
+                f"at most {of.most:g} {unit_of_name(column)}; if its unit is another, state it: {remedy}",
             )
         return value
 
-    def wrong(self, column: str, code: str, expected: str, **fields: Any) -> RecordingError:
-        """Return an error for a cell; `expected` is a format string over the further fields."""
-        return RecordingError(
-            "{path}, row {row}, column {column}: {cell!r} must be " + expected,
-            code=code,
-            path=str(self.path),
-            row=self.row,
-            column=self.columns[column].name,
-            cell=self.cells[column],
-            **fields,
-        )
+    def wrong(self, column: str, code: str, expected: str) -> RecordingError:
+        """Return an error for a cell, which must be what is `expected`."""
+        where = f"{self.path}, row {self.row}, column {self.columns[column].name}"
+        return RecordingError(f"{where}: {self.cells[column]!r} must be {expected}", code)
 
 
 def _is_unit_of(unit: str, name: str, column: RecordingColumn) -> bool:
@@ -394,9 +378,10 @@ def read_table(
     for name, cell in found[0].cells.items() if found else ():
         if isinstance(cell, SameInAllRows) and name not in _MAY_BE_SAME:
             raise found[0].wrong(
-                name, "same_in_all_rows", "a vector with a number for each row; only {allowed} may be a scalar",
-                allowed=", ".join(_MAY_BE_SAME),
-            )  # fmt: skip
+                name,
+                "same_in_all_rows",
+                f"a vector with a number for each row; only {', '.join(_MAY_BE_SAME)} may be a scalar",
+            )
     return found
 
 
@@ -436,27 +421,33 @@ def check_header(
     for name in required:
         column = found.get(name)
         if column is None or column.name not in header:
-            problem = "{path}, row {row}: the column {column} is missing; expected {columns}, read {read}"
-            problem, code = (_NO_HEADER, "no_header") if _is_numbers(header) else (problem, "no_column")
-            missing = given[name].name if name in given else name
             if len(header) == 1 and len(required) > 1:
                 hint = "; lines above the names of the columns must begin with #" + hint
-            raise _wrong_header(problem + hint, code, path, row, missing, column_list(*shown), read)
+            if _is_numbers(header):
+                raise RecordingError(
+                    f"{path}, row {row}: has numbers ({read}) instead of the names of columns; add a line above it "
+                    f"with the names, e.g. {column_list(*shown)}{hint}",
+                    "no_header",
+                )
+            missing = given[name].name if name in given else name
+            raise RecordingError(
+                f"{path}, row {row}: the column {missing} is missing; expected {column_list(*shown)}, read {read}"
+                f"{hint}",
+                "no_column",
+            )
     for cell in header:
         if (cell not in taken and not others) or (cell in taken and header.count(cell) > 1):
-            problem = "{path}, row {row}: the column {column!r} is unknown or repeated; the columns are {columns}" + (
+            remedy = (
                 "; delete or rename one of them"
                 if header.count(cell) > 1
                 else _suggested(found, required, optional) or hint
             )
-            raise _wrong_header(problem, "extra_column", path, row, cell, column_list(required, optional), read)
+            raise RecordingError(
+                f"{path}, row {row}: the column {cell!r} is unknown or repeated; the columns are "
+                f"{column_list(required, optional)}{remedy}",
+                "extra_column",
+            )
     return found
-
-
-_NO_HEADER = (
-    "{path}, row {row}: has numbers ({read}) instead of the names of columns; add a line above it with the names, "
-    "e.g. {columns}"
-)
 
 
 def _is_numbers(header: Sequence[str]) -> bool:
@@ -526,19 +517,9 @@ def _suggested(found: Mapping[str, RecordingColumn], required: Sequence[str], op
         return ""
     named = ",".join(f"{roles[name]}={found[name].name}" for name in (*required, *optional) if name in found)
     return (
-        (
-            "; if it distinguishes conditions or rejected presses, first keep the rows of one of them in a file of "
-            f'their own, since presses at one position count as repeats; to ignore it, use --columns "{named}"'
-        )
-        .replace("{", "{{")
-        .replace("}", "}}")
+        "; if it distinguishes conditions or rejected presses, first keep the rows of one of them in a file of "
+        f'their own, since presses at one position count as repeats; to ignore it, use --columns "{named}"'
     )
-
-
-def _wrong_header(
-    sentence: str, code: str, path: Path, row: int, column: str, columns: str, read: str
-) -> RecordingError:
-    return RecordingError(sentence, code=code, path=str(path), row=row, column=column, columns=columns, read=read)
 
 
 def column_list(required: Sequence[str], optional: Sequence[str] = ()) -> str:

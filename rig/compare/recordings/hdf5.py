@@ -36,10 +36,9 @@ def numbers_in(file: h5py.File, path: Path, place: str, *, columns: int = 1) -> 
         )
     if found.shape[1:] not in ((), (1,)) if columns == 1 else found.shape[1:] != (columns,):
         shape = " × ".join(map(str, found.shape))
-        raise _refused(path, place, "no_list", "must be a list of numbers, but has the shape {shape}", shape=shape)
+        raise _refused(path, place, "no_list", f"must be a list of numbers, but has the shape {shape}")
     if math.prod(found.chunks or (0,)) * found.dtype.itemsize > MOST_CHUNK_BYTES:
-        raise _refused(path, place, "chunk_too_large", "chunks must be at most {most_mb:g} MB",
-                       most_mb=MOST_CHUNK_BYTES / 1e6)  # fmt: skip
+        raise _refused(path, place, "chunk_too_large", f"chunks must be at most {MOST_CHUNK_BYTES / 1e6:g} MB")
     return found
 
 
@@ -49,8 +48,8 @@ def values_of(
     """Return the numbers of a dataset, or those in a range. Raises RecordingError beyond the limit."""
     first, last, _ = slice(begin, end).indices(len(dataset))
     if last - first > most or (last - first) * dataset.dtype.itemsize > MOST_CHUNK_BYTES:
-        raise _refused(path, str(dataset.name), "too_many_values", "{values} values; at most {most} are allowed",
-                       values=last - first, most=most)  # fmt: skip
+        problem = f"{last - first} values; at most {most} are allowed"
+        raise _refused(path, str(dataset.name), "too_many_values", problem)
     found = part_of(dataset, path, slice(first, last))
     return found[:, 0] if found.shape[1:] == (1,) else found
 
@@ -93,10 +92,12 @@ def part_of(dataset: h5py.Dataset, path: Path, rows: slice) -> NDArray[Any]:
             if not h5py.h5z.filter_avail(number):
                 text = name.decode("utf-8", "replace").strip("\0 ") or "unnamed"
                 raise _refused(
-                    path, str(dataset.name), "unknown_filter",
-                    "its values are compressed with filter {number} ({name}), which is not installed; repack the "
-                    "file with h5repack -f GZIP=4 OLD NEW", number=number, name=text,
-                ) from None  # fmt: skip
+                    path,
+                    str(dataset.name),
+                    "unknown_filter",
+                    f"its values are compressed with filter {number} ({text}), which is not installed; repack the "
+                    "file with h5repack -f GZIP=4 OLD NEW",
+                ) from None
         raise
 
 
@@ -106,8 +107,8 @@ def texts_in(file: h5py.File, path: Path, place: str) -> list[str] | None:
     if found is None or h5py.check_string_dtype(found.dtype) is None or len(found.shape) != 1:
         return None
     if len(found) > _MOST_TEXTS:
-        raise _refused(path, place, "too_many_values", "{values} values; at most {most} are allowed",
-                       values=len(found), most=_MOST_TEXTS)  # fmt: skip
+        problem = f"{len(found)} values; at most {_MOST_TEXTS} are allowed"
+        raise _refused(path, place, "too_many_values", problem)
     each = (text.decode("utf-8", "replace") if isinstance(text, bytes) else str(text) for text in found[:])
     return [same_name(text) for text in each]
 
@@ -186,5 +187,5 @@ def _at(file: h5py.File, path: Path, place: str, *, outside: bool = True) -> Any
     return group
 
 
-def _refused(path: Path, place: str, code: str, problem: str, **fields: Any) -> RecordingError:
-    return RecordingError("{path}, {dataset}: " + problem, code=code, path=str(path), dataset=place, **fields)
+def _refused(path: Path, place: str, code: str, problem: str) -> RecordingError:
+    return RecordingError(f"{path}, {place}: {problem}", code)

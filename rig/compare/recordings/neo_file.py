@@ -249,15 +249,10 @@ def _one_segment(path: Path, segments: list[_Channels], columns: ColumnMap) -> _
     if number == "" and len(full) == 1:
         return next(iter(full.values()))
     held = "; ".join(f"segment {n}: {one.contents}" for n, one in full.items())
+    problem = f"there is no segment {number}" if number else f"{len(full)} segments"
     raise RecordingError(
-        "{path}: " + ("there is no segment {segment}" if number else "{segments} segments")
-        + "; use --columns segment=N ({held})",
-        code="no_segment" if number else "several_segments",
-        path=str(path),
-        segment=number,
-        segments=len(full),
-        held=held,
-    )  # fmt: skip
+        f"{path}: {problem}; use --columns segment=N ({held})", "no_segment" if number else "several_segments"
+    )
 
 
 def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
@@ -267,16 +262,11 @@ def _spikes(path: Path, segment: _Channels, unit: str) -> tuple[str, Array]:
     firing = {name: times for name, times in segment.trains.items() if len(times)}
     if unit == "" and len(firing) == 1:
         return next(iter(firing.items()))
+    problem = f"there is no unit {unit}" if unit else f"{len(firing)} spike trains"
     raise RecordingError(
-        "{path}: " + ("there is no unit {unit}" if unit else "{units} spike trains")
-        + "; use SHAPE={file}#UNIT with a name from the file ({held})",
-        code="no_unit" if unit else "several_units",
-        path=str(path),
-        file=path.name,
-        unit=unit,
-        units=len(firing),
-        held=segment.contents,
-    )  # fmt: skip
+        f"{path}: {problem}; use SHAPE={path.name}#UNIT with a name from the file ({segment.contents})",
+        "no_unit" if unit else "several_units",
+    )
 
 
 def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Array, Array]:
@@ -294,11 +284,9 @@ def _pulses(path: Path, segment: _Channels, columns: ColumnMap) -> tuple[str, Ar
     given = "sync" in columns.named
     if name == NO_PULSES or (not given and not segment.lines and not any(map(len, segment.events.values()))):
         return name, np.empty(0), np.empty(0)
+    problem = f"there is no event channel {name}" if given else "the channel of the sync pulses is unknown"
     raise RecordingError(
-        "{path}: " + ("there is no event channel {name}" if given else "the channel of the sync pulses is unknown")
-        + "; use --columns sync=CHANNEL, or sync=none if times are those of the run's journal ({held})",
-        code="no_pulses" if given else "several_channels",
-        path=str(path),
-        name=name,
-        held=segment.contents,
-    )  # fmt: skip
+        f"{path}: {problem}; use --columns sync=CHANNEL, or sync=none if times are those of the run's journal "
+        f"({segment.contents})",
+        "no_pulses" if given else "several_channels",
+    )

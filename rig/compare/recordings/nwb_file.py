@@ -138,18 +138,13 @@ class _Units(NamedTuple):
         listed = found if several else range(len(self.ids))
         each = [self._described(labels, n, several) for n in list(listed)[:_MOST_LISTED]]
         between = "; " if any(":" in one for one in each) else ", "
-        known = (
-            "several units are called {unit}" if several else "there is no unit {unit}" if unit else "{units} units"
-        )
+        known = f"there is no unit {unit}" if unit else f"{len(self.ids)} units"
+        known = f"several units are called {unit}" if several else known
         known += f"; rows count from 1 to {len(self.ids)}" if equals and column == _ROW else ""
+        ids = between.join(each) + f"{between}…" * (len(listed) > _MOST_LISTED)
         raise RecordingError(
-            "{path}: " + known + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
-            code="unit_twice" if several else "no_unit" if unit else "several_units",
-            path=str(self.path),
-            file=self.path.name,
-            unit=unit,
-            units=len(self.ids),
-            ids=between.join(each) + f"{between}…" * (len(listed) > _MOST_LISTED),
+            f"{self.path}: {known}; use SHAPE={self.path.name}#UNIT with UNIT one of {ids}",
+            "unit_twice" if several else "no_unit" if unit else "several_units",
         )
 
     def _labels(self, file: h5py.File) -> dict[str, list[str]]:
@@ -335,21 +330,19 @@ def _pulses(
     likely = [one for one in every if _may_be_pulses(file, path, one)]
     if not (meant or named or (likely and required)):
         return _Pulses(np.empty(0)), False, ()
+    listed = [one.place if meant else str(one) for one in meant or likely or every][:_MOST_LISTED]
+    held = ", ".join(listed) or "nothing that has times"
     problem = (
-        "several series are called {name}: {held}"
+        f"several series are called {name}: {held}"
         if meant
-        else "there are no sync pulses {name}: {held}"
+        else f"there are no sync pulses {name}: {held}"
         if named
-        else "there are no sync pulses {name}, but there is {held}"
+        else f"there are no sync pulses {name}, but there is {held}"
     )
-    held = meant or likely or every
     raise RecordingError(
-        "{path}: " + problem + "; use --columns sync=NAME for the pulses, or sync=none if times are those of the "
-        "run's journal (t_s)",
-        code="pulses_twice" if meant else "no_pulses" if named else "unknown_pulses",
-        path=str(path),
-        name=name,
-        held=", ".join([one.place if meant else str(one) for one in held][:_MOST_LISTED]) or "nothing that has times",
+        f"{path}: {problem}; use --columns sync=NAME for the pulses, or sync=none if times are those of the run's "
+        "journal (t_s)",
+        "pulses_twice" if meant else "no_pulses" if named else "unknown_pulses",
     )
 
 

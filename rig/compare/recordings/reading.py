@@ -128,17 +128,11 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
         place = (position, row.cells.get(repeat, ""))
         if place in seen:
+            column = row.columns[repeat].name if repeat in row.columns else repeat
             raise RecordingError(
-                "{path}, row {row}, column {column}: position {cell} is repeated (first in row "
-                "{first_row}); number repeated presses in a column {repeat}",
-                code="place_twice",
-                path=str(row.path),
-                row=row.row,
-                column=row.columns[name].name,
-                position=position,
-                cell=row.cells[name],
-                first_row=seen[place].row,
-                repeat=row.columns[repeat].name if repeat in row.columns else repeat,
+                f"{row.path}, row {row.row}, column {row.columns[name].name}: position {row.cells[name]} is repeated "
+                f"(first in row {seen[place].row}); number repeated presses in a column {column}",
+                "place_twice",
             )
         seen[place] = row
         yield row, position
@@ -168,9 +162,11 @@ def _refuse_totals(rows: list[tuple[Row, float]], name: str) -> None:
         near = (abs(of(one[:-1]) - one[-1]) <= _ROUNDED * np.abs(one[:-1]).max() for one in columns)
         if all(near):
             raise rows[-1][0].wrong(
-                name, "totals", "a press, but this last row has the {words} of the rows above; delete it, or, if it "
-                "is a press, move it up", words=words,
-            )  # fmt: skip
+                name,
+                "totals",
+                f"a press, but this last row has the {words} of the rows above; delete it, or, if it is a press, "
+                "move it up",
+            )
 
 
 _ROUNDED = 1e-3  # of a mean in a table
@@ -186,10 +182,11 @@ def _close_positions(rows: list[tuple[Row, float]]) -> str:
         if one.cells.get(repeat) != other.cells.get(repeat):
             column = role_name("position")
             raise other.wrong(
-                column, "close_positions", "the position of row {first_row}, {first}, or {near_mm:g} mm or more from "
-                "it: presses at one position are repeats only if it is the same number; round the positions",
-                first_row=one.row, first=one.cells[column], near_mm=_NEAR_MM,
-            )  # fmt: skip
+                column,
+                "close_positions",
+                f"the position of row {one.row}, {one.cells[column]}, or {_NEAR_MM:g} mm or more from it: presses at "
+                "one position are repeats only if it is the same number; round the positions",
+            )
     if not close:
         return ""
     (_, at_mm), (_, near_mm) = close[0]
@@ -230,7 +227,7 @@ def _sd(row: Row) -> float:
         return math.nan
     unit, of_rates = row.columns["sd"].unit, row.columns["rate"].unit
     if unit and (is_own_unit(unit) or is_own_unit(of_rates)) and unit.casefold() != of_rates.casefold():
-        raise row.wrong("sd", "other_unit", "in the unit of the rates, not in {unit}; convert it", unit=unit)
+        raise row.wrong("sd", "other_unit", f"in the unit of the rates, not in {unit}; convert it")
     sd = row.number("sd", 0.0)
     return sd if row.columns["sd"].unit else sd * row.columns["rate"].factor
 
@@ -255,8 +252,7 @@ def _one_window(path: Path, rows: list[tuple[Row, float]]) -> float:
         if seconds <= 0:
             raise row.wrong(name, "not_above_0", "a number above 0")
         if seconds != found[0][1]:
-            first = found[0][0].cells[name]
-            raise row.wrong(name, "another_window", "the window of all rows, {first}", first=first)
+            raise row.wrong(name, "another_window", f"the window of all rows, {found[0][0].cells[name]}")
     if not found:
         raise no_rows(path, "counts")
     return found[0][1]
@@ -456,13 +452,9 @@ def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
     for role, column in columns.named.items():
         if role not in used:
-            expected = "a role must be one of {roles}" if used else "add --recorded"
+            remedy = f"a role must be one of {', '.join(sorted(used))}" if used else "add --recorded"
             raise RecordingError(
-                "--columns {role}={column}: no recording uses this column; " + expected,
-                code="unused_column",
-                role=role,
-                column=column.name,
-                roles=", ".join(sorted(used)),
+                f"--columns {role}={column.name}: no recording uses this column; {remedy}", "unused_column"
             )
 
 

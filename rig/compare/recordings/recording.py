@@ -137,14 +137,10 @@ def recording(name: str, rows: list[tuple[float, float, float]], window_s: float
 def with_enough_positions(path: Path, found: Recording) -> Recording:
     """Return the recording. Raises RecordingError for fewer than three positions, which are too few for a profile."""
     if len(found.repeats) < _FEWEST_POSITIONS:
-        lost = "" if found.spikes is None else found.spikes.lost
+        lost = "" if found.spikes is None or not found.spikes.lost else f"; {found.spikes.lost}"
         raise RecordingError(
-            "{path}: {positions} positions, at least {fewest} are required" + ("; {lost}" if lost else ""),
-            lost=lost,
-            code="few_positions",
-            path=str(path),
-            positions=len(found.repeats),
-            fewest=_FEWEST_POSITIONS,
+            f"{path}: {len(found.repeats)} positions, at least {_FEWEST_POSITIONS} are required{lost}",
+            "few_positions",
         )
     return _without_copies(found)
 

@@ -67,9 +67,7 @@ def read_spike_times(
         found = _read_csv(path, columns, unit)
     if not len(found.spike_s) and not may_be_silent:
         raise RecordingError(
-            "{path}: contains no spikes; at least one spike time is required",
-            code="no_spikes",
-            path=f"{path}#{unit}" if unit else str(path),
+            f"{_unit_in(path, unit)}: contains no spikes; at least one spike time is required", "no_spikes"
         )
     if columns.observed_throughout or ("observed" in columns.named and not is_nwb(path)):
         found = _throughout(path, found, columns)
@@ -79,6 +77,10 @@ def read_spike_times(
     return times
 
 
+def _unit_in(path: Path, unit: str) -> str:
+    return f"{path}#{unit}" if unit else str(path)
+
+
 def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
     """Return the spikes, with a note on a few that follow another closer than a neuron fires; refuse many."""
     gaps_s = np.diff(found.spike_s)
@@ -86,16 +88,11 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
     spikes = len(found.spike_s)
     if same > max(_FEW, _MOST_SAME * spikes) or close > max(_FEW, _MOST_CLOSE * spikes):
         raise RecordingError(
-            "{path}: {close} of {spikes} spikes come less than {least_ms:g} ms after another, {same} of them at the "
-            "same time, which no neuron does; if spikes are in the file twice (a unit merged with itself, a file "
-            "appended to itself), delete the copies; if times are rounded, export them with more decimals; else "
-            "check their unit of time",
-            code="spikes_twice",
-            path=f"{path}#{unit}" if unit else str(path),
-            close=close,
-            spikes=spikes,
-            same=same,
-            least_ms=1e3 * _REFRACTORY_S,
+            f"{_unit_in(path, unit)}: {close} of {spikes} spikes come less than {1e3 * _REFRACTORY_S:g} ms after "
+            f"another, {same} of them at the same time, which no neuron does; if spikes are in the file twice (a "
+            "unit merged with itself, a file appended to itself), delete the copies; if times are rounded, export "
+            "them with more decimals; else check their unit of time",
+            "spikes_twice",
         )
     _refuse_echo(path, unit, gaps_s)
     if not close:
@@ -112,13 +109,10 @@ def _refuse_echo(path: Path, unit: str, gaps_s: Array) -> None:
     echoes = int(np.count_nonzero(np.abs(short_s - delay_s) < _JITTER_S))
     if echoes > max(_FEW, _MOST_ECHOES * (len(gaps_s) + 1)):
         raise RecordingError(
-            "{path}: {echoes} of {spikes} spikes come {delay_ms:.2f} ms after another, always the same time, which "
-            "no neuron does; the detector may have triggered on both phases of each spike: delete one of the two",
-            code="spikes_twice",
-            path=f"{path}#{unit}" if unit else str(path),
-            echoes=echoes,
-            spikes=len(gaps_s) + 1,
-            delay_ms=1e3 * delay_s,
+            f"{_unit_in(path, unit)}: {echoes} of {len(gaps_s) + 1} spikes come {1e3 * delay_s:.2f} ms after "
+            "another, always the same time, which no neuron does; the detector may have triggered on both phases of "
+            "each spike: delete one of the two",
+            "spikes_twice",
         )
 
 
@@ -131,13 +125,14 @@ _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
 def _throughout(path: Path, found: UnitSpikes, columns: ColumnMap) -> UnitSpikes:
     """Return the spikes of a unit that was observed throughout, as the user states."""
     if not columns.observed_throughout or found.observed_s is not None:
+        problem = (
+            "the file states when the unit was observed"
+            if columns.observed_throughout
+            else "it must be throughout (a CSV states intervals in rows of kind start and stop)"
+        )
         raise RecordingError(
-            "{path}: --columns observed={observed} cannot be used: " + (
-                "the file states when the unit was observed" if columns.observed_throughout
-                else "it must be throughout (a CSV states intervals in rows of kind start and stop)"
-            ),
-            code="no_observed", path=str(path), observed=columns["observed"].name,
-        )  # fmt: skip
+            f"{path}: --columns observed={columns['observed'].name} cannot be used: {problem}", "no_observed"
+        )
     return replace(found, observed_s=THROUGHOUT)
 
 
@@ -199,21 +194,16 @@ def _refuse_another_clock(path: Path, found: UnitSpikes, times: SpikeTimes, run:
     far = float(np.abs(found.spike_s).max()) > _FAR * float(np.abs(found.pulse_s).max()) if pulsed else True
     if inside >= _LEAST_INSIDE * len(spike_s) or (inside and not far):
         return
+    remedy = (
+        "the spikes must be in the same unit of time as the pulses, or have theirs in --columns time=COLUMN:ms"
+        if pulsed
+        else "times must be in s, or have their unit in --columns time=COLUMN:ms, and count from the start of the "
+        "run (t_s), or the file must contain its sync pulses"
+    )
     raise RecordingError(
-        "{path}: only {inside} of {spikes} spikes, {first_s:g} to {last_s:g} s, lie in the run of {end_s:g} s; "
-        + (
-            "the spikes must be in the same unit of time as the pulses, or have theirs in --columns time=COLUMN:ms"
-            if pulsed
-            else "times must be in s, or have their unit in --columns time=COLUMN:ms, and count from the start of "
-            "the run (t_s), or the file must contain its sync pulses"
-        ),
-        code="outside_run",
-        path=str(path),
-        inside=inside,
-        spikes=len(spike_s),
-        first_s=float(spike_s[0]),
-        last_s=float(spike_s[-1]),
-        end_s=run.end_s,
+        f"{path}: only {inside} of {len(spike_s)} spikes, {spike_s[0]:g} to {spike_s[-1]:g} s, lie in the run of "
+        f"{run.end_s:g} s; {remedy}",
+        "outside_run",
     )
 
 
@@ -249,13 +239,13 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
         if said != "spike" or unit in ("", name):
             times[said].append(seconds)
     if (unit and unit not in units) or (not unit and len(units) > 1):
+        problem = f"there is no unit {unit}" if unit else f"{len(units)} units"
+        file = path.name + "#SHEET" * (path.suffix.lower() == ".xlsx")
+        ids = ", ".join([name or "(empty)" for name in units][:_MOST_LISTED]) or "none"
         raise RecordingError(
-            "{path}: " + ("there is no unit {unit}" if unit else "{units} units")
-            + "; use SHAPE={file}#UNIT with UNIT one of {ids}",
-            code="no_unit" if unit else "several_units",
-            path=str(path), file=path.name + "#SHEET" * (path.suffix.lower() == ".xlsx"), unit=unit, units=len(units),
-            ids=", ".join([name or "(empty)" for name in units][:_MOST_LISTED]) or "none",
-        )  # fmt: skip
+            f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
+            "no_unit" if unit else "several_units",
+        )
     spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
     observed = _between(path, starts, stops) if len(starts) or len(stops) else None
     pulses = np.empty(0) if stated else pulses

@@ -247,15 +247,14 @@ def _refined(pulse_s: Array, rise_s: Array, slope: float, offset_s: float) -> _M
 
 def _not_the_runs(path: Path, pulse_s: Array, rise_s: Array) -> RecordingError:
     if len(pulse_s) != len(rise_s):
+        remedy = (
+            ", and their intervals do not match"
+            if len(rise_s)
+            else "; if times are its t_s, remove the pulses from a CSV, or use --columns sync=none"
+        )
         return RecordingError(
-            "{path}: {pulses} sync pulses, but the run's journal has {journalled}"
-            + (", and their intervals do not match" if len(rise_s) else "; if times are its t_s, remove the pulses "
-               "from a CSV, or use --columns sync=none"),
-            code="number_of_pulses",
-            path=str(path),
-            pulses=len(pulse_s),
-            journalled=len(rise_s),
-        )  # fmt: skip
+            f"{path}: {len(pulse_s)} sync pulses, but the run's journal has {len(rise_s)}{remedy}", "number_of_pulses"
+        )
     return RecordingError(
         f"{path}: the sync pulses differ from the journal's by up to "
         f"{1000.0 * _line(pulse_s, rise_s).worst_s:.1f} ms; at most {1000.0 * TOLERANCE_S:g} ms is allowed",
@@ -269,18 +268,14 @@ _UNITS_BY_SLOPE = {"ms": 1e-3, "us": 1e-6, "min": 60.0}
 def _no_clock(path: Path, slope: float) -> RecordingError:
     unit = next((unit for unit, factor in _UNITS_BY_SLOPE.items() if abs(slope / factor - 1) <= MOST_DRIFT), "")
     remedy = (
-        "state their unit: --columns sync=NAME:{unit} (in a CSV time=COLUMN:{unit})"
+        f"state their unit: --columns sync=NAME:{unit} (in a CSV time=COLUMN:{unit})"
         if unit
         else "check the unit and the sampling rate of the pulses"
     )
     return RecordingError(
-        "{path}: between sync pulses the run's clock advances {slope:.6g} times as much as the file's; a clock "
-        "deviates by at most {most:g} %; " + remedy,
-        code="no_clock",
-        path=str(path),
-        slope=slope,
-        most=100 * MOST_DRIFT,
-        unit=unit,
+        f"{path}: between sync pulses the run's clock advances {slope:.6g} times as much as the file's; a clock "
+        f"deviates by at most {100 * MOST_DRIFT:g} %; {remedy}",
+        "no_clock",
     )
 
 

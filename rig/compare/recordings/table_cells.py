@@ -355,10 +355,7 @@ def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: li
     ):
         if rows:
             listed = ", ".join(map(str, rows[:_MOST_LISTED])) + ", …" * (len(rows) > _MOST_LISTED)
-            raise RecordingError(
-                "{path}: " + what + " ({rows}); " + remedy,
-                code="unclear_rows", path=str(path), number=len(rows), rows=listed,
-            )  # fmt: skip
+            raise RecordingError(f"{path}: {what} ({listed}); {remedy}", "unclear_rows")
     if merged:
         raise RecordingError(
             f"{path}: the cells {', '.join(merged[:_MOST_LISTED])} are merged over several rows; unmerge them and "

@@ -66,16 +66,19 @@ class AcceptedCounts:
         return self._found.get(index)
 
     def _take(self, press: Any, count: Any, presses: int) -> None:
-        index = _whole(press, "no_press_number", "the number of a press {value}: must be a whole number from 0")
-        if index >= presses:
-            made = "no press was finished yet" if not presses else "the last finished press was {last}"
+        index = _whole(press)
+        if index is None:
             raise CountError(
-                f"a count for press index {{index}} arrived, but {made}",
-                code="press_not_made", index=index, last=presses - 1 if presses else None,
-            )  # fmt: skip
-        spikes = _whole(
-            count, "bad_count", "the count {value} of press index {index}: must be a whole number from 0", index
-        )
+                f"the number of a press {_short(press)}: must be a whole number from 0", "no_press_number"
+            )
+        if index >= presses:
+            made = "no press was finished yet" if not presses else f"the last finished press was {presses - 1}"
+            raise CountError(f"a count for press index {index} arrived, but {made}", "press_not_made")
+        spikes = _whole(count)
+        if spikes is None:
+            raise CountError(
+                f"the count {_short(count)} of press index {index}: must be a whole number from 0", "bad_count"
+            )
         if index in self._found or self._known.get(index, spikes) != spikes:
             before = self._found.get(index, self._known.get(index))
             raise CountError(
@@ -87,13 +90,16 @@ class AcceptedCounts:
 _MOST = 1_000_000
 
 
-def _whole(value: Any, code: str, sentence: str, index: int | None = None) -> int:
-    """Return a whole number from 0. Raises CountError."""
+def _short(value: Any) -> str:
+    return repr(value)[:60]
+
+
+def _whole(value: Any) -> int | None:
+    """Return a whole number from 0, or None for any other value."""
     try:
         number = float(value)
     except (TypeError, ValueError):
         number = math.nan
     if isinstance(value, bool) or not (0 <= number <= _MOST and number == math.floor(number)):
-        about = {} if index is None else {"index": index}
-        raise CountError(sentence, code=code, value=repr(value)[:60], **about)
+        return None
     return int(number)

@@ -209,8 +209,7 @@ def test_a_cell_that_is_no_number(kind: Kind, tmp_path: Path, text: str) -> None
     if kind.nwb and text == "x":
         refused(wrong, tmp_path, "no_numbers", dataset=kind.dataset, dtype="|S8")
     elif kind.nwb:
-        value = pytest.approx(float(text), nan_ok=True)
-        refused(wrong, tmp_path, "not_finite", dataset=kind.dataset, entry=2, value=value)
+        refused(wrong, tmp_path, "not_finite", dataset=kind.dataset, entry=2, value=text)
     else:
         refused(wrong, tmp_path, "no_number", row=3, column=kind.measured, cell=text.strip('"'))
 

@@ -63,9 +63,19 @@ def invalid(key: str, rule: str) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("old", "new", "code", "fields"),
     [
-        ("[0.3, 0.5]", "[0.5, 0.3]", "invalid_value", invalid("finger.tissue.epidermis_mm", "value_error")),
-        ("[0.3, 0.5]", "[nan, 0.5]", "invalid_value", invalid("finger.tissue.epidermis_mm.0", "finite_number")),
-        ("[0.3, 0.5]", "[0.3, 9.0]", "invalid_value", invalid("tissue.epidermis_mm", "less_than")),
+        (
+            "[0.3, 0.5]",
+            "[0.5, 0.3]",
+            "invalid_value",
+            invalid("finger.tissue.epidermis_mm", "must begin with the lowest value"),
+        ),
+        (
+            "[0.3, 0.5]",
+            "[nan, 0.5]",
+            "invalid_value",
+            invalid("finger.tissue.epidermis_mm.0", "must be a finite number"),
+        ),
+        ("[0.3, 0.5]", "[0.3, 9.0]", "invalid_value", invalid("tissue.epidermis_mm", "must be less than 1")),
         (
             "[0.3, 0.5]",
             "[0.41, 0.5]",

@@ -8,7 +8,6 @@ import pytest
 from PIL import Image
 
 import rig.panel.drawing as drawing
-from rig.errors import code_of
 from rig.panel.drawing import (
     DEPTHS,
     HIGHEST_MM,
@@ -20,6 +19,7 @@ from rig.panel.drawing import (
     predicted,
 )
 from rig.plan.finger_model import copy_name
+from rig_shared.errors import code_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import ShapeError, parse_shape
 from sim.models.fingertip import Fingertip
