@@ -18,6 +18,7 @@ from typing import Any, Self
 from rig.clock import WallClock
 from rig.control.client import Announced, ControlError, announced
 from rig.data.documents import Document
+from rig.data.events import Column, HoldEnd, Sample, Touch, columns_of, stream_of
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.errors import RigError
@@ -32,21 +33,14 @@ NO_REPLY = "no_reply"
 """Code of a process that does not reply in time."""
 PROGRAM = ["-m", "rig"]
 
+_TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 ROWS = {
-    "sample": {
-        "t_s": "s", "index": "", "phase": "", "x_mm": "mm", "height_mm": "mm", "doi_mm": "mm", "force_gwt": "gwt",
-        "contact_s": "s",
-    },
-    "touch": {
-        "t_s": "s", "index": "", "contact_height_mm": "mm", "threshold_gwt": "gwt", "doi_bias_mm": "mm",
-        "doi_mm": "mm",
-    },
-    "hold_end": {
-        "t_s": "s", "index": "", "hold": "", "commanded": "", "x_mm": "mm", "doi_mm": "mm", "doi_sd_mm": "mm",
-        "force_gwt": "gwt", "force_sd_gwt": "gwt", "peak_gwt": "gwt", "readings": "", "hold_s": "s",
-    },
-}  # fmt: skip
-"""Streams of the journal that become events, with the keys of each and their units."""
+    stream_of(event): (_TIME, *(column for column in columns_of(event) if not column.is_optional))
+    for event in (Sample, Touch, HoldEnd)
+}
+"""Streams of the journal that become events, with their columns."""
+
+_DTYPES = {float: "number", int: "number", bool: "boolean", str: "string"}
 
 STREAM_NAMES = {"sample": "samples", "touch": "touches", "hold_end": "primary"}
 """Streams of the Bluesky documents, by stream of the journal."""
@@ -114,9 +108,9 @@ class _Readable:
 
     parent = None
 
-    def __init__(self, name: str, keys: Mapping[str, str], source: str) -> None:
+    def __init__(self, name: str, columns: Sequence[Column], source: str) -> None:
         self.name = name
-        self._keys, self._source = keys, source
+        self._columns, self._source = columns, source
         self._row: Mapping[str, Any] = {}
         self._unix_s = 0.0
 
@@ -126,7 +120,7 @@ class _Readable:
 
     def read(self) -> Reading:
         """Return the last values in the journal, with their times; NaN for a value that it lacks."""
-        values = {key: self._row.get(key) for key in self._keys}
+        values = {column.name: self._row.get(column.name) for column in self._columns}
         return {
             f"{self.name}_{key}": {"value": math.nan if value is None else value, "timestamp": self._unix_s}
             for key, value in values.items()
@@ -135,13 +129,13 @@ class _Readable:
     def describe(self) -> dict[str, dict[str, Any]]:
         """Return the data keys of the readings."""
         return {
-            f"{self.name}_{key}": {
+            f"{self.name}_{column.name}": {
                 "source": self._source,
-                "dtype": "string" if key == "phase" else "number",
+                "dtype": _DTYPES[column.type],
                 "shape": [],
-                **({"units": unit} if unit else {}),
+                **({"units": column.unit} if column.unit else {}),
             }
-            for key, unit in self._keys.items()
+            for column in self._columns
         }
 
     def read_configuration(self) -> Reading:
@@ -159,12 +153,12 @@ class _Movable(_Readable):
     def __init__(
         self,
         name: str,
-        keys: Mapping[str, str],
+        columns: Sequence[Column],
         source: str,
         order: Callable[..., OrderStatus],
         stop: Callable[[], None],
     ) -> None:
-        super().__init__(name, keys, source)
+        super().__init__(name, columns, source)
         self._order, self._stop = order, stop
 
     def stop(self, *, success: bool = False) -> None:
@@ -186,6 +180,10 @@ class PressDevice(_Movable):
     def set(self, value: Mapping[str, Any]) -> OrderStatus:
         """Press once."""
         return self._order(what="press", **value)
+
+
+def _of_sample(*names: str) -> list[Column]:
+    return [column for column in columns_of(Sample) if column.name in names]
 
 
 class BlueskyBench:
@@ -257,10 +255,10 @@ class BlueskyBench:
         self._ended: PressFailedError | None = None
         self._rows: list[Document] = []
         source = "journal"
-        self.stage = StageDevice("rig_stage", {"x_mm": "mm", "height_mm": "mm"}, source, self._order, self._stop)
-        self.cell = _Readable("rig_cell", {"force_gwt": "gwt"}, source)
-        self.press = PressDevice("rig_press", {"index": ""}, source, self._order, self._stop)
-        self.rows = {stream: _Readable(f"rig_{stream}", keys, source) for stream, keys in ROWS.items()}
+        self.stage = StageDevice("rig_stage", _of_sample("x_mm", "height_mm"), source, self._order, self._stop)
+        self.cell = _Readable("rig_cell", _of_sample("force_gwt"), source)
+        self.press = PressDevice("rig_press", _of_sample("index"), source, self._order, self._stop)
+        self.rows = {stream: _Readable(f"rig_{stream}", columns, source) for stream, columns in ROWS.items()}
         self.start: Document = {}
 
     def __enter__(self) -> Self:

@@ -26,6 +26,6 @@ UNITS = {
 """Units by the end of a name."""
 
 
-def unit_of(name: str) -> str:
+def unit_of_key(name: str) -> str:
     """Return the unit of a key or column by the end of its name; empty without one."""
     return next((unit for end, unit in UNITS.items() if name == end or name.endswith(f"_{end}")), "")

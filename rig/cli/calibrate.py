@@ -24,11 +24,11 @@ from rig.engine import Engine, verbs
 from rig.engine.bench_memory import BenchMemory
 from rig.engine.reference import Compliance, measure_compliance
 from rig.errors import BadInputError
-from rig.plan.config import Config, load_config, unit
+from rig.plan.config import Config, load_config
 from rig.protocol.check import refuse_approach, refuse_place
 from rig.session.hardware_stop import key_interrupting
 from rig.session.script_run import stopped_at_once
-from rig.units import GWT_N
+from rig.units import GWT_N, unit_of_key
 
 _READINGS = 20
 # Beyond this limit a setting or a unit is wrong, not a calibration.
@@ -161,7 +161,7 @@ def _typed_number(question: str) -> float:
 def _print_calibration(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
     table = as_table(name, value, valid_days, sd)
     if as_json:
-        print_json({"name": name, "value": value, "sd": sd, "unit": unit(name) or "1", "toml": table})
+        print_json({"name": name, "value": value, "sd": sd, "unit": unit_of_key(name) or "1", "toml": table})
     else:
         out.print(
             f"add this to the configuration, and set it on the controller if the controller stores it:\n\n{table}"

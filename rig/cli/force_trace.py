@@ -7,8 +7,8 @@ from typing import Any
 from rich.console import Console, ConsoleOptions, RenderResult
 from rich.text import Text
 
-from rig.data.run_state import RunState
 from rig.data.events import READING
+from rig.data.run_state import RunState
 
 BLOCKS = " ▁▂▃▄▅▆▇█"
 COLUMNS, ROWS, EACH = 64, 3, 4

@@ -46,7 +46,7 @@ from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
 from rig.identify.frame import find
 from rig.identify.identification_script import IdentificationScript, as_script
-from rig.plan.config import Config, load_config, unit
+from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
 from rig.protocol.api import Rig
 from rig.protocol.script import Script, load_script
@@ -55,7 +55,7 @@ from rig.report.page_source import source_line
 from rig.report.style import signed
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
-from rig.units import GWT_N
+from rig.units import GWT_N, unit_of_key
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
@@ -262,7 +262,7 @@ def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dic
 
 
 def _parameters(identification: Identification) -> list[dict[str, Any]]:
-    return [{**vars(one), "unit": unit(one.name) or "1"} for one in parameter_bands(identification.learned)]
+    return [{**vars(one), "unit": unit_of_key(one.name) or "1"} for one in parameter_bands(identification.learned)]
 
 
 def _predicted(identification: Identification) -> list[dict[str, Any]]:

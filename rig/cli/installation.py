@@ -30,11 +30,12 @@ from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.devices import registry
 from rig.errors import BadInputError
-from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config, unit
+from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config
 from rig.printable import either
 from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
+from rig.units import unit_of_key
 from rig_shared.plural import number_of
 from sim import benchmark
 from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
@@ -293,7 +294,7 @@ def _bench(settings: Config) -> dict[str, Any]:
             {
                 "name": name,
                 "value": one.value,
-                "unit": unit(name) or "1",
+                "unit": unit_of_key(name) or "1",
                 "expires": one.expires.isoformat(),
                 "expired": name in expired,
             }

@@ -17,9 +17,9 @@ from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import A_CONSTANT, Outcome
 from rig.data.tables import STATES
 from rig.engine.contact import ContactKind
-from rig.plan.config import UNITS
 from rig.records import Phase
 from rig.session.early_ending import Left
+from rig.units import UNITS
 from sim.benchmark import FAMILIES, LEVELS, QUANTITIES
 from sim.coding.operators import OperatorName
 from sim.coding.section import Energy

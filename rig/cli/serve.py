@@ -24,9 +24,10 @@ from rig.cli.output import (
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
-from rig.plan.config import Config, load_config, unit
+from rig.plan.config import Config, load_config
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from rig.printable import either
+from rig.units import unit_of_key
 from sim.identification.prior import named, plain
 from sim.serve.prefetch import PressStatistics
 
@@ -189,7 +190,11 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
 
 def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
     """Return a parameter without its logarithm, and its band in the finger file."""
-    found: dict[str, Any] = {"name": named(name), "unit": unit(named(name)) or "1", "truth": plain(name, value)}
+    found: dict[str, Any] = {
+        "name": named(name),
+        "unit": unit_of_key(named(name)) or "1",
+        "truth": plain(name, value),
+    }
     if identified is None or name not in identified.posterior.names:
         return found
     low, high = identified.posterior.band(name, identified.band.coverage)

@@ -16,7 +16,7 @@ from rig.compare.profile_shape_test import THRESHOLDS
 from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
-from rig.plan.config import unit
+from rig.units import unit_of_key
 from sim.measures.measures import MEASURES
 from sim.models.interpolation import HOW_MADE
 from sim.models.pictures import unit_of
@@ -54,7 +54,7 @@ def _stimulus(stimulus: StimulusRow) -> Row:
         "condition": stimulus.condition,
         "target": stimulus.kind,
         "value": stimulus.commanded,
-        "unit": unit(stimulus.kind),
+        "unit": unit_of_key(stimulus.kind),
         "run": stimulus.run,
     }
 
@@ -92,7 +92,7 @@ def fingers_as_json(comparison: Comparison) -> dict[str, Any]:
     return {
         "fingers": {
             "ranges": [
-                {"name": name, "low": low, "high": high, "unit": unit(name) or "1"}
+                {"name": name, "low": low, "high": high, "unit": unit_of_key(name) or "1"}
                 for name, (low, high) in plausible.ranges.items()
             ],
             "built": 3 ** len(plausible.free),
@@ -146,7 +146,9 @@ def _named(joint: Joint, pair: Pair) -> Row:
 
 def named_values(values: Mapping[str, float]) -> list[Row]:
     """Return the parameters of a finger with their configuration keys."""
-    return [{"name": name, "value": round(value, 6), "unit": unit(name) or "1"} for name, value in values.items()]
+    return [
+        {"name": name, "value": round(value, 6), "unit": unit_of_key(name) or "1"} for name, value in values.items()
+    ]
 
 
 _LINE = ("k", "k_interval", "eps0", "eps0_interval")

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, fields
 from functools import cache
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
-from rig.units import unit_of
+from rig.units import unit_of_key
 
 Index = Annotated[
     int, "number of the press among those of its kind, from 0, in the order of the protocol; −1 outside a press"
@@ -391,7 +391,7 @@ def columns_of(table: type) -> tuple[Column, ...]:
         )
         if annotated is not None:
             kind, what = get_args(annotated)[:2]
-            found.append(Column(one.name, unit_of(one.name), kind, what, one.default is None))
+            found.append(Column(one.name, unit_of_key(one.name), kind, what, one.default is None))
     return tuple(found)
 
 
@@ -406,11 +406,8 @@ def description_of(table: type) -> str:
     return words[:1].lower() + words[1:]
 
 
-PRESS_EVENTS = (IndentationStart, Sample, Touch, Ramp, HoldStart, HoldEnd, Sync, IndentationEnd)
-EVENTS = (
-    *(Mount, Home, Zero, Move, *PRESS_EVENTS, Find, Retract, Reference, Rest, Choice, Checkpoint, Note, Alarm, Trip),
-    *(Paused, Resumed),
-)
+PRESS_EVENTS: tuple[type[Event], ...] = tuple(PressEvent.__subclasses__())
+EVENTS = (*PRESS_EVENTS, *(event for event in Event.__subclasses__() if event is not PressEvent))
 
 READING = "sample"
 """Ending of the names of the streams of readings."""
@@ -434,15 +431,12 @@ OF_THE_PRESS = units_of(OfThePress)
 OF_A_SENSOR = units_of(OfTheSensor)
 
 _NOT_DATA = {name: units for name, units in PRESS_STREAMS.items() if name != "ramp"}
-_BEFORE_OTHERS = ("mount", "home", "zero", "move", *PRESS_STREAMS)
-_SIMPLE = {stream_of(event): units_of(event) for event in EVENTS}
 
 STREAMS = {
-    **{name: _SIMPLE[name] for name in _BEFORE_OTHERS},
+    **{stream_of(event): units_of(event) for event in EVENTS},
     **{f"precondition_{name}": units for name, units in _NOT_DATA.items()},
     **{f"reference_{name}": units for name, units in _NOT_DATA.items()},
     **{f"find_{name}": PRESS_STREAMS[name] for name in ("sample", "touch")},
-    **_SIMPLE,
 }
 """All streams. Presses that are not data (`precondition_…`, `reference_…`) have separate streams."""
 

@@ -12,11 +12,12 @@ from typing import Any, Protocol
 
 from rig.clock import WallClock
 from rig.data.documents import Document
+from rig.data.events import READING, STREAMS
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.errors import RigError
 
-CHANNELS = {"force_gwt": "gwt", "doi_mm": "mm", "x_mm": "mm", "height_mm": "mm"}
+CHANNELS = {name: STREAMS[READING][name] for name in ("force_gwt", "doi_mm", "x_mm", "height_mm")}
 """Channels of the readings, with their units. A value that the journal lacks is NaN."""
 
 SAMPLES, MARKERS = "rig_samples", "rig_markers"

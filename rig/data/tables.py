@@ -14,12 +14,7 @@ from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, un
 from rig.data.folder import RunFolder
 from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, read_run
-<<<<<<< HEAD
-from rig.errors import is_coded
-=======
-from rig.data.schema import PRESS_STREAMS, READING, WAITED_FOR
 from rig_shared.errors import CodedError
->>>>>>> errors27
 
 PRESSES, SUPERSEDED = "presses", "_superseded"
 _START = "indentation_start"

@@ -7,10 +7,10 @@ from typing import Any
 
 from rig.data.deviation import warning_of
 from rig.data.documents import Document
+from rig.data.events import READING
 from rig.data.folder import RunFolder
 from rig.data.run import Following, RunError
 from rig.data.run_state import BEGUN, RunFollower
-from rig.data.events import READING
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError

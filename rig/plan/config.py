@@ -24,6 +24,7 @@ from rig.plan.finger_file import (
     tables_in,
 )
 from rig.settings import DeviceSettings, RigSettings, Settings
+from rig.units import unit_of_key
 from sim.config import FingertipConfig
 
 
@@ -260,7 +261,7 @@ def _keys(settings: BaseModel, default: BaseModel | None, table: str) -> Iterato
             inner.append((value, usual, f"{table}.{name}".lstrip(".")))
         else:
             allowed = _allowed(field, settings if name == "kind" else None)
-            yield Key(table, name, value, usual, unit(name), allowed, field.description or "")
+            yield Key(table, name, value, usual, unit_of_key(name), allowed, field.description or "")
     for value, usual, place in inner:
         yield from _keys(value, usual, place)
 
@@ -270,11 +271,6 @@ def _usual(default: BaseModel | None, name: str, field: FieldInfo) -> Any:
     if default is not None:
         return getattr(default, name, None)
     return None if field.is_required() else field.get_default(call_default_factory=True)
-
-
-def unit(name: str) -> str:
-    """Return the unit of a key by the end of its name; empty for counts, names and ratios."""
-    return unit_of(name)
 
 
 def _allowed(field: FieldInfo, device: BaseModel | None) -> str:

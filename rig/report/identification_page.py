@@ -10,10 +10,10 @@ from matplotlib.figure import Figure as Canvas
 from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
-from rig.plan.config import unit
 from rig.report.page_parts import PageFigure, Section, alone, render
 from rig.report.style import BLUE, GREY, ORANGE, Plot, as_number, signed
 from rig.report.title_lines import title_lines
+from rig.units import unit_of_key
 from rig_shared.plural import number_of
 from sim.identification.posterior import Learned
 from sim.identification.predicted_forces import MeasuredPress, PredictedForces
@@ -206,7 +206,7 @@ def marginals(page: IdentificationPage) -> Plot:
             axes.hist(page.before.draws[:, k], edges, density=True, color=GREY, alpha=0.5)
             axes.hist(page.learned.draws[:, k], edges, density=True, color=BLUE, alpha=0.7)
             axes.axvline(page.learned.most_likely[k], color=ORANGE, lw=1)
-            axes.set_xlabel(f"{named(name)} ({unit(named(name)) or '1'})")
+            axes.set_xlabel(f"{named(name)} ({unit_of_key(named(name)) or '1'})")
             axes.xaxis.set_major_locator(MaxNLocator(4))
             axes.xaxis.set_major_formatter(
                 FuncFormatter(lambda value, _, name=name: as_number(plain(name, value), 2))

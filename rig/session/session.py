@@ -17,9 +17,9 @@ from rig.clock import Clock, WallClock
 from rig.control.stop import OwnedStage
 from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.documents import last_document
+from rig.data.events import STREAMS, streams_with
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
-from rig.data.events import STREAMS, streams_with
 from rig.data.tables import foreign_in_one_line
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs

@@ -28,6 +28,7 @@ class Tap(Step[ExpectedTouch, None]):
 ''',
     ),
     ("rig/session/execute.py", "    Touch,\n", "    Tap,\n"),
+    ("rig/session/execute.py", "from rig.engine import", "from rig.data import events\n"),
     (
         "rig/session/execute.py",
         "@executes(Touch)\n",
@@ -37,7 +38,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     """Find contact repeatedly, and journal the mean."""
     first, times = expected.press.index, step.times
     found = [indentation.touch_place(engine, first + k, expected.contact_mm) for k in range(times)]
-    engine.record("tap", {"times": times, "x_mm": engine.x_mm, "contact_height_mm": sum(found) / times})
+    engine.record(events.Tap(times, engine.x_mm, sum(found) / times))
 
 
 ''',
@@ -50,8 +51,18 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
     (
         "rig/data/events.py",
-        '    "note": {"text": ""},\n',
-        '    "tap": {"times": "", "x_mm": "mm", "contact_height_mm": "mm"},\n',
+        "@dataclass(frozen=True)\nclass Checkpoint(Event):",
+        '''\
+@dataclass(frozen=True)
+class Tap(Event):
+    """Contact was found several times."""
+
+    times: Annotated[int, "number of touches"]
+    x_mm: Across
+    contact_height_mm: ContactHeight
+
+
+''',
     ),
 ]
 

@@ -11,9 +11,9 @@ import h5py
 import pytest
 
 from rig.data import Run, export_run, read_run
-from rig.data.dictionary import ATTRIBUTES, FLAGS, MEANINGS, TABLES, TEXT, about_table, columns, meaning
-from rig.data.events import PRESS_STREAMS, STREAMS
-from rig.data.tables import OF_THE_PRESS, tables
+from rig.data.dictionary import ATTRIBUTES, about_table, column_of, described_tables
+from rig.data.events import OF_THE_PRESS, PRESS_STREAMS
+from rig.data.tables import tables
 from rig.engine import PressId, Target, indent, verbs
 
 PAGE = Path(__file__).parents[2] / "docs" / "data.md"
@@ -30,6 +30,7 @@ def run(spring: Callable[..., Any]) -> Run:
     bench = spring()
     bench.journal.start(START)
     engine = bench.ready()
+    verbs.move_to(engine, 0.0)
     indent(engine, Target("force_gwt", 1.0), hold_s=0.2, press_id=PressId(0, "precondition", {"block": 2}))
     indent(engine, Target("doi_mm", 0.4), increments=2, hold_s=0.2, press_id=PressId(0, "data", MARKS))
     indent(engine, Target("force_gwt", 2.0), hold_s=0.2, press_id=PressId(1))
@@ -41,14 +42,9 @@ def run(spring: Callable[..., Any]) -> Run:
 # --- the dictionary ---
 
 
-def test_every_column_there_is_has_one_meaning_and_no_other_has() -> None:
-    there = {"t_s", *OF_THE_PRESS, *(key for keys in STREAMS.values() for key in keys)}
-    said = {name.rpartition(".")[2] for name in MEANINGS}
-    assert said == there
-    assert not (TEXT | FLAGS) - there
-    named = {name.partition(".")[0] for name in MEANINGS if "." in name}
-    assert named <= set(STREAMS)
-    for words in (*MEANINGS.values(), *TABLES.values(), *ATTRIBUTES.values()):
+def test_every_table_and_column_says_in_one_line_what_it_is() -> None:
+    columns = [column for found in described_tables().values() for column in found]
+    for words in (*(one.what for one in columns), *map(about_table, described_tables()), *ATTRIBUTES.values()):
         assert re.fullmatch(r"[^\n|]{5,110}(?<![.])", words), words
 
 
@@ -90,21 +86,52 @@ def test_what_was_begun_anew_has_the_marks_of_its_press(run: Run) -> None:
 def test_every_dataset_has_its_unit_its_meaning_and_its_type(run: Run) -> None:
     export_run(run)
     kinds = {"float64": "f", "bool": "b", "text (UTF-8)": "O"}
-    types = {one.name: kinds[one.dtype] for one in columns()}
     with h5py.File(run.folder.data) as file:
         assert set(file) == set(tables(run))
         for stream, group in file.items():
             assert group.attrs["description"] == about_table(stream)
             for name, dataset in group.items():
-                assert dataset.attrs["description"] == meaning(stream, name) != ""
-                assert dataset.attrs["unit"] == (
-                    "s" if name == "t_s" else {**STREAMS[stream], **OF_THE_PRESS}.get(name)
-                )
-                assert dataset.dtype.kind == types[name], f"{stream}/{name}"
+                column = column_of(stream, name)
+                assert column is not None, f"{stream}/{name}"
+                assert (dataset.attrs["description"], dataset.attrs["unit"]) == (column.what, column.unit)
+                assert dataset.dtype.kind == kinds[column.dtype], f"{stream}/{name}"
         assert file["touch/condition"].asstr()[:].tolist() == ["near", ""]
         assert file["precondition_touch/condition"].asstr()[:].tolist() == [""]  # no row has one
         assert file["touch/block"][:].tolist()[0] == 2.0
         assert file["touch/block"][1] != file["touch/block"][1]
+
+
+# --- one row for each press ---
+
+
+def test_a_press_has_one_row_with_what_was_asked_and_what_its_last_hold_delivered(run: Run) -> None:
+    export_run(run)
+    to_depth, to_force = rows(run.folder.path / "presses.csv")
+    (first_end, last_end, other_end), (move,) = run.stream("hold_end"), run.stream("move")
+    shown = {
+        name: to_depth[name] for name in ("index", "block", "repeat", "condition", "target_doi_mm", "increments")
+    }
+    assert list(shown.values()) == ["0", "2", "1", "near", "0.4", "2"]
+    assert (to_depth["complete"], to_depth["asked_s"], to_depth["along_mm"]) == ("True", "0.2", str(move["along_mm"]))
+    assert float(to_depth["doi_mm"]) == last_end["doi_mm"] != first_end["doi_mm"]
+    assert float(to_depth["hold_end_s"]) == last_end["t_s"] > float(to_depth["hold_start_s"]) > float(to_depth["t_s"])
+    assert float(to_depth["contact_height_mm"]) == run.stream("touch")[0]["contact_height_mm"]
+    assert (to_force["target_doi_mm"], to_force["target_force_gwt"], to_force["condition"]) == ("", "2.0", "")
+    assert float(to_force["force_gwt"]) == other_end["force_gwt"]
+    with h5py.File(run.folder.data) as file:
+        assert file["presses/complete"][:].tolist() == [True, True]
+        assert file["presses/force_gwt"][:].tolist() == [last_end["force_gwt"], other_end["force_gwt"]]
+
+
+def test_an_interrupted_press_has_a_row_that_says_so_and_nothing_that_it_delivered(run: Run) -> None:
+    """Its first hold had ended, and the press was made again."""
+    start, hold = run.stream("indentation_start")[0], run.stream("hold_end")[0]
+    earlier = {"indentation_start": [{**start, "t_s": 1.0}], "hold_end": [{**hold, "t_s": 2.0}]}
+    interrupted, again, _ = presses(replace(run, superseded=earlier))
+    assert (interrupted.index, interrupted.complete, interrupted.condition) == (0, False, "near")
+    assert {interrupted.doi_mm, interrupted.force_gwt, interrupted.hold_end_s, interrupted.end_s} == {None}
+    assert (again.index, again.complete) == (0, True)
+    assert again.doi_mm == run.stream("hold_end")[1]["doi_mm"]
 
 
 # --- the documented lines ---

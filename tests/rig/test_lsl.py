@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from rig.data.lsl import CHANNELS, GrowingRuns, RunStreams, marker_of, sample_of
 from rig.data.events import STREAMS
+from rig.data.lsl import CHANNELS, GrowingRuns, RunStreams, marker_of, sample_of
 from tests.program import Program
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from rig.data.events import STREAMS
+from rig.data.events import EVENTS, columns_of, stream_of
 from rig.engine import Pause, Target, indent
 from rig.engine.indentation import touch_place
 from rig.engine.reference import measure_compliance
@@ -19,10 +19,11 @@ Make = Callable[..., Any]
 def test_no_force_is_finer_in_the_journal_than_any_other() -> None:
     """Each force of each stream: hold_start, trip and threshold once went in as they were."""
     bench = StubBench()
-    forces = [(stream, key) for stream, keys in STREAMS.items() for key, unit in keys.items() if unit == "gwt"]
-    for stream, key in forces:
-        bench.engine.record(stream, {key: 1 / 3, "x_mm": 1 / 3, "index": 3})
-        assert bench.events[-1] == (stream, {key: 0.333333, "x_mm": 1 / 3, "index": 3})
+    for event in EVENTS:
+        columns = columns_of(event)
+        bench.engine.record(event(**{column.name: 1 / 3 for column in columns}))
+        fine = {column.name: 0.333333 if column.unit == "gwt" else 1 / 3 for column in columns}
+        assert bench.events[-1] == (stream_of(event), fine)
 
 
 PRESSES: dict[str, Callable[[Any], object]] = {

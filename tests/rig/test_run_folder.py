@@ -13,8 +13,8 @@ import h5py
 import pytest
 
 from rig.data import RunError, RunFolder, export_run, new_run_folder, read_run
-from rig.data.folder import UnwritableError
 from rig.data.events import PRESS_STREAMS, STREAMS
+from rig.data.folder import UnwritableError
 from rig.data.tables import KILLED, OF_THE_PRESS
 from rig.engine import Target, indent, verbs
 from rig.plan.config import Config
@@ -96,10 +96,12 @@ def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
     run = read_run(folder.path)
     export_run(run)
     with h5py.File(folder.data) as file:
-        assert set(file) == {name for name in STREAMS if run.stream(name)}
+        assert set(file) == {"presses", *(name for name in STREAMS if run.stream(name))}
         assert (file.attrs["protocol"], file.attrs["planned_indentations"]) == ("mine", 2)
         assert bool(file.attrs["complete"])
         for stream, group in file.items():
+            if stream == "presses":
+                continue
             assert set(group) == {"t_s", *STREAMS[stream], *of_the_press(stream)}
             assert group["t_s"].attrs["unit"] == "s"
             for key, unit in STREAMS[stream].items():
@@ -117,7 +119,7 @@ def test_hdf5_holds_every_event_with_its_unit(folder: RunFolder) -> None:
 def test_csv_is_tidy(folder: RunFolder) -> None:
     run = read_run(folder.path)
     export_run(run)
-    assert {p.stem for p in folder.path.glob("*.csv")} == {name for name in STREAMS if run.stream(name)}
+    assert {p.stem for p in folder.path.glob("*.csv")} == {"presses", *(name for name in STREAMS if run.stream(name))}
     for stream in ("sample", "hold_end", "note"):
         with (folder.path / f"{stream}.csv").open(encoding="utf-8", newline="") as text:
             rows = list(csv.DictReader(text))

@@ -11,8 +11,8 @@ from typing import Any, ClassVar
 import pytest
 
 from rig.data import Run, RunFolder, new_run_folder
-from rig.data.journal import Journal
 from rig.data.events import STREAMS
+from rig.data.journal import Journal
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import Spot

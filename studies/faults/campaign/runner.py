@@ -24,8 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from rig.data import read_run
-from rig.data.journal import LineFile, read_journal
 from rig.data.events import PRESS_STREAMS
+from rig.data.journal import LineFile, read_journal
 from rig.devices.base import ForceError, StageError
 from rig.engine import EngineError
 from rig.engine.bench_memory import BenchMemory

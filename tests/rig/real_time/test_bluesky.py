@@ -105,13 +105,15 @@ def test_documents_equal_the_journal_number_by_number(shared: BlueskyBench, engi
     (index,) = [one["data"]["index"] for one in _of(journal, "indentation_start")][-1:]
     found = _events(engine.documents)
     assert set(found) == set(STREAM_NAMES.values())
-    for stream, keys in ROWS.items():
+    for stream, columns in ROWS.items():
         rows = [one for one in _of(journal, stream) if one["data"]["index"] == index]
         events = found[STREAM_NAMES[stream]]
         assert len(events) == len(rows) > 0
         for event, row in zip(events, rows, strict=True):
             values = {**row["data"], "t_s": row["t_s"]}
-            expected = {f"rig_{stream}_{key}": values[key] for key in keys if values[key] is not None}
+            expected = {
+                f"rig_{stream}_{one.name}": values[one.name] for one in columns if values[one.name] is not None
+            }
             given = {key: value for key, value in event["data"].items() if value == value}
             assert given == expected
             assert set(event["timestamps"].values()) == {row["unix_s"]}

@@ -21,8 +21,8 @@ import rig.panel.owners as by_hand_process
 from rig.clock import WallClock
 from rig.control.client import Announcement, announced
 from rig.control.owner_socket import ControlSocket
-from rig.data.journal import Journal
 from rig.data.events import STREAMS
+from rig.data.journal import Journal
 from rig.panel.app import Panel
 from rig.panel.drawing import DrawingError, DrawingProcess, Job
 from rig.panel.owners import ManualProcess, NotTakenError
