@@ -17,9 +17,8 @@ from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
 from rig.compare.verdict import AfferentVerdict, Limits, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.units import unit_of_key
-from sim.measures.measures import MEASURES
+from sim.measures.measures import BY_NAME, MEASURES
 from sim.models.interpolation import HOW_MADE
-from sim.models.pictures import unit_of
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -44,7 +43,7 @@ def as_json(comparison: Comparison, report: str) -> dict[str, Any]:
 
 def measure_unit(name: str) -> str:
     """Return the unit of a measure or control; a constant rate has none."""
-    return unit_of(name) if name in MEASURES else CONTROL_UNITS.get(name, "")
+    return BY_NAME[name].unit if name in BY_NAME else CONTROL_UNITS.get(name, "")
 
 
 def _stimulus(stimulus: StimulusRow) -> Row:
@@ -69,7 +68,7 @@ def _rows(comparison: Comparison, stimulus: StimulusRow) -> list[dict[str, Any]]
             "shape": stimulus.indentor,
             "condition": stimulus.condition,
             "measure": measure,
-            "unit": unit_of(measure),
+            "unit": BY_NAME[measure].unit,
             "receptor_mm": round(float(x), 6),
             "shape_test": None if passed is None else bool(passed[m, k]),
             "r": number(overlay.r[m, k]) if overlay else None,
@@ -139,7 +138,7 @@ def _named(joint: Joint, pair: Pair) -> Row:
         "shapes": [overlay.stimulus.indentor for overlay in joint.overlays],
         "condition": stimulus.condition,
         "measure": MEASURES[pair[0]],
-        "unit": unit_of(MEASURES[pair[0]]),
+        "unit": BY_NAME[MEASURES[pair[0]]].unit,
         "receptor_mm": round(float(stimulus.receptor_mm[pair[1]]), 6),
     }
 

@@ -28,11 +28,12 @@ from rig.compare.verdict import A_CONSTANT, LEVEL, titled
 from sim.contact.shapes import parse_shape
 from sim.errors import ModelRangeError
 from sim.measures.measures import (
+    BY_NAME,
     MEASURES,
-    PLOTTED_AS_MAGNITUDE,
     Elastic,
     measures_in_layers,
     shown,
+    strain_energy_density,
     stress_from_strain,
 )
 from sim.models.cache import Arrays, cached_arrays
@@ -213,12 +214,12 @@ def _measures(strain: Array, relaxed: Array, young: Array, poisson: float) -> Ar
     of_strain = measures_in_layers(strain.reshape(-1, 6), ratio, poisson)
     of_stress = measures_in_layers(relaxed.reshape(-1, 6), ratio, poisson)
     stress = stress_from_strain(relaxed.reshape(-1, 6), Elastic(1.0, poisson)) * (PSEUDO_E_EPIDERMIS * ratio)[:, None]
-    of_stress["sed"] = 0.5 * np.einsum("nk,nk->n", stress, strain.reshape(-1, 6))
-    chosen = [of_strain[name] if name[0] == "e" else of_stress[name] for name in MEASURES]
-    shown_as = [
-        -value if name in PLOTTED_AS_MAGNITUDE else value for name, value in zip(MEASURES, chosen, strict=True)
+    of_stress["sed"] = strain_energy_density(stress, strain.reshape(-1, 6))
+    signed = [
+        shown(name, of_stress[name] if measure.kind.stress_power else of_strain[name])
+        for name, measure in BY_NAME.items()
     ]
-    return np.array(shown_as).reshape(len(MEASURES), n, steps, receptors)
+    return np.array(signed).reshape(len(MEASURES), n, steps, receptors)
 
 
 class PhaseCandidate(NamedTuple):

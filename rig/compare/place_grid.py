@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from rig.compare.exceptions import ComparisonError
 from rig.compare.verdict import LEVEL, six_digits
 from sim.config import FingertipConfig
+from sim.measures.measures import BY_NAME
 from sim.models.fingertip import Fingertip
-from sim.models.pictures import unit_of
 
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
@@ -211,7 +211,7 @@ def _as_json(row: PlaceRow, *, with_offset: bool) -> dict[str, Any]:
     numbers = ("x_mm", "depth_mm", "offset_mm", "k", "eps0", "deviance", "lack_of_fit", "p_fit")
     return {
         "measure": row.measure,
-        "unit": unit_of(row.measure),
+        "unit": BY_NAME[row.measure].unit,
         **{name: six_digits(getattr(row, name)) for name in numbers},
         "x_interval_mm": [six_digits(x) for x in row.x_interval],
         "depth_interval_mm": [six_digits(x) for x in row.depth_interval],

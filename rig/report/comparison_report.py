@@ -28,7 +28,7 @@ from rig.report.profile_figures import strain_maps
 from rig.report.recording_sections import SURVIVORS, frame, source_sections
 from rig.report.style import as_number, as_positions, label, unit
 from rig.report.verdict_section import answer_sections
-from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
+from sim.measures.measures import BY_NAME, MEASURES
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE
 from sim.units import PSEUDO_E_EPIDERMIS
@@ -127,26 +127,6 @@ def _strain_maps(maps: Sequence[StimulusMap]) -> list[PageFigure]:
     ]
 
 
-WHAT = {
-    "e11": "normal strain across the finger (x)",
-    "e22": "normal strain along the normal of the pulp (y)",
-    "e33": "normal strain along the finger (z)",
-    "e12": "shear strain between x and y, engineering (γ = s12 / G)",
-    "e23": "shear strain between y and z, engineering",
-    "e13": "shear strain between x and z, engineering",
-    "ep1": "smallest principal strain: the largest compression in any direction",
-    "ep2": "middle principal strain",
-    "ep3": "largest principal strain: the largest extension in any direction",
-    "s11": "normal stress across the finger (x)",
-    "s22": "normal stress along the normal of the pulp (y)",
-    "s33": "normal stress along the finger (z)",
-    "sp1": "smallest principal stress: the most compressive",
-    "sp2": "middle principal stress",
-    "sp3": "largest principal stress: the least compressive",
-    "mean": "mean normal stress, (s11 + s22 + s33) / 3: minus the hydrostatic pressure",
-    "sed": "strain energy density, ½ σ:ε, of the changes of shape and volume; never negative",
-    "third": "third invariant of stress, det σ: the product of the principal stresses",
-}
 _HEADER = ("measure", "definition", "unit", "plotted as", "range as plotted", "share with the other sign")
 
 
@@ -168,10 +148,10 @@ def measures_section(comparison: Comparison, young_mpa: float) -> Section:
 
 def _row(comparison: Comparison, number: int, name: str) -> tuple[str, ...]:
     values = np.concatenate([stimulus.measures[number].ravel() for stimulus in comparison.stimuli])
-    turned = name in PLOTTED_AS_MAGNITUDE
+    turned = BY_NAME[name].as_magnitude
     return (
         name,
-        WHAT.get(name, "–"),
+        BY_NAME[name].meaning,
         unit(name),
         f"{label(name)}, as magnitude" if turned else f"{label(name)}, unchanged",
         f"{as_number(float(values.min()))} … {as_number(float(values.max()))}",

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 
-from sim.measures.measures import PLOTTED_AS_MAGNITUDE, STRAINS
+from sim.measures.measures import BY_NAME
 
 BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#666666"  # Okabe & Ito
 PURPLE, YELLOW = "#CC79A7", "#E69F00"
@@ -337,19 +337,19 @@ class Room:
         return figure.subplots(rows, columns, squeeze=False, gridspec_kw=grid, **how)
 
 
-_ABBREVIATED = {"sed": "SED"}
 _WIDEST_PLAIN = 1e5
 
 
 def label(measure: str) -> str:
     """Return a measure with its sign convention, e.g. "−ep1" where compression is plotted upwards."""
-    name = _ABBREVIATED.get(measure, measure)
-    return f"−{name}" if measure in PLOTTED_AS_MAGNITUDE else name
+    if measure not in BY_NAME:
+        return measure
+    return f"−{BY_NAME[measure].symbol}" if BY_NAME[measure].as_magnitude else BY_NAME[measure].symbol
 
 
 def unit(measure: str) -> str:
     """Return the unit of a measure; strains have none, all others are in pseudo-units."""
-    return "strain" if measure in STRAINS else "pseudo-units³" if measure == "third" else "pseudo-units"
+    return {"1": "strain"}.get(BY_NAME[measure].unit, BY_NAME[measure].unit.replace("unit", "units"))
 
 
 def as_number(value: float | None, digits: int = 3) -> str:

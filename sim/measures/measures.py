@@ -1,6 +1,8 @@
 """The eighteen candidate measures of Raju (1998, ch. 5) from the six strains at a point."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,27 +10,6 @@ from numpy.typing import NDArray
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
-
-STRAINS = ("e11", "e22", "e33", "e12", "e23", "e13", "ep1", "ep2", "ep3")
-"""Strain components and principal strains; shear strains are engineering strains (e12 = s12/G)."""
-
-STRESSES = ("s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "sed", "third")
-"""Stress measures in the unit of E; `third` in its cube."""
-
-MEASURES = (*STRAINS, *STRESSES)
-"""All 18 measures, in the order of `measures_from_strain`."""
-
-PLOTTED_AS_MAGNITUDE = frozenset({"e22", "ep1", "s11", "s22", "s33", "sp1", "sp2", "sp3", "mean", "third"})
-"""Measures that are negative under every indentor here; profiles show their magnitude. e13 keeps its sign."""
-
-
-def shown(measure: str, values: Array) -> Array:
-    """Return a measure with the sign in which profiles show it.
-
-    Measures that are compressive under every indentor (`PLOTTED_AS_MAGNITUDE`) change sign, so that more compression
-    is a larger value. All others, e13 among them, keep their sign.
-    """
-    return -values if measure in PLOTTED_AS_MAGNITUDE else values
 
 
 @dataclass(frozen=True)
@@ -48,18 +29,111 @@ def stress_from_strain(strain: Array, material: Elastic) -> Array:
     return stress
 
 
-def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
-    """Return the 18 measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E.
+def strain_energy_density(stress: Array, strain: Array) -> Array:
+    """Return ½ σ:ε (…) of (…, 6) stresses and engineering strains, in the unit of the stresses."""
+    return 0.5 * np.einsum("...k,...k->...", stress, strain)
 
-    ep1 ≤ ep2 ≤ ep3 and sp1 ≤ sp2 ≤ sp3, so that 1 is the most compressive; sed = ½ σ:ε; third = det σ.
+
+class State(NamedTuple):
+    """Strain and stress at points, (…, 6) each, with their principal values (…, 3) in ascending order."""
+
+    strain: Array
+    stress: Array
+    principal_strain: Array
+    principal_stress: Array
+
+
+class Kind(NamedTuple):
+    """How a measure scales, strain^`strain_power` · stress^`stress_power`, and its unit; stresses have that of E."""
+
+    strain_power: int
+    stress_power: int
+    unit: str
+
+
+STRAIN, STRESS = Kind(1, 0, "1"), Kind(0, 1, "pseudo-unit")
+ENERGY, STRESS_CUBED = Kind(1, 1, "pseudo-unit"), Kind(0, 3, "pseudo-unit³")
+
+
+class Measure(NamedTuple):
+    """A candidate measure: how it is defined, and computed from a state.
+
+    `as_magnitude`: it is negative under every indentor here, and profiles show it with the other sign, so that more
+    compression is a larger value.
     """
+
+    name: str
+    kind: Kind
+    meaning: str
+    value: Callable[[State], Array]
+    as_magnitude: bool = False
+
+    @property
+    def symbol(self) -> str:
+        """Name in figures and tables."""
+        return "SED" if self.name == "sed" else self.name
+
+    @property
+    def unit(self) -> str:
+        """Unit of its values."""
+        return self.kind.unit
+
+
+BY_NAME = {measure.name: measure for measure in (
+    Measure("e11", STRAIN, "normal strain across the finger (x)",
+            lambda at: at.strain[..., 0]),
+    Measure("e22", STRAIN, "normal strain along the normal of the pulp (y)",
+            lambda at: at.strain[..., 1], as_magnitude=True),
+    Measure("e33", STRAIN, "normal strain along the finger (z)",
+            lambda at: at.strain[..., 2]),
+    Measure("e12", STRAIN, "shear strain between x and y, engineering (γ = s12 / G)",
+            lambda at: at.strain[..., 3]),
+    Measure("e23", STRAIN, "shear strain between y and z, engineering",
+            lambda at: at.strain[..., 4]),
+    Measure("e13", STRAIN, "shear strain between x and z, engineering",
+            lambda at: at.strain[..., 5]),
+    Measure("ep1", STRAIN, "smallest principal strain: the largest compression in any direction",
+            lambda at: at.principal_strain[..., 0], as_magnitude=True),
+    Measure("ep2", STRAIN, "middle principal strain",
+            lambda at: at.principal_strain[..., 1]),
+    Measure("ep3", STRAIN, "largest principal strain: the largest extension in any direction",
+            lambda at: at.principal_strain[..., 2]),
+    Measure("s11", STRESS, "normal stress across the finger (x)",
+            lambda at: at.stress[..., 0], as_magnitude=True),
+    Measure("s22", STRESS, "normal stress along the normal of the pulp (y)",
+            lambda at: at.stress[..., 1], as_magnitude=True),
+    Measure("s33", STRESS, "normal stress along the finger (z)",
+            lambda at: at.stress[..., 2], as_magnitude=True),
+    Measure("sp1", STRESS, "smallest principal stress: the most compressive",
+            lambda at: at.principal_stress[..., 0], as_magnitude=True),
+    Measure("sp2", STRESS, "middle principal stress",
+            lambda at: at.principal_stress[..., 1], as_magnitude=True),
+    Measure("sp3", STRESS, "largest principal stress: the least compressive",
+            lambda at: at.principal_stress[..., 2], as_magnitude=True),
+    Measure("mean", STRESS, "mean normal stress, (s11 + s22 + s33) / 3: minus the hydrostatic pressure",
+            lambda at: at.stress[..., :3].mean(axis=-1), as_magnitude=True),
+    Measure("sed", ENERGY, "strain energy density, ½ σ:ε, of the changes of shape and volume; never negative",
+            lambda at: strain_energy_density(at.stress, at.strain)),
+    Measure("third", STRESS_CUBED, "third invariant of stress, det σ: the product of the principal stresses",
+            lambda at: np.prod(at.principal_stress, axis=-1), as_magnitude=True),
+)}  # fmt: skip
+"""All measures. Shear strains are engineering strains; principal values ascend, so that 1 is the most compressive."""
+
+MEASURES = tuple(BY_NAME)
+
+
+def shown(measure: str, values: Array) -> Array:
+    """Return a measure with the sign in which profiles show it."""
+    return -values if BY_NAME[measure].as_magnitude else values
+
+
+def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
+    """Return all measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E."""
     stress = stress_from_strain(strain, material)
-    ep = np.linalg.eigvalsh(_tensor(strain, shear=0.5))
-    sp = np.linalg.eigvalsh(_tensor(stress, shear=1.0))
-    sed = 0.5 * np.einsum("...k,...k->...", stress, strain)
-    columns = [*np.moveaxis(strain, -1, 0), *np.moveaxis(ep, -1, 0), *np.moveaxis(stress[..., :3], -1, 0)]
-    columns += [*np.moveaxis(sp, -1, 0), stress[..., :3].mean(axis=-1), sed, np.prod(sp, axis=-1)]
-    return dict(zip(MEASURES, columns, strict=True))
+    principal_strain: Array = np.linalg.eigvalsh(_tensor(strain, shear=0.5))
+    principal_stress: Array = np.linalg.eigvalsh(_tensor(stress, shear=1.0))
+    state = State(strain, stress, principal_strain, principal_stress)
+    return {name: measure.value(state) for name, measure in BY_NAME.items()}
 
 
 def measures_in_layers(strain: Array, young_ratio: Array, poisson: float) -> dict[str, Array]:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.contact.patch import PatchNodes, X, Z
-from sim.measures.measures import MEASURES, STRAINS, measures_in_layers
+from sim.measures.measures import BY_NAME, MEASURES, measures_in_layers
 from sim.measures.receptors import ReceptorSet
 
 if TYPE_CHECKING:
@@ -23,11 +23,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-
-def unit_of(measure: str) -> str:
-    """Return the unit of a measure; stresses have that of E."""
-    return "1" if measure in STRAINS else "pseudo-unit³" if measure == "third" else "pseudo-unit"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +71,7 @@ class ModelOutline:
         x_mm, _, z_mm = self.receptors.position_mm.T
         places = {"x_mm": x_mm, "depth_mm": self.receptors.depths_mm, "z_mm": z_mm}
         lists = {name: values.tolist() for name, values in {**places, **measures}.items()}
-        return lists | {"unit": {name: unit_of(name) for name in measures}}
+        return lists | {"unit": {name: BY_NAME[name].unit for name in measures}}
 
     def receptor_columns(self, measures: dict[str, Array]) -> dict[str, Array]:
         """Return the columns x_mm, depth_mm and the 18 measures, one row for each receptor."""

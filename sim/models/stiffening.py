@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sim.config import FingertipConfig, Tissue
 from sim.contact.patch import X, Z
 from sim.errors import ModelRangeError
-from sim.measures.measures import STRAINS, STRESSES
+from sim.measures.measures import BY_NAME
 from sim.units import PSEUDO_E_EPIDERMIS
 
 if TYPE_CHECKING:
@@ -284,8 +284,6 @@ def _gap_mm(
 # The factors depend on shape, position, depth and layers alone, so that force at a depth costs what a linear one
 # does.
 
-_ENERGY, _CUBED = "sed", "third"
-
 
 class Stiffened(NamedTuple):
     """Corrections of a linear press for tissue that stiffens: force by a factor, receptors by local ones.
@@ -312,11 +310,12 @@ class Stiffened(NamedTuple):
         """
         if self.linear:
             return linear
-        receptors = self.at_receptors(linear[_ENERGY], young_ratio, poisson)
+        receptors = self.at_receptors(linear["sed"], young_ratio, poisson)
         strain, stress = strain_and_stress(self.stiffening, self.press, receptors)
-        factor = dict.fromkeys(STRAINS, strain) | dict.fromkeys(STRESSES, stress)
-        factor |= {_ENERGY: strain * stress, _CUBED: stress**3}
-        return {name: linear[name] * factor[name] for name in linear}
+        return {
+            name: value * (strain ** BY_NAME[name].kind.strain_power * stress ** BY_NAME[name].kind.stress_power)
+            for name, value in linear.items()
+        }
 
     def at_receptors(self, sed: Array, young_ratio: Array, poisson: float) -> ReceptorPress:
         """Return the press at the receptors from the SED of linear tissue in pseudo-units."""

@@ -111,8 +111,12 @@ class Parabola(IndentorProfile):
 ]
 
 MEASURE = [
-    ("sim/measures/measures.py", '"ep1", "ep2", "ep3")', '"gmax", '),
-    ("sim/measures/measures.py", "*np.moveaxis(ep, -1, 0)", "ep[..., 2] - ep[..., 0], "),
+    (
+        "sim/measures/measures.py",
+        '    Measure("s11"',
+        '    Measure("gmax", STRAIN, "largest shear strain, ep3 − ep1",\n'
+        "            lambda at: at.principal_strain[..., 2] - at.principal_strain[..., 0]),\n",
+    ),
 ]
 
 MODEL = [

@@ -9,10 +9,10 @@ from matplotlib.figure import Figure
 from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import StimulusRow
-from rig.report.comparison_report import WHAT, measures_section
+from rig.report.comparison_report import measures_section
 from rig.report.recording_sections import source_section, table_5_1
 from rig.report.style import Plot, label
-from sim.measures.measures import MEASURES, PLOTTED_AS_MAGNITUDE
+from sim.measures.measures import BY_NAME, MEASURES
 
 X = np.linspace(-4, 3, 25)
 RECEPTORS = np.array([-1.0, 0.0, 1.0])
@@ -41,14 +41,13 @@ def steps(make_stimulus: Make) -> list[StimulusRow]:
 
 
 def test_every_measure_is_defined_with_unit_sign_and_range(steps: list[StimulusRow]) -> None:
-    assert set(WHAT) == set(MEASURES)
-    assert len(set(WHAT.values())) == len(MEASURES)
+    assert len({measure.meaning for measure in BY_NAME.values()}) == len(MEASURES)
     section = measures_section(compare(steps, {}), young_mpa=0.2)
     assert "one pseudo-unit is 2e−05 MPa here" in section.text
     rows = {row[0]: dict(zip(section.header, row, strict=True)) for row in section.rows}
     assert list(rows) == list(MEASURES)
     for name, row in rows.items():
-        turned = name in PLOTTED_AS_MAGNITUDE
+        turned = BY_NAME[name].as_magnitude
         assert row["plotted as"] == f"{label(name)}, {'as magnitude' if turned else 'unchanged'}"
         assert row["share with the other sign"] == ("0 %" if turned else "")
     assert rows["ep1"]["range as plotted"] == f"{STEP.min():.3g} … {STEP.max():.3g}"
