@@ -130,9 +130,10 @@ def shown(measure: str, values: Array) -> Array:
 def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
     """Return all measures at points with (…, 6) engineering strains; tension positive, stresses in the unit of E."""
     stress = stress_from_strain(strain, material)
-    principal_strain: Array = np.linalg.eigvalsh(_tensor(strain, shear=0.5))
-    principal_stress: Array = np.linalg.eigvalsh(_tensor(stress, shear=1.0))
-    state = State(strain, stress, principal_strain, principal_stress)
+    principal = [
+        np.asarray(np.linalg.eigvalsh(_tensor(v, shear)), float) for v, shear in ((strain, 0.5), (stress, 1.0))
+    ]
+    state = State(strain, stress, *principal)
     return {name: measure.value(state) for name, measure in BY_NAME.items()}
 
 
