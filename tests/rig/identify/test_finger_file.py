@@ -77,7 +77,7 @@ WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "another file": (("[identified", "[other"), "no_identified_table", {}),
     "no tissue": (
         ("e_fat = 0.1\n", "e_fat = 11.0\n"),
-        "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "less_than_equal"},
+        "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "must be less than or equal to 10"},
     ),
     "beyond what is interpolated": (
         (TO_THE_DRAWS + "0.1", TO_THE_DRAWS + "0.01"),
