@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
-from rig.compare.recordings.columns import no_rows, read_table
+from rig.compare.recordings.columns import LEAVE_EMPTY, no_rows, read_table
 from rig.compare.recordings.deflection import PROXIMAL_MM, downward_mm
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
@@ -271,7 +271,7 @@ def read_deflections(path: Path) -> list[Deflection]:
     rows = []
     found = read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",))
     for row in found:
-        doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
+        doi = row.number("doi_mm", 0.0, no_data=LEAVE_EMPTY) if row.cells.get("doi_mm") else math.nan
         rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")

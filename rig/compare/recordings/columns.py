@@ -19,11 +19,13 @@ from rig.compare.recordings.column_units import (
     TIME,
     WINDOW,
     Dimension,
+    contradicts,
     dimension_of,
     header_name,
     is_own_unit,
     means,
     names_a_rate,
+    renamed,
     same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
@@ -203,17 +205,24 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
                 unit=unit,
                 units=", ".join(of.listed) if of is not COUNT else "",
             )
+        if named := contradicts(before.strip(), unit, of):
+            raise RecordingError(
+                "--columns {given!r}: the column's name states {named}, the option {unit}; correct the wrong one",
+                code="two_units", given=part, named=named, unit=unit.strip(),
+            )  # fmt: skip
         return RecordingColumn(before.strip(), unit.strip(), factor, True)
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
         raise RecordingError(
             "--columns {given!r}: the unit {unit!r} is unknown; it must be one of {units}: convert the numbers, or, "
-            "if they are in one of these, state it as {role_and_name}:UNIT",
+            "if they are in one of these, {remedy}",
             code="unknown_unit",
             given=part,
             unit=said.unit,
             units=", ".join(of.listed),
-            role_and_name=part.strip(),
+            remedy=f"call the column {renamed(name, 'UNIT', of)!r}"
+            if contradicts(name, "", of)
+            else f"state it as {part.strip()}:UNIT",
         )
     return RecordingColumn(name, said.unit, said.factor or 1.0)
 
@@ -221,6 +230,8 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
 _SHOWN_AS = re.compile(r"(?P<number>\S+) \(shown as (?P<unit>.+) in Excel\)")
 _MOST_LISTED = 20
 _NO_DATA = ("", "nan", "na", "n/a", "-")
+LEAVE_EMPTY = "; leave the cell empty if it has no value"
+"""What to do with a cell without a number in a column that need not have one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,8 +249,11 @@ class Row:
     unread: Mapping[str, str] = field(default_factory=dict)
     """Cells of the columns that are not read, by their names in the file."""
 
-    def number(self, column: str, least: float = -math.inf) -> float:
-        """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError."""
+    def number(self, column: str, least: float = -math.inf, *, no_data: str = "; delete rows without data") -> float:
+        """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError.
+
+        `no_data`: what to do about a cell such as "n/a".
+        """
         text, in_file = self.cells[column], self.columns[column]
         if self.format.could_be_thousands(column, text):
             raise self.wrong(
@@ -255,7 +269,7 @@ class Row:
         if not value >= least:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + " of {least:g} or more" * bounded + " with a decimal comma" * mixed
-            expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
+            expected += no_data * (text.casefold() in _NO_DATA)
             expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
             fields = {"least": least} if bounded else {}
             raise self.wrong(column, "no_number", expected, decimal_comma=mixed, **fields)
@@ -264,13 +278,16 @@ class Row:
     def _of_a_finger(self, column: str, value: float) -> float:
         of, in_file = dimension_of(column), self.columns[column]
         if abs(value) > of.most and not is_own_unit(in_file.unit):
+            number = value / in_file.factor
+            usual = unit_of_name(column)
+            likely = usual if abs(number * (of.known(usual) or math.inf)) <= of.most else of.likely
             raise self.wrong(
                 column,
                 "beyond_a_finger",
                 "at most {most:g} {unit}; if its unit is another, state it: {remedy}",
                 most=of.most,
                 unit=unit_of_name(column),
-                remedy=stated_unit(column, in_file.name, of.likely),
+                remedy=stated_unit(column, in_file.name, likely),
             )
         return value
 
@@ -299,10 +316,11 @@ def unit_of_name(name: str) -> str:
 
 
 def stated_unit(name: str, column: str, unit: str) -> str:
-    """Return how to state the unit of a column: by --columns, or in its name."""
+    """Return how to state the unit of a column: in its name if that states one, or without a role; by --columns."""
     role = next((role for role, own in _ROLES.items() if own == name), None)
-    if role is None:
-        return f"call the column {name.rpartition('_')[0]}_{unit}"
+    of = dimension_of(name)
+    if role is None or contradicts(column, unit, of):
+        return f"call the column {renamed(column, unit, of)!r}"
     stated = f"{role}={column}:{unit}"
     return f"--columns {shlex.quote(stated)}"
 
