@@ -107,8 +107,8 @@ def _not_the_unit(before: str, after: str, unit: str, line: str) -> str | None:
     brackets = _IN_BRACKETS.search(before)
     if brackets and brackets[1] not in in_front and (word := brackets[1][1:-1].strip()) and _unit_of(word) != unit:
         return word
-    if (word := _other_unit(before, "", unit)) or not _OPEN_IN_FRONT.search(line):
-        return word
+    if (other := _other_unit(before, "", unit)) or not _OPEN_IN_FRONT.search(line):
+        return other
     nearest = _NEAREST.search(before)
     bare = nearest[1].strip(_NO_WORD) if nearest else ""
     return bare if _WORD.search(bare) and not re.search(r"\d", bare) and _unit_of(bare) != unit else None
