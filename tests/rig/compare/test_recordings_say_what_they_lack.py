@@ -1025,8 +1025,9 @@ NO_PULSES_THERE = {
 
 
 def styled(
-    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = ""
-) -> Any:
+    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
+    ink: str = "", fill: str = "",
+) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": RATES_ROWS}, inline=True)
 
@@ -1041,11 +1042,15 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
-        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="0"/></cellXfs>'
+        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="1" fillId="1"/></cellXfs>'
         code = "0.0" if style in ("", "struck") else style
         formats = f'<numFmts><numFmt numFmtId="200" formatCode="{code}"/></numFmts>'
-        fonts = "<fonts><font>" + "<strike/>" * (style == "struck") + "</font></fonts>"
-        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{xfs}</styleSheet>"
+        fonts = (
+            "<fonts><font/><font>" + "<strike/>" * (style == "struck") + f"{ink and f'<color {ink}/>'}</font></fonts>"
+        )
+        solid = fill and f'<patternFill patternType="solid"><fgColor {fill}/></patternFill>'
+        fills = f"<fills><fill/><fill>{solid}</fill></fills>"
+        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}</styleSheet>"
         with zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
                 file.writestr(name, content)
@@ -1091,6 +1096,35 @@ SHOWN = {
                            code="hidden_sheet", says=("with rows, old, is hidden", "synthetic.xlsx#old")),
     "a hidden sheet, named": Case("chosen", xlsx({"A": [], "old": RATES_ROWS}, "#old", hidden="old"), rates=ALL),
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
+    **{
+        f"text {ink} on {fill or 'no fill'}": Case("a reader sees nothing", styled(ink=ink, fill=fill),
+                                                   code="unclear_rows", says=("show nothing", "(2, 3, 4, 5)"))
+        for ink, fill in (
+            ('rgb="FFFFFFFF"', ""), ('rgb="FFFAFAFA"', ""), ('theme="0"', ""), ('indexed="9"', ""),
+            ('indexed="65"', ""),
+            ('rgb="FFFF0000"', 'rgb="FFFF0000"'), ('theme="0"', 'theme="0" tint="-0.05"'), ("", 'indexed="64"'),
+            ("", 'rgb="FF000000"'),
+        )
+    },
+    **{
+        f"text {ink} on {fill}": Case("a reader sees it", styled(ink=ink, fill=fill), rates=ALL)
+        for ink, fill in (
+            ('rgb="FFFFFFFF"', 'rgb="FF4472C4"'), ('theme="0"', 'theme="4"'), ('theme="1"', 'theme="0"'),
+            ('auto="1"', 'indexed="65"'), ('theme="0" tint="-0.5"', 'theme="0"'),
+        )
+    },
+    **{
+        f"shown by {code}": Case("a reader sees nothing", styled(code), code="unclear_rows",
+                                 says=("show nothing", "(2, 3, 4, 5)"))
+        for code in (";;;", ";;", ";-0.0")
+    },
+    **{
+        f"shown by {code}": Case("a reader sees it", styled(code), rates=ALL)
+        for code in ("0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0")
+    },
+    "a zero that is not shown": Case(
+        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("show nothing",)
+    ),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
     "a merged title": Case("in one row", styled(after='<mergeCells><mergeCell ref="A1:B1"/></mergeCells>'),
