@@ -141,6 +141,27 @@ def test_every_command_that_reads_a_run_names_its_damaged_line(
         assert (sorted(run.done), run.missing) == ([0, 1, 2], 0)
 
 
+PRINT_THE_STATE = ("show", "watch")  # of any run
+READERS = (*PRINT_THE_STATE, "export --csv", "export --report", "nerve", "find", "compare")
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize("cut", [True, False])
+def test_every_command_that_reads_a_run_says_once_if_its_journal_is_cut_off(
+    program: Program, folder: Path, command: str, cut: bool
+) -> None:
+    """Before any work on the run, of which this one has nothing to work with."""
+    lines = _lines(folder)
+    if cut:
+        (folder / "events.jsonl").write_bytes(b"".join(lines[: _number(lines, "hold_end", 1)])[:-20])
+    (folder / "config.toml").unlink()
+    name, *options = command.split()
+    ended = program(name, folder, *options)
+    said = [line for line in (ended.out + ended.err).splitlines() if "killed" in line and "1 of 3" in line]
+    assert len(said) == cut, ended.out + ended.err
+    assert all((line in ended.out) is (name in PRINT_THE_STATE) for line in said)
+
+
 @pytest.mark.parametrize("spoil", [_changed_bit, lambda lines, n: lines.pop(n)])
 def test_a_damaged_first_line_is_not_resumed_and_nothing_is_written(
     program: Program, folder: Path, spoil: Spoil
