@@ -19,19 +19,15 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-from matplotlib.figure import Figure
 
 import sim.models.cache as model_cache
 from rig.cli import output
 from rig.cli.program import LOOKED_THROUGH
-from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.data import Run
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
-from rig.report.style import Plot
 from rig.session import rehearsal_summary, resume
 from rig.session.rehearse import Rehearsed
 from rig.study import parallel
@@ -46,6 +42,7 @@ from sim.models import fingertip
 from sim.models.fingertip import Fingertip
 from sim.workers import in_processes
 from tests import preloaded
+from tests.empty_figures import draw_nothing
 from tests.kept_runs import make_stopped_run
 from tests.portable.cannot import CANNOT
 
@@ -607,10 +604,4 @@ def empty_figures(monkeypatch: pytest.MonkeyPatch) -> None:
 
     A comparison does not solve the whole mesh for its figures of the strain under the skin, which takes 5 s a run.
     """
-    monkeypatch.setattr(Plot, "_laid_out", property(lambda plot: Figure((1, 1))))
-    monkeypatch.setattr("rig.cli.compare.stimulus_maps", _unsolved)
-
-
-def _unsolved(run: Run, finger: Fingertip, stimuli: Sequence[StimulusRow]) -> list[StimulusMap]:
-    corners, receptors, values = np.zeros((2, 2, 2)), np.zeros((1, 2)), dict.fromkeys(MAPPED, np.zeros((1, 1)))
-    return [StimulusMap(one, float(one.x_mm[0]), corners, receptors, values) for one in stimuli]
+    draw_nothing(monkeypatch)
