@@ -1025,8 +1025,7 @@ def drawn(world: World) -> Callable[[str], tuple[PageFigure, Figure]]:
     def once(name: str) -> tuple[PageFigure, Figure]:
         if name not in known:
             page = FIGURES[name].make(world)
-            figure = Figure(figsize=page.plot.size, layout=page.plot.layout)
-            page.plot.draw(figure)
+            figure = page.plot._laid_out
             figure.draw_without_rendering()
             known[name] = page, figure
         return known[name]
