@@ -182,7 +182,7 @@ def _columns() -> dict[str, Any]:
 
 
 def _described(path: Path) -> dict[str, Any]:
-    return _run_as_json(recorded_run(path))
+    return _run_as_json(recorded_run(path, prints_state=True))
 
 
 def _run_as_json(run: Run) -> dict[str, Any]:

@@ -102,7 +102,7 @@ def _line(document: Document) -> list[str]:
 
 def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
-    found = recorded_run(shown.folder.path)
+    found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
     ending = ending_of(found, about.state) or {}
     sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
@@ -112,7 +112,7 @@ def _end(shown: RunScreen) -> list[str]:
 
 
 def _now(shown: RunScreen) -> dict[str, Any]:
-    found = recorded_run(shown.folder.path)
+    found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
     newest = {name: shown.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
     goes_on = about.state == RUNNING

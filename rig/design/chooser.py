@@ -241,6 +241,7 @@ def _ours(error: RigError) -> RigError:
     """Return an error that the process of the run can read: it must not import a module of the lab."""
     if not type(error).__module__.startswith("rig."):
         return CountError(str(error), str(error.code))
+    error.__dict__ = {"code": str(error.code)}  # not what a module of the lab added
     return error
 
 

@@ -51,6 +51,8 @@ _WORD = re.compile(r"(?:[^\W\d_]|\ufffd)+")
 _BEHIND = re.compile(r"[^\s\d,;:|=<>(){}\[\]\"']+")
 _NO_WORD = ".!?*+-_/\\#\u00b7"
 _IN_BRACKETS = re.compile(r"([(\[][^()\[\]\d]*[)\]])\W*\Z")
+_OPEN_IN_FRONT = re.compile(r"\{skip\}\s*\{value\}")
+_NEAREST = re.compile(r"([^\s,;:|=<>(){}\[\]\"']+)[\s,;|]*\Z")
 _PART_OF_NUMBER = re.compile(r"[\d.]\{value\}|\{value\}(\d|[.eE]\{)")
 _UNIT_WORDS = {
     "g": "g gr gram grams gramm gf gwt gram-force grams-force",
@@ -93,7 +95,8 @@ def _not_the_unit(before: str, after: str, unit: str, line: str) -> str | None:
     """Return a word beside a number that may be another unit.
 
     Behind the number it is the first word that is neither the unit nor in the format. Labels stand in front of a
-    number, so there it is the nearest known unit, or a word in brackets that is not in the format.
+    number, so there it is the nearest known unit, a word in brackets that is not in the format, or, if the format
+    leaves open what stands there, a word without a sign of a label, such as a colon, behind it.
     """
     in_front, _, behind = _FIELD.sub(_placeholder, line).partition(_HERE)
     for word in _words_behind(re.split(r"\d", after)[0]):
@@ -104,7 +107,11 @@ def _not_the_unit(before: str, after: str, unit: str, line: str) -> str | None:
     brackets = _IN_BRACKETS.search(before)
     if brackets and brackets[1] not in in_front and (word := brackets[1][1:-1].strip()) and _unit_of(word) != unit:
         return word
-    return _other_unit(before, "", unit)
+    if (other := _other_unit(before, "", unit)) or not _OPEN_IN_FRONT.search(line):
+        return other
+    nearest = _NEAREST.search(before)
+    bare = nearest[1].strip(_NO_WORD) if nearest else ""
+    return bare if _WORD.search(bare) and not re.search(r"\d", bare) and _unit_of(bare) != unit else None
 
 
 _HERE = "\0"

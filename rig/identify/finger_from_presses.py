@@ -62,7 +62,7 @@ def finger_file(identification: Identification, config: Config, journals: Sequen
         finger=config.finger.model_copy(update={"tissue": tissue}),
         relaxation=most_likely.relaxation,
         identified=identified,
-    )
+    ).sealed()
 
 
 def _spread(draws: Array) -> list[Array]:

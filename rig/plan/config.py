@@ -19,8 +19,8 @@ from rig.plan.finger_file import (
     IdentifiedFinger,
     checked_relaxation,
     read_finger_file,
-    refuse_collapsed,
     refuse_flagged,
+    refuse_unusable,
     tables_in,
 )
 from rig.settings import DeviceSettings, RigSettings, Settings
@@ -152,7 +152,7 @@ def config_from(where: str, tables: Mapping[str, Any], folder: Path) -> Config:
     except ValidationError as error:
         raise first_problem(where, error, with_kind_tables(Config, tables)) from None
     if found.identified is not None:
-        refuse_collapsed(where, found.identified)
+        refuse_unusable(where, found.finger, found.identified)
     return found
 
 

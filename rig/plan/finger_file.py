@@ -3,6 +3,8 @@
 Tables: `[finger]` the most likely finger within the bands, `[virtual]` its relaxation, `[identified]` the rest.
 """
 
+import hashlib
+import json
 import math
 import tomllib
 from pathlib import Path
@@ -68,6 +70,9 @@ class Posterior(Settings):
             raise RuleError(f"{n} names require {n} means and {n} rows of {n} covariances", "not_one_for_each_name")
         if any(len(ends) != n for ends in (self.low, self.high) if ends is not None):
             raise RuleError(f"{n} names require {n} ends of bands", "not_one_for_each_name")
+        for name, low, high in zip(self.names, self.low or (), self.high or (), strict=False):
+            if low > high:
+                raise RuleError(f"band of {name}: low = {low:g} must be at most high = {high:g}", "low_above_high")
         for k, row in enumerate(rows):
             if row[k] < 0:
                 raise RuleError(
@@ -147,6 +152,9 @@ class IdentifiedFinger(Settings):
     posterior: Posterior
     draw: tuple[Draw, ...] = Field(min_length=4)
     band: Band
+    sha256: str | None = Field(
+        None, description="of [finger] and the rest of [identified], to detect changes; absent in files of 0.2"
+    )
 
     @model_validator(mode="after")
     def _one_hash_a_run(self) -> Self:
@@ -167,6 +175,11 @@ class FingerFile(Settings):
 
     _lasts = field_validator("relaxation")(checked_relaxation)
 
+    def sealed(self) -> Self:
+        """Return the file with the checksum of its finger and its identification."""
+        sha256 = _checksum(self.finger, self.identified)
+        return self.model_copy(update={"identified": self.identified.model_copy(update={"sha256": sha256})})
+
     def as_toml(self) -> str:
         """Return the file as TOML."""
         tables = self.model_dump(mode="json", exclude_none=True)
@@ -174,6 +187,26 @@ class FingerFile(Settings):
             {"finger": tables["finger"], "virtual": {"relaxation": tables["relaxation"]}}
             | {"identified": tables["identified"]}
         )
+
+
+def _checksum(finger: FingertipConfig, identified: IdentifiedFinger) -> str:
+    """Return the checksum of an identification, without keys at their defaults, so that new keys do not change it."""
+    content = {
+        "finger": finger.model_dump(mode="json", exclude_defaults=True),
+        "identified": identified.model_dump(mode="json", exclude_defaults=True, exclude={"sha256"}),
+    }
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
+
+
+def refuse_unusable(what: str, finger: FingertipConfig, identified: IdentifiedFinger) -> None:
+    """Raise BadInputError for an identification that was changed after it was written, or that collapsed."""
+    if identified.sha256 not in (None, _checksum(finger, identified)):
+        raise BadInputError(
+            f"{what}: [finger] or [identified] was changed after `rig identify` wrote it, so they may not "
+            "describe one finger; repeat `rig identify`, or delete [identified] and give the file as --config",
+            "changed_identification",
+        )
+    refuse_collapsed(what, identified)
 
 
 def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:
@@ -254,5 +287,5 @@ def finger_file_of(what: str, tables: dict[str, Any], folder: Path) -> FingerFil
         fingers_of(found.finger, found.identified)
     except ValidationError as error:
         raise first_problem(what, error, FingerFile) from None
-    refuse_collapsed(what, found.identified)
+    refuse_unusable(what, found.finger, found.identified)
     return found

@@ -61,7 +61,7 @@ def learned(run: Run, finger: Fingertip) -> FingerFile | None:
         finger=config.finger.model_copy(update={"tissue": tissue}),
         relaxation=config.virtual.relaxation,
         identified=identified.model_copy(update=about),
-    )
+    ).sealed()
 
 
 def references(run: Run, config: Config) -> list[ReferenceForce]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rig.compare.comparison import Comparison, Joint, Overlay, Pair
 from rig.compare.fit import Fit, predicted
-from rig.compare.recordings.columns import no_rows, read_table
+from rig.compare.recordings.columns import LEAVE_EMPTY, no_rows, read_table
 from rig.compare.recordings.deflection import PROXIMAL_MM, downward_mm
 from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
@@ -271,7 +271,7 @@ def read_deflections(path: Path) -> list[Deflection]:
     rows = []
     found = read_table(path, ("z_mm", "deflection_mm"), ("doi_mm",))
     for row in found:
-        doi = row.number("doi_mm", least=0.0) if row.cells.get("doi_mm") else math.nan
+        doi = row.number("doi_mm", 0.0, no_data=LEAVE_EMPTY) if row.cells.get("doi_mm") else math.nan
         rows.append((doi, row.number("z_mm", PROXIMAL_MM), row.number("deflection_mm")))
     if not rows:
         raise no_rows(path, "z_mm,deflection_mm[,doi_mm]")
@@ -306,16 +306,20 @@ def deflection_section(profiles: list[Deflection], measured: list[Deflection], s
         "The indentor lies across the finger, so that the deflection of the skin beside it can be "
         "measured from outside."
     )
+    points = sum(map(len, compared))
+    beside = sum(len(one.z_mm) for one in measured if partner(one, profiles) is not None) - points
     if compared:
-        rms, points = np.sqrt(np.mean(np.concatenate(compared) ** 2)), sum(map(len, compared))
+        rms = np.sqrt(np.mean(np.concatenate(compared) ** 2))
         text = (
             f"The measured deflection of the skin differs from the simulated one by {rms:.2g} mm rms at "
             f"{number_of(points, 'points')}."
         )
-        beside = sum(len(one.z_mm) for one in measured if partner(one, profiles) is not None) - points
-        text += f" {number_of(beside, 'points')} beside the patch of the model are left out." if beside else ""
-    elif measured:
+    elif measured and not beside:
         text = "No run pressed to the depth of a measured deflection."
+    if beside:
+        text += (
+            f" {number_of(beside, 'points')} beside the patch of the model {'is' if beside == 1 else 'are'} left out."
+        )
     text += f"\n\nMeasured: {source}." if source else ""
     header = ("measured at DOI (mm)", "points", "measured − model, mean (mm)", "rms (mm)") if measured else ()
     return Section("Deflection along the finger", text, header, rows, (figure,))

@@ -20,6 +20,7 @@ from rig.devices.base import (
     StageAlarm,
     StageError,
     StageNotHomed,
+    StageRejected,
     StageStatus,
     StageTimeout,
 )
@@ -369,7 +370,7 @@ class StageContract:
         looks = bench.under_way()
         bench.wire.state = "alarm"
         begun_s = bench.clock.monotonic_s()
-        with bench.fails(StageAlarm, "alarm", number=device.alarm, port=PORT):
+        with bench.fails(StageAlarm, "alarm", number=device.alarm):
             list(looks)
         assert bench.clock.monotonic_s() - begun_s <= 0.3
         bench.refuses_to_move()
@@ -377,7 +378,7 @@ class StageContract:
     def test_an_alarm_before_a_motion_is_reported_and_nothing_begins(self, device: StageBytes) -> None:
         bench = StageBench(device, homed=True)
         bench.wire.state = "alarm"
-        with bench.fails(StageAlarm, "alarm", number=device.alarm, port=PORT):
+        with bench.fails(StageAlarm, "alarm", number=device.alarm):
             bench.move()
         assert device.trigger not in bench.wire.asked
         bench.refuses_to_move()
@@ -489,7 +490,10 @@ class StageContract:
 
     def test_a_garbled_reply_is_an_error_with_a_code(self, device: StageBytes, garbled: Garbled) -> None:
         bench = StageBench(device, homed=True)
-        with bench.fails(garbled.kind, garbled.code, port=PORT):
+        shown = (
+            {} if garbled.code == StageRejected.default_code else {"port": PORT}
+        )  # a refusal names the line instead
+        with bench.fails(garbled.kind, garbled.code, **shown):
             _garbled(bench, garbled)
         assert bench.wire.asked.count(device.where) <= TRIES
         bench.wire.instead.clear()

@@ -29,12 +29,12 @@ class StandIn:
     def refuse_shape(self, indentor: str) -> None:
         """Every other name is that of no indentor."""
         if indentor not in ("bar", "step"):
-            raise BadInputError("shape {indentor!r}: expected bar or step", code="no_shape", indentor=indentor)
+            raise BadInputError(f"shape {indentor!r}: expected bar or step", "no_shape")
 
     def press(self, indentor: str, x_mm: float, target: Target, pace: Pace | None = None) -> Prediction:
         """Linear."""
         if x_mm == 5.0:
-            raise NoPredictionError("the stand-in does not know", code="no_answer")
+            raise NoPredictionError("the stand-in does not know", "no_answer")
         doi_mm = target.value if target.kind == "doi_mm" else target.value / self.gwt_mm
         force_gwt = target.value if target.kind == "force_gwt" else target.value * self.gwt_mm
         return Prediction(indentor, x_mm, target, self.contact_mm, force_gwt, doi_mm, self.area_mm2, 0.1)

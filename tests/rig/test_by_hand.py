@@ -432,7 +432,7 @@ def test_a_sensor_that_is_busy_at_rest_is_waited_for(
     def busy() -> ForceReading:
         reading = read()
         if bench.clock.monotonic_s() < until_s:
-            raise ForceBusy("no value now", code="no_value_now")
+            raise ForceBusy("no value now", "no_value_now")
         return reading
 
     sensor.read = busy  # type: ignore[method-assign]

@@ -4,13 +4,15 @@ import errno
 import json
 import os
 import shutil
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from rig.data import read_run
+from rig.cli.script_execution import RunOwner
+from rig.data import Run, read_run
 from rig.data.documents import as_line, fits, read_lines
 from rig.data.journal import add_to_end, mend_journal
 from rig.plan.config import Config
@@ -19,6 +21,7 @@ from rig.protocol.script import load_script
 from rig.session.session import NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
 from tests.program import Program
+from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("empty_figures")
 
@@ -139,6 +142,27 @@ def test_every_command_that_reads_a_run_names_its_damaged_line(
     if name == "resume":
         run = read_run(folder)
         assert (sorted(run.done), run.missing) == ([0, 1, 2], 0)
+
+
+PRINT_THE_STATE = ("show", "watch")  # of any run
+READERS = (*PRINT_THE_STATE, "export --csv", "export --report", "nerve", "find", "compare")
+
+
+@pytest.mark.parametrize("command", READERS)
+@pytest.mark.parametrize("cut", [True, False])
+def test_every_command_that_reads_a_run_says_once_if_its_journal_is_cut_off(
+    program: Program, folder: Path, command: str, cut: bool
+) -> None:
+    """Before any work on the run, of which this one has nothing to work with."""
+    lines = _lines(folder)
+    if cut:
+        (folder / "events.jsonl").write_bytes(b"".join(lines[: _number(lines, "hold_end", 1)])[:-20])
+    (folder / "config.toml").unlink()
+    name, *options = command.split()
+    ended = program(name, folder, *options)
+    said = [line for line in (ended.out + ended.err).splitlines() if "killed" in line and "1 of 3" in line]
+    assert len(said) == cut, ended.out + ended.err
+    assert all((line in ended.out) is (name in PRINT_THE_STATE) for line in said)
 
 
 @pytest.mark.parametrize("spoil", [_changed_bit, lambda lines, n: lines.pop(n)])
@@ -285,3 +309,35 @@ def test_what_fails_after_the_last_motion_never_replaces_the_ending(
     if trips:
         assert answer["ending"]["indentor"]["left"] == "lifted"
         assert "division by zero" in answer["ending"]["reason_text"]
+
+
+def test_a_stop_during_the_report_after_a_trip_leaves_the_reason_of_the_trip(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script, screw, before = tmp_path / "three.py", tmp_path / "rig.toml", dict[str, Any]()
+    script.write_text(SCRIPT, encoding="utf-8")
+    screw.write_text("[virtual]\nz_screw_steps_per_mm = 460\n", encoding="utf-8")  # It does not reach the skin.
+    owners: list[RunOwner] = []
+
+    class Noted(RunOwner):
+        def __init__(self, *about: Any, **more: Any) -> None:
+            super().__init__(*about, **more)
+            owners.append(self)
+
+    def stopped(_: object, run: Run, *more: object) -> None:
+        before.update(run.stop or {})
+        threading.Thread(target=owners[0].answers["stop"], args=({"by": "panel"},)).start()
+        until(lambda: False)
+
+    monkeypatch.setattr("rig.cli.script_execution.RunOwner", Noted)
+    monkeypatch.setattr("rig.cli.script_execution.make_report", stopped)
+    ended = program("dry-run", script, "--config", screw, "--out", tmp_path / "out", "--json")
+    answer, after = ended.json, read_run(Path(ended.json["run"])).stop
+    assert after is not None
+    assert (ended.code, answer["code"], before["status"]) == (1, "no_contact", "tripped")
+    assert after["stopped_while"] == "reporting"
+    assert {name for name in after if after[name] != before.get(name)} == {
+        *("uid", "seq", "unix_s", "stopped_while", "crc32")
+    }
+    assert before["reason"] in answer["ending"]["reason_text"]
+    assert "from the panel" not in answer["ending"]["reason_text"]

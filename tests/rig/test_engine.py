@@ -201,7 +201,7 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
     bench = StubBench()
     engine, pressed = bench.in_contact(), list[bool]()
     bench.force.at_read = lambda: pressed.append(True)
-    button = TripError("stop input button", code="stop_input", input="button")
+    button = TripError("stop input button", "stop_input")
     engine.stop_problem = lambda *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
     with raises(TripError, "stop_input", input="button"):
         READINGS[read](engine)
@@ -265,7 +265,7 @@ def test_on_the_way_up_from_a_trip_nothing_is_asked_of_the_sensor() -> None:
 
     bench.force.at_read = silent
     with raises(TripError, "for_the_test"):
-        engine.trip(TripError("for the test", code="for_the_test"))
+        engine.trip(TripError("for the test", "for_the_test"))
     assert heights_mm == pytest.approx([2.0, 2.0]), "asked at rest: whether a force remains, and at the end"
     assert len(bench.force.read_s) == asked + 2
     assert bench.height_mm == pytest.approx(2.0)

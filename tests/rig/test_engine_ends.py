@@ -80,7 +80,7 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
     assert lifted == (on_trip != "stop")
 
 
-@pytest.mark.parametrize("error", [StageError("it does not move", code="stuck"), TransportError("stage is closed")])
+@pytest.mark.parametrize("error", [StageError("it does not move", "stuck"), TransportError("stage is closed")])
 def test_a_trip_stays_latched_when_its_lift_fails_and_is_named_beside_it(error: RigError) -> None:
     bench = StubBench()
     engine = bench.in_contact()
@@ -199,7 +199,7 @@ def test_a_run_that_cannot_be_recorded_ends_lifted() -> None:
     assert engine.problem is error
     assert bench.height_mm == pytest.approx(2.0)
     assert engine.state is State.READY
-    bench.at_event = raising(RecordError("still full", code="still_full"))
+    bench.at_event = raising(RecordError("still full", "still_full"))
     with raises(RecordError, "still_full"):
         verbs.note(engine, "a word")
     assert engine.problem is error
@@ -217,7 +217,7 @@ def test_a_lift_that_an_operator_interrupts_is_made_again_and_is_the_same_trip()
 
     bench.stage.at_look = overridden
     with raises(TripError, "for_the_test") as caught:
-        engine.trip(TripError("for the test", code="for_the_test"))
+        engine.trip(TripError("for the test", "for_the_test"))
     assert [trip["reason"] for trip in bench.of("trip")] == [str(caught.value)] == ["for the test"]
     assert bench.stage.told.count("halt") == 1
     assert bench.height_mm == pytest.approx(2.0)
@@ -229,7 +229,7 @@ def test_a_trip_where_the_position_is_not_trusted_moves_nothing() -> None:
     engine = bench.in_contact()
     bench.stage.homed = False
     with raises(TripError, "for_the_test", reason="for the test"):
-        engine.trip(TripError("for the test", code="for_the_test"))
+        engine.trip(TripError("for the test", "for_the_test"))
     assert "unlock" not in bench.stage.told
     assert bench.height_mm == pytest.approx(1.95)
 

@@ -200,7 +200,7 @@ def test_a_trip_ends_every_other_way(look: str) -> None:
     assert feeling.guard.above_trip
 
 
-SILENT, OVER = NoReadingError("silent", code="silent"), NoReadingError("over", code="over")
+SILENT, OVER = NoReadingError("silent", "silent"), NoReadingError("over", "over")
 OVER.__cause__ = ForceOverload("over")
 
 

@@ -85,7 +85,7 @@ def test_first_steps_end_where_a_finger_comes_up_and_the_stage_homes() -> None:
     "error",
     [
         StageRejected(15, "jog", "beyond the travel"), StageAlarm(1, "limit switch"),
-        StageError("short", code="jog_cut_short"),
+        StageError("short", "jog_cut_short"),
     ],
 )  # fmt: skip
 def test_stage_that_can_go_up_no_farther_homes_from_there(error: StageError) -> None:
@@ -97,7 +97,7 @@ def test_stage_that_can_go_up_no_farther_homes_from_there(error: StageError) -> 
 
 def test_other_errors_of_a_first_step_stop_the_stage() -> None:
     bench = _bench()
-    bench.stage.jog = raising(StageError("broken", code="broken"))  # type: ignore[method-assign]
+    bench.stage.jog = raising(StageError("broken", "broken"))  # type: ignore[method-assign]
     with raises(StageError, "broken"):
         verbs.home(bench.engine)
     assert bench.stage.told == ["stop"]
@@ -333,7 +333,7 @@ def test_stop_input_during_homing_trips_as_before() -> None:
 
 def test_errors_of_the_stage_while_it_homes_are_raised() -> None:
     bench: Any = _bench()
-    bench.stage.at_look = raising(StageError("lost", code="lost"))
+    bench.stage.at_look = raising(StageError("lost", "lost"))
     with raises(StageError, "lost"):
         verbs.home(bench.engine)
     assert bench.engine.state is State.UNHOMED

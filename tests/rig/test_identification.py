@@ -275,7 +275,7 @@ def test_a_press_that_is_refused_before_it_begins_is_not_taken_for_the_one_befor
     finger: Fingertip, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(self: Rig, **_: float) -> None:
-        raise LimitError("nothing is pressed", code="nothing_pressed")
+        raise LimitError("nothing is pressed", "nothing_pressed")
 
     monkeypatch.setattr(Rig, "indent", refused)
     identification, done = _identify(tmp_path, finger, _truth(3))

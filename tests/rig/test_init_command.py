@@ -194,7 +194,7 @@ def test_devices_that_are_swapped_or_others_are_noticed_before_anything_is_writt
 
 def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: Init) -> None:
     words = ("--stage", "leadshine", "--stage-port", STAGE, "--sensor", "laumas", "--sensor-port", SENSOR)
-    problem = PortFound(STAGE, problem=TransportError("no permission", code="no_permission"))
+    problem = PortFound(STAGE, problem=TransportError("no permission", "no_permission"))
     ended = rig_init("--yes", *words, *_options(), found=(problem,))
     assert ended.code == 0
     assert ended.err.count("rig: warning: ") == 2
@@ -202,7 +202,7 @@ def test_ports_that_do_not_answer_are_taken_as_given_with_a_warning(rig_init: In
 
 
 def test_a_device_that_is_there_and_cannot_be_used_is_taken(rig_init: Init) -> None:
-    problem = ForceError("set it to g", code="wrong_unit")
+    problem = ForceError("set it to g", "wrong_unit")
     ended = rig_init("--yes", *_options(), found=(BOTH[0], PortFound(SENSOR, MTSICS, problem=problem)))
     assert ended.code == 0
     assert "set it to g" in ended.err
@@ -261,7 +261,7 @@ def test_kinds_are_asked_in_order_until_one_answers(monkeypatch: pytest.MonkeyPa
 
     def closed(kind: Any, port: str, clock: Any, *, own: Any) -> str | None:
         asked.append(kind.name)
-        raise TransportError("no", code="no_permission")
+        raise TransportError("no", "no_permission")
 
     asked.clear()
     monkeypatch.setattr(finding, "probe", closed)

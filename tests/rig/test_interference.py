@@ -1,6 +1,5 @@
 """Somebody else at the controller: overrides and holds are named at the next look, whatever is being done."""
 
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +11,7 @@ from rig.engine.dead_man import SLICE_S, Direction, dead_man_jog
 from rig.transport import LoopbackTransport
 from sim.devices import SerialLine, VirtualGrbl
 from sim.devices.clock import VirtualClock
-from tests.error_codes import raises
+from tests.error_codes import printed, raises
 
 OVERRIDES = {
     "twice the feed": (b"\x91" * 10, "feed override 200 %"),
@@ -128,9 +127,7 @@ def test_a_jog_that_was_cut_short_at_the_controller_does_not_end_well(bench: Ben
     bench.later(at_s, b"!")
     with raises(StageError, "jog_cut_short") as caught:
         _jog(bench, 2.0)
-    short = re.search(r"stopped ([\d.]+) mm short", str(caught.value))
-    assert short is not None
-    assert 0 < float(short[1]) < 1
+    assert 0 < printed(caught.value, "stopped ", " mm short") < 1
     at_mm = bench.x_mm()
     bench.clock.wait_s(3.0)
     assert bench.x_mm() == at_mm > -3.0

@@ -187,7 +187,7 @@ def test_a_sensor_that_does_not_answer_ends_the_run_before_anybody_mounts(
     """As with swapped ports: no prompt, no folder, no motion."""
 
     def silent(force: MtSicsForce) -> str:
-        raise ForceTimeout("silent", code="no_device")
+        raise ForceTimeout("silent", "no_device")
 
     monkeypatch.setattr(MtSicsForce, "identify", silent)
     ended = rig(*RUN, "--json", typed="\n\n\n")

@@ -58,7 +58,7 @@ class LawFinger:
         self.asked.append((x_mm, doi_mm, force_gwt))
         depth_mm = (force_gwt / self.k_gwt) ** (2 / 3) if doi_mm is None else doi_mm  # type: ignore[operator]
         if depth_mm > self.deepest_mm:
-            raise ForceOutOfReachError("too soft", code="force_out_of_reach")
+            raise ForceOutOfReachError("too soft", "force_out_of_reach")
         return SimpleNamespace(
             force_gwt=self.k_gwt * depth_mm**1.5, doi_mm=depth_mm, touch_height_mm=9.75, contact_area_mm2=12.5,
             peak_pressure_mpa=0.125, state=SimpleNamespace(converged=self.converged, residual=0.25),

@@ -387,7 +387,7 @@ def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: py
 @pytest.mark.quick(rows=lambda faulty: faulty in ("grbl", "zaber"))
 def test_a_stop_input_ends_it(faulty: FaultyBench) -> None:
     pressed: list[bool] = []
-    button = TripError("a button", code="stop_input")
+    button = TripError("a button", "stop_input")
     faulty.engine.stop_problem = lambda *, at_rest: button if pressed else None
     _in_the_ramp(faulty, lambda: pressed.append(True))
     with raises(TripError, "stop_input"):

@@ -209,7 +209,7 @@ def test_what_is_looked_at_meanwhile_may_end_the_wait(terminal: Terminal, wait: 
 
     def meanwhile() -> None:
         if not looks:
-            raise RunAborted("pressed", code="stop_button")
+            raise RunAborted("pressed", "stop_button")
         looks.pop()
 
     with raises(RunAborted, "stop_button"):

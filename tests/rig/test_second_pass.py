@@ -127,7 +127,7 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
 
     def fails(motion: Motion, x_mm: float, along_mm: float, speed_mm_s: float, look_s: float) -> None:
         if x_mm == 1.0:
-            raise StageError("it failed", code="it_failed")
+            raise StageError("it failed", "it_failed")
         aside(motion, x_mm, along_mm, speed_mm_s, look_s)
 
     monkeypatch.setattr(Motion, "aside", fails)

@@ -74,7 +74,7 @@ class Ports:
             raise NotOwnedError("in use", self.owner)
         if self.refused:
             self.refused -= 1
-            raise TransportError("in use", code="in_use")
+            raise TransportError("in use", "in_use")
         self.done.append("opened")
         self.opened.append(Port(self, self.lines[port]))
         return self.opened[-1]

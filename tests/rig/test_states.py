@@ -27,7 +27,7 @@ def _alarm(bench: Any) -> None:
 
 def _trip(bench: Any) -> None:
     with raises(TripError, "for_the_test"):
-        bench.engine.trip(TripError("for the test", code="for_the_test"))
+        bench.engine.trip(TripError("for the test", "for_the_test"))
 
 
 def _indent(bench: Any) -> None:

@@ -87,6 +87,7 @@ _UNKNOWN = (
     *("daN", "cN", "DAN", "dag", "t", "ct", "ozt", "grains", "tonnes", "mV", "kPa", "%", "\ufffdN", "\ufffd\ufffdN"),
     *("MN", "N/mm", "g/cm2", "[daN]", "(t)", ";daN", "|daN"),
 )
+_BARE = ("quintal ", "Force quintals ", "load: slug ", "kip, ", "kip;", "kip | ", "20 poods ", "N/mm ", "net. ")
 
 
 @pytest.mark.parametrize(
@@ -121,6 +122,14 @@ _UNKNOWN = (
         *(("{value}{skip}", f"12.5 {word}", UNIT) for word in _UNKNOWN),
         *(("{skip}{value}", f"{word}: 12.5", UNIT) for word in ("daN", "CN", "ozt", "mV", "\ufffdN", "MN", "[t]")),
         ("{skip}{value}", "Force (quintals) = 12.5", UNIT),
+        *(("{skip}{value}", f"{words}12.5", UNIT) for words in _BARE),
+        ("{skip} {value}", "quintal 12.5", UNIT),
+        ("Load: {skip}{value}", "Load: net 12.5", UNIT),
+        ("Load: net {value}", "Load: net 12.5", 12.5),  # the format spells it out
+        ("{skip},{value}", "net,12.5", 12.5),
+        ("{skip}{value}", "g 12.5", 12.5),
+        ("{skip}{value} g", "quintals 12.5 g", 12.5),  # the unit stands behind the number
+        *(("{skip}{value}", f"{label}12.5", 12.5) for label in ("load: ", "F = ", "F -> ", "'net' ", "ch1: ")),
         ("{skip}{value}", "Weight (G): 12.5", 12.5),
         ("Weight (net): {value}", "Weight (net): 12.5", 12.5),
         ("{value}, t={skip}", "12.5, t=20.1 C", 12.5),  # the format spells t out

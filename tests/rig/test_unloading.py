@@ -26,7 +26,7 @@ Act = Callable[[FaultyBench], None]
 
 def _trips(bench: FaultyBench) -> None:
     with raises(TripError, "for_the_test"):
-        bench.engine.trip(TripError("for the test", code="for_the_test"))
+        bench.engine.trip(TripError("for the test", "for_the_test"))
 
 
 def _backs_off(bench: FaultyBench) -> None:

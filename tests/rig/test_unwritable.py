@@ -110,7 +110,7 @@ def test_what_to_do_is_about_permission_or_about_space(tmp_path: Path, number: i
     """Of a run that ends early, of a file that a command writes, and of its lock."""
     full = number == errno.ENOSPC
     problem = OSError(number, os.strerror(number))
-    record = RecordError("{path}: cannot be written", path="events.jsonl")
+    record = RecordError("events.jsonl: cannot be written")
     record.__cause__ = problem
     unwritable = UnwritableError.of(tmp_path / "data.h5", problem)
     endings = [Ending.of(error, FinalPosition("not moved"), tmp_path) for error in (record, unwritable)]

@@ -318,7 +318,7 @@ def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make)
 
     def pressed(*, at_rest: bool) -> TripError | None:
         now = from_s <= bench.clock.monotonic_s() < from_s + 0.15
-        return TripError("pressed", code="hardware_trip") if now else None
+        return TripError("pressed", "hardware_trip") if now else None
 
     engine.stop_problem = pressed
     with raises(TripError, "hardware_trip"):
@@ -334,8 +334,8 @@ def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Mak
 
     def pressed(*, at_rest: bool) -> TripError | None:
         if from_s <= bench.clock.monotonic_s() < from_s + 0.15:
-            raise RunAborted("pressed", code="stop_button")
-        return TripError("by the relay", code="hardware_trip")
+            raise RunAborted("pressed", "stop_button")
+        return TripError("by the relay", "hardware_trip")
 
     def waits(meanwhile: Callable[[], object]) -> bool:
         for _ in range(600):

@@ -1,7 +1,6 @@
 """Strain at any points: by columns and by one solve a press, against the whole mesh and closed forms."""
 
 import pickle
-import re
 from collections import Counter
 from pathlib import Path
 from typing import Any
@@ -27,7 +26,7 @@ from sim.models.condensed import discretise
 from sim.models.factored_interior import Interior
 from sim.models.full_mesh import mesh_of
 from studies.verification.halfspace import boussinesq_strain
-from tests.error_codes import raises
+from tests.error_codes import printed, raises
 from tests.sim.coarse_mesh import coarse_mesh
 from tests.sim.whole_solve import superlu
 
@@ -212,10 +211,8 @@ def test_points_outside_of_the_tissue(small: Fingertip, results: list[Indentatio
     x, y, z = point
     with raises(ReceptorError, "outside_finger", x_mm=x, y_mm=y, z_mm=z) as caught:
         small.fields(results[0], [[0.0, 3.0, 6.9], point])
-    ends = re.search(r"z must be (\S+) to (\S+) mm", str(caught.value))
-    assert ends is not None
-    assert 1 <= float(ends[1]) < 2
-    assert 10 <= float(ends[2]) < 20
+    assert 1 <= printed(caught.value, "z must be ") < 2
+    assert 10 <= printed(caught.value, " to ", " mm, and y") < 20
 
 
 def test_a_press_of_another_finger_is_refused(coarse_finger: Fingertip, results: list[IndentationResult]) -> None:
@@ -224,7 +221,6 @@ def test_a_press_of_another_finger_is_refused(coarse_finger: Fingertip, results:
         other.fields(results[0], [0.0, 3.0, 6.9])
 
 
-IS_NAN = pytest.approx(np.nan, nan_ok=True)
 PULP = {"low_mm": -4.46, "high_mm": 4.39, "z_mm": pytest.approx(6.893, abs=1e-5)}
 MIDDLE = {"x_mm": 0.0, "low_mm": 0.0, "high_mm": 3.23, "z_mm": pytest.approx(6.893, abs=1e-5)}
 LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
@@ -234,7 +230,7 @@ LENGTH = {"low_mm": 1.97, "high_mm": 10.26}
     ("place", "code", "fields"),
     [
         ((9.0, 0.7), "x_outside", PULP | {"x_mm": 9.0, "depth_mm": 0.7}),
-        ((np.nan, 0.7), "x_outside", PULP | {"x_mm": IS_NAN, "depth_mm": 0.7}),
+        ((np.nan, 0.7), "x_outside", PULP | {"x_mm": "nan", "depth_mm": 0.7}),
         ((0.0, 3.4), "depth_outside", MIDDLE | {"depth_mm": 3.4}),
         ((2.0, 2.5), "depth_outside", MIDDLE | {"x_mm": 2.0, "depth_mm": 2.5, "high_mm": 2.38}),
         ((0.0, 0.7, 14.0), "z_outside", LENGTH | {"z_mm": 14.0}),
@@ -295,7 +291,7 @@ def test_a_section_has_one_plane(coarse_config: FingertipConfig) -> None:
     low_mm, high_mm = (pytest.approx(end, abs=0.005) for end in (6.73, 7.06))
     with raises(ReceptorError, "outside_finger", low_mm=low_mm, high_mm=high_mm):
         section.fields(result, [0.0, 3.0, 7.5])
-    with raises(ModelRangeError, "receptors_beside_section", z_mm=(7.0,)):
+    with raises(ModelRangeError, "receptors_beside_section"):
         load("section", coarse_config, receptor_z_mm=7.0)
 
 

@@ -216,9 +216,9 @@ def test_places_that_a_shape_cannot_have_are_refused() -> None:
     ):
         with raises(ModelRangeError, code):
             situation(shape, 0.3, x_mm, z_mm)
-    with raises(ModelRangeError, "not_one_target", doi_mm=None, force_gwt=None):
+    with raises(ModelRangeError, "not_one_target"):
         choose("bar:3.0")
-    with raises(ModelRangeError, "not_one_target", doi_mm=0.3, force_gwt=2.0):
+    with raises(ModelRangeError, "not_one_target"):
         choose("bar:3.0", doi_mm=0.3, force_gwt=2.0)
 
 

@@ -188,16 +188,18 @@ def test_high_aspect_ratios() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tissue", "skin_mm", "bone_mm"),
-    [({"epidermis_mm": 0.99, "dermis_mm": 1.9}, 2.89, 3.31), ({"bone_fraction": 0.59, "dermis_mm": 1.2}, None, 1.99)],
+    ("tissue", "skin_mm", "bone_mm", "most_mm"),
+    [
+        ({"epidermis_mm": 0.99, "dermis_mm": 1.9}, 2.89, 3.31, 2.31),
+        ({"bone_fraction": 0.59, "dermis_mm": 1.2}, None, 1.99, 1.39),
+    ],
 )
 def test_layers_thinner_than_asked_for_are_refused(
-    tissue: dict[str, float], skin_mm: float | None, bone_mm: float
+    tissue: dict[str, float], skin_mm: float | None, bone_mm: float, most_mm: float
 ) -> None:
     config = FingertipConfig(tissue=Tissue(**tissue), mesh=COARSE)  # type: ignore[arg-type]
     skin_mm = config.tissue.epidermis_mm + config.tissue.dermis_mm if skin_mm is None else skin_mm
-    near = pytest.approx(bone_mm, abs=0.005)
-    with raises(MeshError, "no_fat", skin_mm=skin_mm, bone_mm=near, most_mm=pytest.approx(0.7 * bone_mm, abs=0.005)):
+    with raises(MeshError, "no_fat", skin_mm=skin_mm, bone_mm=bone_mm, most_mm=most_mm):
         build_mesh(config, FingertipSurface.fit(config.geometry))
 
 

@@ -1,6 +1,5 @@
 """A patch that grows to what a scene needs, within the memory."""
 
-import re
 from copy import copy
 
 import numpy as np
@@ -15,7 +14,7 @@ from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import mesh_of
 from sim.models.pressing import RimError
 from sim.models.sources import larger
-from tests.error_codes import raises
+from tests.error_codes import printed, raises
 
 OWN = (2.5, 2.5)
 
@@ -70,9 +69,7 @@ def test_memory_is_asked_for_before_it_is_taken(coarse_finger: Fingertip) -> Non
         size = {"patch_x_mm": ONCE, "patch_z_mm": ONCE, "patch_gb": gb / 3}
         with raises(ModelRangeError, "patch_too_large", problem="it reaches the rim", **size) as caught:
             larger(within(coarse_finger, gb / 3).config, surface, slopes, OWN, error)
-        needed = re.search(r"would take (\S+) GB", str(caught.value))
-        assert needed is not None
-        assert gb / 3 < float(needed[1]) <= gb
+        assert gb / 3 < printed(caught.value, "would take ", " GB") <= gb
 
 
 @pytest.mark.parametrize(

@@ -147,7 +147,7 @@ def test_dead_finger_process_stops_the_loop_and_is_reported_once(following: Foll
 
 
 def test_a_finger_that_cannot_be_loaded_is_an_error_and_not_a_wait() -> None:
-    with raises(FingerNotLoadedError, "not_loaded", problem_code="no_such"):
+    with raises(FingerNotLoadedError, "not_loaded", problem="shape 'spoon': there is no such indentor"):
         PressProcess(FingertipConfig(), "spoon")
 
 

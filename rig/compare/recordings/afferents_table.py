@@ -4,7 +4,6 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
-import math
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,14 +11,14 @@ from typing import NamedTuple
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.column_units import same_name
-from rig.compare.recordings.columns import Row, check_header, column_map, no_rows
-from rig.compare.recordings.number_cells import NumberFormat, number_format
+from rig.compare.recordings.columns import LEAVE_EMPTY, Row, check_header, column_map, no_rows
+from rig.compare.recordings.number_cells import label_key, number_format
 from rig.compare.recordings.reading import (
     Reading,
     is_summary,
-    read_recordings,
-    refuse_several_units,
-    saying_unused_sd,
+    of_one_afferent,
+    read_recording,
+    refuse_unused_columns,
     signs_of_a_copy,
 )
 from rig.compare.recordings.recording import Recording, shape_key
@@ -69,7 +68,9 @@ def read_afferents(
     seen: dict[Hashable, _Named] = {}
     for one in named:
         try:
-            ((key, recording),) = read_recordings([f"{one.shape}={one.file}"], [], runs, _own(reading, one)).items()
+            key, own = str(shape_key(one.shape)), _own(reading, one)
+            recording = read_recording(one.file, one.shape, runs, own)
+            refuse_unused_columns([one.file], own.columns)
             _refuse(one, key, recording, found, seen, stimuli)
         except (RecordingError, ValueError) as error:
             wrong.append(_wrong(one.where, one.row, str(error)))
@@ -82,9 +83,7 @@ def read_afferents(
         raise RecordingError(f"{path}: {number_of(len(wrong), 'recordings')} cannot be used\n{problems}", "bad_rows")
     if not found:
         raise no_rows(table, "recordings")
-    for some in found.values():
-        refuse_several_units(some)
-    return {afferent: saying_unused_sd(_mirrored(some, mirror)) for afferent, some in found.items()}
+    return {afferent: of_one_afferent(_mirrored(some, mirror)) for afferent, some in found.items()}
 
 
 Wrong = list[tuple[int, str]]
@@ -110,7 +109,7 @@ def _refuse(
     stimuli: Sequence[StimulusRow],
 ) -> None:
     """Refuse a shape that the runs do not have, a recording or copy that is named twice, and an unclear name."""
-    alike = [name for name in found if name != one.afferent and _as_name(name) == _as_name(one.afferent)]
+    alike = [name for name in found if name != one.afferent and label_key(name) == label_key(one.afferent)]
     if alike or is_summary(one.afferent):
         like = f", or the same as {alike[0]!r}" if alike else ""
         raise RecordingError(
@@ -145,12 +144,6 @@ def _refuse(
             )
 
 
-def _as_name(afferent: str) -> str | float:
-    """Return what two ways of writing one name have in common: `A1` and `a1`, `1` and `1.0`."""
-    number = NumberFormat().number(afferent)
-    return afferent.casefold() if math.isnan(number) else number
-
-
 def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str, Recording]:
     shapes = {shape_key(text).shape for text in mirror}
     return {key: one.mirrored() if key.partition("@")[0] in shapes else one for key, one in found.items()}
@@ -183,7 +176,10 @@ def _row(where: str, row: Row) -> _Named:
     for name in REQUIRED:
         if not cell[name]:
             raise RecordingError(f"column {name} must not be empty", "empty_cell")
-    pressed = [f"{row.number(name, 0.0):.6g}{unit}" for name, unit in _CONDITIONS.items() if cell.get(name)]
+    pressed = [
+        f"{row.number(name, 0.0, no_data=LEAVE_EMPTY):.6g}{unit}"
+        for name, unit in _CONDITIONS.items() if cell.get(name)
+    ]  # fmt: skip
     if len(pressed) > 1 or (pressed and "@" in cell["shape"]):
         raise RecordingError("state one depth or force", "several_conditions")
     shape = "@".join([cell["shape"], *pressed])

@@ -149,6 +149,23 @@ def header_name(text: str, of: Dimension) -> HeaderName:
     return HeaderName(_plain(text), "", False, 1.0)
 
 
+def contradicts(text: str, unit: str, of: Dimension) -> str:
+    """Return the unit in a name in a header if it is another one than a stated unit; "" if it is not known as one."""
+    named = header_name(text, of)
+    if not named.unit:
+        return ""
+    if named.factor is None:
+        elsewhere = len(named.unit) >= _SHORTEST and any(one.known(named.unit) for one in (*_KNOWN_ELSEWHERE, RATE))
+        return named.unit if elsewhere else ""
+    same = math.isclose(named.factor, of.known(unit) or math.nan) and is_own_unit(named.unit) == is_own_unit(unit)
+    return "" if same else named.unit
+
+
+def renamed(text: str, unit: str, of: Dimension) -> str:
+    """Return a name in a header with another unit, such as "x (um)" for x_mm."""
+    return f"{header_name(text, of).words} ({unit})"
+
+
 def names_a_rate(text: str) -> bool:
     """Return whether the name of a column means a rate, such as "FR" or "mean_rate", also without a unit."""
     return means(" ".join(word for word in header_name(text, RATE).words.split() if word not in _AVERAGES), "rate")

@@ -19,11 +19,13 @@ from rig.compare.recordings.column_units import (
     TIME,
     WINDOW,
     Dimension,
+    contradicts,
     dimension_of,
     header_name,
     is_own_unit,
     means,
     names_a_rate,
+    renamed,
     same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
@@ -187,12 +189,21 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
             if colon in before:
                 expected += "; if the colon belongs to the name, add the unit after another one"
             raise RecordingError(f"--columns {part!r}: the unit {unit!r} must be {expected}", "unknown_unit")
+        if named := contradicts(before.strip(), unit, of):
+            raise RecordingError(
+                f"--columns {part!r}: the column's name states {named}, the option {unit.strip()}; correct the "
+                "wrong one",
+                "two_units",
+            )
         return RecordingColumn(before.strip(), unit.strip(), factor, True)
     said = header_name(name, of)
     if said.factor is None and of is not NONE:
+        remedy = f"state it as {part.strip()}:UNIT"
+        if contradicts(name, "", of):
+            remedy = f"call the column {renamed(name, 'UNIT', of)!r}"
         raise RecordingError(
             f"--columns {part!r}: the unit {said.unit!r} is unknown; it must be one of {', '.join(of.listed)}: "
-            f"convert the numbers, or, if they are in one of these, state it as {part.strip()}:UNIT",
+            f"convert the numbers, or, if they are in one of these, {remedy}",
             "unknown_unit",
         )
     return RecordingColumn(name, said.unit, said.factor or 1.0)
@@ -201,6 +212,8 @@ def _column(part: str, name: str, of: Dimension) -> RecordingColumn:
 _SHOWN_AS = re.compile(r"(?P<number>\S+) \(shown as (?P<unit>.+) in Excel\)")
 _MOST_LISTED = 20
 _NO_DATA = ("", "nan", "na", "n/a", "-")
+LEAVE_EMPTY = "; leave the cell empty if it has no value"
+"""What to do with a cell without a number in a column that need not have one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,8 +231,11 @@ class Row:
     unread: Mapping[str, str] = field(default_factory=dict)
     """Cells of the columns that are not read, by their names in the file."""
 
-    def number(self, column: str, least: float = -math.inf) -> float:
-        """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError."""
+    def number(self, column: str, least: float = -math.inf, *, no_data: str = "; delete rows without data") -> float:
+        """Return the cell as a finite number of at least `least`, in the program's unit. Raises RecordingError.
+
+        `no_data`: what to do about a cell such as "n/a".
+        """
         text, in_file = self.cells[column], self.columns[column]
         if self.format.could_be_thousands(column, text):
             raise self.wrong(
@@ -234,7 +250,7 @@ class Row:
         if not value >= least:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + f" of {least:g} or more" * bounded + " with a decimal comma" * mixed
-            expected += "; delete rows without data" * (text.casefold() in _NO_DATA)
+            expected += no_data * (text.casefold() in _NO_DATA)
             expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
             raise self.wrong(column, "no_number", expected)
         return self._of_a_finger(column, in_file.factor * value)
@@ -242,11 +258,14 @@ class Row:
     def _of_a_finger(self, column: str, value: float) -> float:
         of, in_file = dimension_of(column), self.columns[column]
         if abs(value) > of.most and not is_own_unit(in_file.unit):
-            remedy = stated_unit(column, in_file.name, of.likely)
+            number = value / in_file.factor
+            usual = unit_of_name(column)
+            likely = usual if abs(number * (of.known(usual) or math.inf)) <= of.most else of.likely
             raise self.wrong(
                 column,
                 "beyond_a_finger",
-                f"at most {of.most:g} {unit_of_name(column)}; if its unit is another, state it: {remedy}",
+                f"at most {of.most:g} {usual}; if its unit is another, state it: "
+                f"{stated_unit(column, in_file.name, likely)}",
             )
         return value
 
@@ -268,10 +287,11 @@ def unit_of_name(name: str) -> str:
 
 
 def stated_unit(name: str, column: str, unit: str) -> str:
-    """Return how to state the unit of a column: by --columns, or in its name."""
+    """Return how to state the unit of a column: in its name if that states one, or without a role; by --columns."""
     role = next((role for role, own in _ROLES.items() if own == name), None)
-    if role is None:
-        return f"call the column {name.rpartition('_')[0]}_{unit}"
+    of = dimension_of(name)
+    if role is None or contradicts(column, unit, of):
+        return f"call the column {renamed(column, unit, of)!r}"
     stated = f"{role}={column}:{unit}"
     return f"--columns {shlex.quote(stated)}"
 

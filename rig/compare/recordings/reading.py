@@ -25,6 +25,7 @@ from rig.compare.recordings.columns import (
     stated_unit,
 )
 from rig.compare.recordings.neo_file import neo_format
+from rig.compare.recordings.number_cells import label_key
 from rig.compare.recordings.nwb_file import is_nwb
 from rig.compare.recordings.recording import (
     SAME_PLACE_DECIMALS,
@@ -93,7 +94,8 @@ def _of_a_finger(path: Path, found: Recording, rows: Sequence[Row]) -> Recording
     span_mm = float(np.ptp(found.position_mm))
     if span_mm < LEAST_PROFILE_MM:
         column = rows[0].columns[role_name("position")]
-        remedy = stated_unit(role_name("position"), column.name, "m")
+        likely = "mm" if span_mm / column.factor >= LEAST_PROFILE_MM else "m"
+        remedy = stated_unit(role_name("position"), column.name, likely)
         raise RecordingError(
             f"{path}, column {column.name}: all positions lie within {span_mm:g} mm, at least "
             f"{LEAST_PROFILE_MM:g} mm are required; if the unit is another, state it: {remedy}",
@@ -117,7 +119,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
 
     Raises RecordingError if a position occurs twice in the same repeat, or if a repeat has no number or name.
     """
-    seen: dict[tuple[float, str], Row] = {}
+    seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
     numbered = any(map(_has_digit, repeats))
@@ -126,7 +128,7 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
             raise row.wrong(repeat, "no_repeat", "the number or name of a press at this position; delete rows with "
                             "sums, means and the like")  # fmt: skip
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
-        place = (position, row.cells.get(repeat, ""))
+        place = (position, label_key(said))
         if place in seen:
             column = row.columns[repeat].name if repeat in row.columns else repeat
             raise RecordingError(
@@ -179,7 +181,7 @@ def _close_positions(rows: list[tuple[Row, float]]) -> str:
     placed = sorted(rows, key=lambda one: one[1])
     close = [(one, other) for one, other in pairwise(placed) if _TICK_MM < other[1] - one[1] < _NEAR_MM - _TICK_MM]
     for (one, _), (other, _) in close:
-        if one.cells.get(repeat) != other.cells.get(repeat):
+        if label_key(one.cells.get(repeat, "")) != label_key(other.cells.get(repeat, "")):
             column = role_name("position")
             raise other.wrong(
                 column,
@@ -206,13 +208,15 @@ def _rates(path: Path, rows: list[tuple[Row, float]]) -> Recording:
     return replace(found, rate_unit=unit) if is_own_unit(unit) else found
 
 
+_NO_SD = "; fill it in, or delete the column"
+
+
 def _refuse_unclear_sd(path: Path, rows: list[tuple[Row, float]]) -> None:
     """Refuse an sd that some rows lack, and one beside repeats, which have their own: it would not count."""
     stated = [row for row, _ in rows if row.cells.get("sd")]
     for row, _ in rows if stated else []:
         if not row.cells["sd"]:
-            raise row.wrong("sd", "no_number", "a number of 0 or more, since other rows have an sd; fill it in, or "
-                            "delete the column")  # fmt: skip
+            raise row.wrong("sd", "no_number", "a number of 0 or more, since other rows have an sd" + _NO_SD)
     if stated and len({place for _, place in rows}) < len(rows):
         raise RecordingError(
             f"{path}, column {stated[0].columns['sd'].name}: an sd cannot be stated beside repeats, over which it "
@@ -228,7 +232,7 @@ def _sd(row: Row) -> float:
     unit, of_rates = row.columns["sd"].unit, row.columns["rate"].unit
     if unit and (is_own_unit(unit) or is_own_unit(of_rates)) and unit.casefold() != of_rates.casefold():
         raise row.wrong("sd", "other_unit", f"in the unit of the rates, not in {unit}; convert it")
-    sd = row.number("sd", 0.0)
+    sd = row.number("sd", 0.0, no_data=_NO_SD)
     return sd if row.columns["sd"].unit else sd * row.columns["rate"].factor
 
 
@@ -286,10 +290,9 @@ def read_recordings(
                 f"--recorded {text!r}: {shape} is given twice; give each shape once", "recorded_twice"
             )
         named[key] = shape, file
-    found = {key: _read(file, shape, runs, reading) for key, (shape, file) in named.items()}
-    _refuse_unused([file for _, file in named.values()], reading.columns)
+    found = {key: read_recording(file, shape, runs, reading) for key, (shape, file) in named.items()}
+    refuse_unused_columns([file for _, file in named.values()], reading.columns)
     _refuse_twice(found, {key: file for key, (_, file) in named.items()})
-    refuse_several_units({str(key): one for key, one in found.items()})
     turned = set[ShapeKey]()
     for shape in mirror:
         meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
@@ -300,11 +303,15 @@ def read_recordings(
             )
         found |= {key: found[key].mirrored() for key in meant if key not in turned}
         turned.update(meant)
-    return saying_unused_sd({str(key): one for key, one in found.items()})
+    return of_one_afferent({str(key): one for key, one in found.items()})
 
 
-def saying_unused_sd(found: Mapping[str, Recording]) -> dict[str, Recording]:
-    """Return the recordings of an afferent; one with an sd says so if it does not count, since others have none."""
+def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:
+    """Return the recordings of an afferent; one with an sd says so if it does not count, since others have none.
+
+    Raises RecordingError if their rates are in several units.
+    """
+    _refuse_several_units(found)
     stated = {
         key: np.isfinite(one.sd) & np.array([len(rates) == 1 for rates in one.repeats]) for key, one in found.items()
     }
@@ -334,7 +341,7 @@ def signs_of_a_copy(found: Recording, file: str) -> list[Hashable]:
 _FEWEST_RATES = 3
 
 
-def refuse_several_units(found: Mapping[str, Recording]) -> None:
+def _refuse_several_units(found: Mapping[str, Recording]) -> None:
     """Refuse rates of one afferent in several units, which no one gain converts. Raises RecordingError."""
     units = {one.rate_unit.casefold().replace(".", ""): key for key, one in found.items()}
     if len(units) > 1:
@@ -416,7 +423,8 @@ def _roles(path: Path, columns: ColumnMap) -> Roles:
     return COUNTS if holds_counts(header, columns) else RATES
 
 
-def _read(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recording:
+def read_recording(file: str, shape: str, runs: Sequence[Run], reading: Reading) -> Recording:
+    """Read the recording of one stimulus. Raises RecordingError."""
     path, unit = _file_and_unit(file)
     roles = _roles(path, reading.columns)
     if unit and roles in (RATES, COUNTS):
@@ -447,7 +455,7 @@ def _run_with(shape: str, path: Path, runs: Sequence[Run]) -> Run:
     return holding[0]
 
 
-def _refuse_unused(files: Sequence[str], columns: ColumnMap) -> None:
+def refuse_unused_columns(files: Sequence[str], columns: ColumnMap) -> None:
     """Raise RecordingError for a role of `--columns` that no file uses."""
     used = {role for file in files for roles in _roles(_file_and_unit(file)[0], columns) for role in roles}
     for role, column in columns.named.items():

@@ -19,6 +19,7 @@ from rig.compare.recordings.columns import (
     role_name,
 )
 from rig.compare.recordings.neo_file import neo_format, read_neo
+from rig.compare.recordings.number_cells import label_key
 from rig.compare.recordings.nwb_file import is_nwb, read_nwb
 from rig.compare.recordings.recording import (
     SAME_PLACE_DECIMALS,
@@ -227,21 +228,22 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
     if not stated:
         _refuse_pulses_beside(path, rows)
     times: dict[str, list[float]] = {name: [] for name in _KINDS}
-    units: dict[str, int] = {}
+    units: dict[str | float, str] = {}
     for row in rows:
         said = (row.cells.get("kind") or "spike").casefold()
         if said not in times:
             raise row.wrong("kind", "unknown_kind", either(_KINDS))
         name = row.cells.get("unit", "") if said == "spike" else ""
-        if said == "spike":
-            units[name] = units.get(name, 0) + 1
+        if said == "spike" and (same := units.setdefault(label_key(name), name)) != name:
+            expected = f"{same!r}, if this is the same unit; name each unit in one way"
+            raise row.wrong("unit", "unclear_name", expected)
         seconds = row.number(role_name("time"))
-        if said != "spike" or unit in ("", name):
+        if said != "spike" or not unit or label_key(unit) == label_key(name):
             times[said].append(seconds)
-    if (unit and unit not in units) or (not unit and len(units) > 1):
+    if (unit and label_key(unit) not in units) or (not unit and len(units) > 1):
         problem = f"there is no unit {unit}" if unit else f"{len(units)} units"
         file = path.name + "#SHEET" * (path.suffix.lower() == ".xlsx")
-        ids = ", ".join([name or "(empty)" for name in units][:_MOST_LISTED]) or "none"
+        ids = ", ".join([name or "(empty)" for name in units.values()][:_MOST_LISTED]) or "none"
         raise RecordingError(
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",

@@ -18,6 +18,16 @@ from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 from rig.compare.exceptions import RecordingError
+from rig.compare.recordings.cell_visibility import (
+    NOT_CODE,
+    WHITE,
+    Color,
+    EmptyParts,
+    are_alike,
+    background_of,
+    color_of,
+    empty_parts,
+)
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
 from rig_shared.user_files import MOST_LINES, read_bytes, text_of
@@ -153,7 +163,6 @@ _PERCENT_FORMATS = (9, 10)
 _QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
 _LETTER = re.compile(r"[^\W\d_]|[%‰]")
 _SCALED = re.compile(r"[0#],+(?![0#,])")
-_NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
     NotImplementedError, RuntimeError, OSError,
@@ -169,6 +178,10 @@ class _Workbook(NamedTuple):
     shown: Mapping[int, str]
     """What cells of a style are not plain numbers for, by the number of the style, e.g. "a percentage"."""
     struck: frozenset[int]
+    pale: frozenset[int]
+    """Styles whose text has the color of its background."""
+    empty: Mapping[int, EmptyParts]
+    """Number formats that show some numbers as nothing, by the number of the style."""
     hidden: frozenset[str]
     """Names of hidden sheets."""
 
@@ -248,22 +261,46 @@ def _text(element: ElementTree.Element) -> str:
     return f"{text} (partly superscript or subscript in Excel)" if raised and not _LETTER.search(text) else text
 
 
-def _styles(archive: zipfile.ZipFile) -> tuple[dict[int, str], frozenset[int]]:
-    """Return the cell styles that show a number as something else, with what, and those that strike it out."""
+def _styles(
+    archive: zipfile.ZipFile,
+) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, EmptyParts]]:
+    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `empty`."""
     if "xl/styles.xml" not in archive.namelist():
-        return {}, frozenset()
+        return {}, frozenset(), frozenset(), {}
     own: dict[int, str] = {}
-    styles: list[tuple[int, int]] = []
+    styles: list[tuple[int, int, int]] = []
     fonts: list[bool] = []
+    inks: list[Color] = []
+    fills: list[Color] = []
     for element in _xml(archive, "xl/styles.xml"):
         if element.tag == f"{_MAIN}numFmt":
             own[int(element.get("numFmtId", 0))] = element.get("formatCode", "")
         elif element.tag == f"{_MAIN}cellXfs":
-            styles = [(int(one.get("numFmtId", 0)), int(one.get("fontId", 0))) for one in element]
+            styles = [
+                (int(one.get("numFmtId", 0)), int(one.get("fontId", 0)), int(one.get("fillId", 0))) for one in element
+            ]
         elif element.tag == f"{_MAIN}fonts":
             fonts = [_is_on(one.find(f"{_MAIN}strike")) for one in element]
-    shown = {n: what for n, (number, _) in enumerate(styles) if (what := _shown_as(number, own.get(number, "")))}
-    return shown, frozenset(n for n, (_, font) in enumerate(styles) if font < len(fonts) and fonts[font])
+            inks = [color_of(one.find(f"{_MAIN}color")) for one in element]
+        elif element.tag == f"{_MAIN}fills":
+            fills = [background_of(next(iter(one), None), _MAIN) for one in element]
+    shown = {n: what for n, (number, *_) in enumerate(styles) if (what := _shown_as(number, own.get(number, "")))}
+    struck = frozenset(n for n, (_, font, _) in enumerate(styles) if font < len(fonts) and fonts[font])
+    pale = frozenset(
+        n for n, (_, font, fill) in enumerate(styles)
+        if font < len(inks) and are_alike(inks[font], fills[fill] if fill < len(fills) else WHITE)
+    )  # fmt: skip
+    empty = {n: parts for n, (number, *_) in enumerate(styles) if (parts := empty_parts(own.get(number, "")))}
+    return shown, struck, pale, empty
+
+
+def _is_unseen(cell: ElementTree.Element, book: _Workbook) -> bool:
+    """Return whether a cell with content shows none: by its color, or by an empty part of its number format."""
+    style = int(cell.get("s", 0))
+    if style in book.pale or style not in book.empty:
+        return style in book.pale
+    number = float(cell.findtext(f"{_MAIN}v") or "nan") if cell.get("t", "n") == "n" else None
+    return book.empty[style].hide(number)
 
 
 def _is_on(flag: ElementTree.Element | None) -> bool:
@@ -272,7 +309,7 @@ def _is_on(flag: ElementTree.Element | None) -> bool:
 
 def _shown_as(number: int, code: str) -> str:
     """Return what a number format shows instead of the number, in words; "" for the number itself."""
-    plain = _NOT_CODE.sub("", code.replace("General", ""))
+    plain = NOT_CODE.sub("", code.replace("General", ""))
     if number in _DATE_FORMATS or _DATE_CODE.search(plain):
         return "a date or time in Excel"
     if number in _PERCENT_FORMATS or "%" in plain:
@@ -302,7 +339,7 @@ def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
 
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
-    hidden, struck, merged, columns = list[int](), list[int](), list[str](), set[int]()
+    hidden, struck, invisible, merged, columns = list[int](), list[int](), list[int](), list[str](), set[int]()
     for element in _xml(book.archive, part):
         if element.tag == f"{_MAIN}col" and element.get("hidden", "0") in ("1", "true"):
             columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
@@ -311,11 +348,13 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
         if element.tag != f"{_MAIN}row":
             continue
         number = int(element.get("r", found[-1][0] + 1 if found else 1))
-        row: list[str] = []
+        row, unseen = list[str](), False
         for cell in element.findall(f"{_MAIN}c"):
             at = _REFERENCE.fullmatch(cell.get("r", ""))
             column = _column_number(at[1]) if at else len(row)
-            row += [""] * (column - len(row)) + [_cell(cell, book)]
+            text = _cell(cell, book)
+            row += [""] * (column - len(row)) + [text]
+            unseen |= text != "" and _is_unseen(cell, book)
         cells += len(row)
         if cells > _MOST_CELLS:
             raise ValueError(f"more than {_MOST_CELLS} cells")
@@ -323,10 +362,11 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
             hidden += [number] if element.get("hidden", "0") in ("1", "true") else []
             crossed = any(int(cell.get("s", 0)) in book.struck for cell in element.iter(f"{_MAIN}c"))
             struck += [number] if crossed else []
+            invisible += [number] if unseen else []
         element.clear()
         found.append((number, row))
-    unseen = sorted({n for _, row in found for n, cell in enumerate(row, 1) if cell and n in columns})
-    _refuse_unclear(book.path, hidden, struck, unseen, merged)
+    unseen_columns = sorted({n for _, row in found for n, cell in enumerate(row, 1) if cell and n in columns})
+    _refuse_unclear(book.path, hidden, struck, invisible, unseen_columns, merged)
     before = min((next(n for n, cell in enumerate(row) if cell) for _, row in found if any(row)), default=0)
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
@@ -338,7 +378,9 @@ def _has_rows(merged: str) -> bool:
     return len({end[2] for end in ends if end is not None}) > 1
 
 
-def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: list[int], merged: list[str]) -> None:
+def _refuse_unclear(
+    path: Path, hidden: list[int], struck: list[int], invisible: list[int], unseen: list[int], merged: list[str]
+) -> None:
     """Refuse a sheet in which a reader sees other rows or columns than a program, or cells of several rows."""
     for rows, what, remedy in (
         (
@@ -347,6 +389,12 @@ def _refuse_unclear(path: Path, hidden: list[int], struck: list[int], unseen: li
             "copy the visible rows to a new sheet, or show all",
         ),
         (struck, "has rows that are struck out", "delete them, or remove the strikethrough"),
+        (
+            invisible,
+            "has rows with cells that show nothing, since their text has the color of the background or their number "
+            "format is empty",
+            "delete the content of these cells, or make it visible",
+        ),
         (
             unseen,
             "has columns that are hidden, counted from A",

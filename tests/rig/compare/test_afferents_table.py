@@ -84,6 +84,12 @@ def test_columns_of_one_file(folder: Path, stimuli: list[StimulusRow]) -> None:
     assert read(path, stimuli)["a1"]["bar:3"].rate.tolist() == [2, 5, 5.5, 4]
 
 
+def test_the_rates_of_an_afferent_are_in_one_unit(folder: Path, stimuli: list[StimulusRow]) -> None:
+    header, rows = "afferent,shape,depth_mm,file,columns", ("a1,bar:3,1,a.csv,", "a1,step:1,1,b.csv,rate=rate:a.u.")
+    with raises(RecordingError, "several_units", first="1/s", second="a.u."):
+        read(table(folder, *rows, header=header), stimuli)
+
+
 def test_a_folder_of_folders(tmp_path: Path, stimuli: list[StimulusRow]) -> None:
     files = (("a1", "bar-3@1mm.csv"), ("a1", "step-1@0.5mm.csv"), ("a2", "bar-3.csv"), ("a2", ".notes"))
     for rate, (name, file) in enumerate(files):
@@ -123,6 +129,7 @@ BAD = {
     "a10,bar:3,1.0,copy_of_d.csv": "copy_of_d.csv is the recording of bar:3@1mm of afferent a7 already",
     "a11,bar:3,1.0,d_written_otherwise.csv": "d_written_otherwise.csv is the recording of bar:3@1mm of",
     "A8,bar:3,,c.csv": "'A8' is no name of an afferent, or the same as 'a8'",
+    "a12,bar:3,n/a,b.csv": "column depth_mm: 'n/a' must be a number of 0 or more",
     "mean,bar:3,,c.csv": "'mean' is no name of an afferent;",
     "a8,bar:3,,c.csv": "afferent a8 already has a recording of bar:3;",
 }

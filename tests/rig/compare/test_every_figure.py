@@ -918,6 +918,19 @@ def _few_lines(world: World, figure: Figure) -> Shown:
     yield np.array([line[1] for line in _lines(axes)]), values[:5]
 
 
+def _one_receptor(world: World) -> PageFigure:
+    """Of both signs, so that zero would get a contour, which a row of one receptor cannot have."""
+    one = world.comparison.stimuli[0]
+    alone = replace(one, measures=one.measures[:, :, :1], receptor_mm=one.receptor_mm[:1])
+    return PageFigure("", profile_figures.populations(alone, ["ep3"]), "")
+
+
+def _one_column(world: World, figure: Figure) -> Shown:
+    values = world.comparison.stimuli[0].measures[MEASURES.index("ep3")][:, :1]
+    assert values.min() < 0 < values.max()
+    yield _mesh(_panels(figure)[0]), values
+
+
 FIGURES: dict[str, Row] = {
     "run_figures.force_time": Row(_run("Force against time"), _force_time),
     "run_figures.force_time, resumed": Row(
@@ -943,6 +956,7 @@ FIGURES: dict[str, Row] = {
     "profile_figures.ssrps": Row(_simulated("SSRPs"), _stacked),
     "profile_figures.populations": Row(_simulated("Population"), _images),
     "profile_figures.populations, few": Row(_few, _few_lines),
+    "profile_figures.populations, one receptor": Row(_one_receptor, _one_column),
     "profile_figures.correlations": Row(_simulated("Correlation"), _correlated),
     "profile_figures.pressure_maps": Row(_simulated("Pressure"), _pressure_maps),
     "profile_figures.strain_maps": Row(_simulated("Strain under"), _strain_maps, cuts=True),
@@ -1011,8 +1025,7 @@ def drawn(world: World) -> Callable[[str], tuple[PageFigure, Figure]]:
     def once(name: str) -> tuple[PageFigure, Figure]:
         if name not in known:
             page = FIGURES[name].make(world)
-            figure = Figure(figsize=page.plot.size, layout=page.plot.layout)
-            page.plot.draw(figure)
+            figure = page.plot._laid_out
             figure.draw_without_rendering()
             known[name] = page, figure
         return known[name]

@@ -36,6 +36,7 @@ from rig.report.style import label
 from rig.report.verdict_section import answer_sections
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
+from tests.empty_figures import draw_nothing
 from tests.rig.compare.test_every_figure import (
     RATE,
     _adaptive,
@@ -64,7 +65,9 @@ def made(bar_run: Run, finger: Fingertip, make_stimulus: Make, tmp_path_factory:
 
     def page(name: str) -> Made:
         if name not in known:
-            known[name] = PAGES[name](folder / "page.html", bar_run, finger, make_stimulus)
+            with pytest.MonkeyPatch.context() as patch:
+                draw_nothing(patch)
+                known[name] = PAGES[name](folder / "page.html", bar_run, finger, make_stimulus)
         return known[name]
 
     return page
@@ -187,6 +190,7 @@ def test_the_first_section_comes_before_any_list_of_sections(name: str, made: Ma
     assert "<nav>" not in html.split("</figure>", 1)[0]
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_a_recording_without_spikes_is_a_sentence_alone(
     tmp_path: Path, bar_run: Run, finger: Fingertip, make_stimulus: Make
 ) -> None:
@@ -197,6 +201,7 @@ def test_a_recording_without_spikes_is_a_sentence_alone(
     assert "the recorded rate is 0 at every position" in first
 
 
+@pytest.mark.usefixtures("empty_figures")
 def test_an_adaptive_run_begins_with_its_verdict(tmp_path: Path, bar_run: Run, finger: Fingertip) -> None:
     folder = replace(bar_run.folder, path=copytree(bar_run.folder.path, tmp_path / "run"))
     page = write_report(replace(_adaptive(bar_run), folder=folder), finger).read_text(encoding="utf-8")

@@ -334,6 +334,18 @@ PRESENT = {
         text("unit,t_s\n" + "".join(f"a,{t}\nb,{t + 0.1}\n" for t in TIMES)), ("time=t_s",), code="several_units",
         says=("one of a, b",), pulses=False,
     ),
+    **{
+        f"CSV, units {one} and {other}": Case(
+            "spikes of one would be lost", lambda folder, one=one, other=other: text("unit,t_s\n" + "".join(
+                f"{one},{t}\n{other},{t + 0.1}\n" for t in TIMES))(folder) + f"#{one}",
+            ("time=t_s",), code="unclear_name", says=(f"'{one}'", f"'{other}'", "one way"), pulses=False,
+        )
+        for one, other in (("1", "1.0"), ("01", "1"), ("a", "A"))
+    },
+    "CSV, unit 1.0 called 1": Case(
+        "one number", lambda folder: text("unit,t_s\n" + "".join(f"1.0,{t}\n2.0,{t + 0.1}\n" for t in TIMES))(folder)
+        + "#1", ("time=t_s",), rates=ALL, pulses=False,
+    ),
     "CSV, one of several units": Case(
         "chosen", lambda folder: text("unit,t_s\n" + "".join(f"a,{t}\nb,{t + 0.1}\n" for t in TIMES))(folder) + "#a",
         ("time=t_s",), rates=ALL, pulses=False,
@@ -394,13 +406,24 @@ UNITS = {
     "two columns": Case("which of the two?", table("position (mm)|x (um)|rate", "1|1000|6", "2|2000|24", "3|3000|12"),
                         code="two_columns", says=("position (mm)", "x (um)")),
     "µm called mm": Case("no finger is 2 m wide", table("position_mm|rate", "-2000|6", "0|24", "2000|12"),
-                         code="beyond_a_finger", says=("row 2", "-2000", ":um")),
+                         code="beyond_a_finger", says=("row 2", "-2000", "'position (um)'")),
     "µm called mm by --columns": Case("no finger is 2 m wide", table("x|rate", "-2000|6", "0|24", "2000|12"),
-                                      ("position=x:mm",), code="beyond_a_finger", says=("row 2",)),
+                                      ("position=x:mm",), code="beyond_a_finger", says=("row 2", "position=x:um")),
+    "mm called cm": Case("no finger is 20 cm wide", table("position_cm|rate", "-20|6", "0|24", "20|12"),
+                         code="beyond_a_finger", says=("row 2", "'position (mm)'")),
+    "mm called µm": Case("no profile lies within 10 µm", table("position_um|rate", "-.5|6", "0|24", "1|12"),
+                         code="beyond_a_finger", says=("'position (mm)'",)),
+    "s called min": Case("no hold lasts 15 min", table("position_mm|count|window_min", "-0.5|3|15", "0|12|15"),
+                         code="beyond_a_finger", says=("'window (s)'",)),
+    "1/s called 1/ms": Case("a rate of 24/ms is none, 24/s is", table("position_mm|rate_per_ms", "-0.5|6", "0|24"),
+                            code="beyond_a_finger", says=("'rate (1/s)'",)),
+    "1/s called 1/ms in --columns": Case(
+        "a rate of 24/ms is none, 24/s is", table("position_mm|rate_per_ms", "-0.5|6", "0|24"),
+        ("rate=rate_per_ms",), code="beyond_a_finger", says=("'rate (1/s)'",)),
     "m called mm": Case("no profile lies within 10 µm", table("position_mm|rate", "-.002|6", "0|24", ".002|12"),
-                        code="beyond_a_finger", says=("0.004", ":m")),
-    "ms called s": Case("no hold lasts 16 min", table("position_mm|count|window_s", "-0.5|3|1000", "0|12|1000",
-                                                      "0.25|6|1000"), code="beyond_a_finger", says=("1000", ":ms")),
+                        code="beyond_a_finger", says=("0.004", "'position (m)'")),
+    "ms called s": Case("no hold lasts 16 min", table("position_mm|count|window_s", "-0.5|3|1000", "0|12|1000"),
+                        code="beyond_a_finger", says=("1000", "'window (ms)'")),
     "spikes too dense": Case(
         "no afferent fires 2000 spikes in 20 ms", text("time (s)\n" + "".join(
             f"{start + 1e-5 * k}\n" for start in STARTS for k in range(2000))), pulses=False,
@@ -492,6 +515,13 @@ ROWS = {
     "an sd is missing": Case("the others would not count either", table("position_mm,rate,sd", "-0.5,6,1", "0,24,",
                                                                         "0.25,12,1"),
                              code="no_number", says=("row 3", "sd", "0 or more")),
+    **{
+        f"an sd {missing!r}": Case("its row need not go", table("position_mm,rate,sd", "-0.5,6,1", f"0,24,{missing}"),
+                                   code="no_number", says=("row 3", "sd", "fill it in, or delete the column"))
+        for missing in ("", "-", "n/a", "NaN")
+    },
+    "a rate n/a": Case("its row says nothing", table("position_mm,rate,sd", "-0.5,6,1", "0,n/a,1"), code="no_number",
+                       says=("row 3", "rate", "delete rows")),
     "an sd of no row": Case("there is none", table("position_mm,rate,sd", "-0.5,6,", "0,24,", "0.25,12,", "1,1,"),
                             rates=ALL),
     "an sd and repeats": Case("which of the two?", table("position_mm,rate,repeat,sd", *(
@@ -501,6 +531,18 @@ ROWS = {
                                             says=("row 10", repr(word), "delete"))
         for word in ("", "Mean", "sum", "Mittelwert", "mean (n=2)", "AVG(1:2)", "mean2", "n = 2")
     },
+    **{
+        f"repeat {again!r} after {first!r}": Case(
+            "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", "0.25,12,2"),
+            code="place_twice", says=("row 3", "first in row 2", "repeat"),
+        )
+        for first, again in (("1", "1.0"), ("01", "1"), ("1e1", "10"), ("a1", "A1"))
+    },
+    "repeats A1 and A01": Case("two labels", table("position_mm,rate,repeat", *(
+        f"{x},{y},{('A1', 'A01')[n - 1]}" for x, y, n in TWICE)), rates=ALL),
+    "one repeat, written in two ways": Case("a position of it and one nearby are two positions", table(
+        "position_mm,rate,repeat", "-0.5,6,1", "-0.498,24,1.0", "0.25,12,01", "1,1,1"), rates=ALL,
+        read_as="-0.5 and -0.498 mm lie within 0.01 mm"),
     "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
                                                                           "0,2,mean"), code="no_repeat"),
     "repeats with names": Case("allowed", table("position_mm,rate,repeat", *(
@@ -557,8 +599,9 @@ CLOCKED = {
         ), code="beyond_a_finger", says=("observed=obs_intervals:ms",),
     ),
     "CSV in ms": Case(
-        "one column, one unit", spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist()),
-        ("time=time_s:ms",), rates=ALL,
+        "one column, one unit",
+        spikes_csv(*syncs(1e3 * amplifier(RISES)), spikes=(1e3 * amplifier(TIMES)).tolist(), header="t,kind"),
+        ("time=t:ms",), rates=ALL,
     ),
     "CSV in ms, said nowhere": Case(
         "a clock does not run a thousand times as fast",
@@ -982,8 +1025,9 @@ NO_PULSES_THERE = {
 
 
 def styled(
-    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = ""
-) -> Any:
+    style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
+    ink: str = "", fill: str = "",
+) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": RATES_ROWS}, inline=True)
 
@@ -998,11 +1042,15 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
-        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="0"/></cellXfs>'
+        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="1" fillId="1"/></cellXfs>'
         code = "0.0" if style in ("", "struck") else style
         formats = f'<numFmts><numFmt numFmtId="200" formatCode="{code}"/></numFmts>'
-        fonts = "<fonts><font>" + "<strike/>" * (style == "struck") + "</font></fonts>"
-        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{xfs}</styleSheet>"
+        fonts = (
+            "<fonts><font/><font>" + "<strike/>" * (style == "struck") + f"{ink and f'<color {ink}/>'}</font></fonts>"
+        )
+        solid = fill and f'<patternFill patternType="solid"><fgColor {fill}/></patternFill>'
+        fills = f"<fills><fill/><fill>{solid}</fill></fills>"
+        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}</styleSheet>"
         with zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
                 file.writestr(name, content)
@@ -1048,6 +1096,35 @@ SHOWN = {
                            code="hidden_sheet", says=("with rows, old, is hidden", "synthetic.xlsx#old")),
     "a hidden sheet, named": Case("chosen", xlsx({"A": [], "old": RATES_ROWS}, "#old", hidden="old"), rates=ALL),
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
+    **{
+        f"text {ink} on {fill or 'no fill'}": Case("a reader sees nothing", styled(ink=ink, fill=fill),
+                                                   code="unclear_rows", says=("show nothing", "(2, 3, 4, 5)"))
+        for ink, fill in (
+            ('rgb="FFFFFFFF"', ""), ('rgb="FFFAFAFA"', ""), ('theme="0"', ""), ('indexed="9"', ""),
+            ('indexed="65"', ""),
+            ('rgb="FFFF0000"', 'rgb="FFFF0000"'), ('theme="0"', 'theme="0" tint="-0.05"'), ("", 'indexed="64"'),
+            ("", 'rgb="FF000000"'),
+        )
+    },
+    **{
+        f"text {ink} on {fill}": Case("a reader sees it", styled(ink=ink, fill=fill), rates=ALL)
+        for ink, fill in (
+            ('rgb="FFFFFFFF"', 'rgb="FF4472C4"'), ('theme="0"', 'theme="4"'), ('theme="1"', 'theme="0"'),
+            ('auto="1"', 'indexed="65"'), ('theme="0" tint="-0.5"', 'theme="0"'),
+        )
+    },
+    **{
+        f"shown by {code}": Case("a reader sees nothing", styled(code), code="unclear_rows",
+                                 says=("show nothing", "(2, 3, 4, 5)"))
+        for code in (";;;", ";;", ";-0.0")
+    },
+    **{
+        f"shown by {code}": Case("a reader sees it", styled(code), rates=ALL)
+        for code in ("0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0")
+    },
+    "a zero that is not shown": Case(
+        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("show nothing",)
+    ),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
     "a merged title": Case("in one row", styled(after='<mergeCells><mergeCell ref="A1:B1"/></mergeCells>'),
@@ -1199,6 +1276,20 @@ def test_values_a_thousand_times_beyond_a_finger_are_questioned_in_every_table(n
     path = Path(table(header.format(um="mm", mN="gwt"), row)(tmp_path))
     with pytest.raises(RecordingError, match="at most"):
         read(path)
+
+
+@pytest.mark.parametrize(
+    ("read", "header", "row"),
+    [
+        (along, "z_mm|deflection_mm|doi_mm", "1|.1|n/a"),
+        (afferents, "afferent|shape|force_gwt|file", "a1|step:1|-|a.csv"),
+    ],
+)
+def test_a_cell_that_need_not_have_a_number_may_be_empty_and_says_so(
+    read: Callable[[Path], list[float]], header: str, row: str, tmp_path: Path
+) -> None:
+    with pytest.raises(RecordingError, match="leave the cell empty"):
+        read(Path(table(header, row)(tmp_path)))
 
 
 def test_decimal_commas_in_a_table_of_afferents(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from rig.compare.comparison import Comparison, compare
 from rig.compare.recordings.recording import Recording, recording
 from rig.compare.stimuli import StimulusRow
 from rig.report.comparison_report import measures_section
-from rig.report.recording_sections import source_section, table_5_1
+from rig.report.recording_sections import Deflection, deflection_section, source_section, table_5_1
 from rig.report.style import Plot, label
 from sim.measures.measures import BY_NAME, MEASURES
 
@@ -98,3 +98,22 @@ def test_a_figure_has_the_same_bytes_each_time() -> None:
     assert one.png == other.png
     assert b"Software" not in one.png
     assert "<dc:date>" not in one.svg
+
+
+@pytest.mark.parametrize(
+    ("measured_mm", "left_out"),
+    [
+        ([2.0, 4.0, 10.0], ""),
+        ([1.0, 4.0, 10.0], "1 point beside the patch of the model is left out"),
+        ([1.0, 11.0], "2 points beside the patch of the model are left out"),  # all, at a depth that was pressed
+        ([1.0, 4.0, 11.0, 12.0], "3 points beside the patch of the model are left out"),
+    ],
+)
+def test_measured_points_beside_the_patch_are_counted_as_left_out(measured_mm: list[float], left_out: str) -> None:
+    z = np.linspace(2.0, 10.0, 30)
+    at = np.array(measured_mm)
+    elsewhere = Deflection(3.0, at, 0 * at)  # a depth that no run pressed to
+    text = deflection_section([Deflection(0.5, z, 0 * z)], [Deflection(0.5, at, 0 * at), elsewhere]).text
+    assert left_out in text
+    assert ("patch" in text) is bool(left_out)
+    assert "No run pressed" not in text

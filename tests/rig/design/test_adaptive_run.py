@@ -441,7 +441,7 @@ def test_a_press_that_was_not_checked_is_refused(waiting: Callable[..., Any], po
 
 def test_a_wrong_count_ends_the_run_before_a_motion(waiting: Callable[..., Any]) -> None:
     with pytest.raises(CountError) as caught:
-        waiting(_Chooser(_raising(CountError("two", code="two_counts"))))
+        waiting(_Chooser(_raising(CountError("two", "two_counts"))))
     assert caught.value.code == "two_counts"
 
 
@@ -459,7 +459,7 @@ def test_stop_at_once_is_raised_from_the_wait(waiting: Callable[..., Any]) -> No
 
 def test_a_stop_input_trips_during_the_wait(waiting: Callable[..., Any]) -> None:
     with pytest.raises(TripError) as caught:
-        waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", code="hardware_trip"))
+        waiting(_Chooser(_never), within_s=60.0, problem=TripError("relay", "hardware_trip"))
     assert caught.value.code == "hardware_trip"
 
 

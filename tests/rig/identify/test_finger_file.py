@@ -2,7 +2,9 @@
 
 import errno
 import os
+import re
 import tomllib
+from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
@@ -11,7 +13,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.compare.plausible_fingers import read_plausible
-from rig.errors import BadInputError, first_problem
+from rig.errors import BadInputError, RigError, first_problem
 from rig.plan.config import Config, load_config, with_finger
 from rig.plan.finger_file import (
     Posterior,
@@ -77,7 +79,7 @@ WRONG: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "another file": (("[identified", "[other"), "no_identified_table", {}),
     "no tissue": (
         ("e_fat = 0.1\n", "e_fat = 11.0\n"),
-        "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "less_than_equal"},
+        "invalid_value", {"key": "finger.tissue.e_fat", "value": 11.0, "rule": "must be less than or equal to 10"},
     ),
     "beyond what is interpolated": (
         (TO_THE_DRAWS + "0.1", TO_THE_DRAWS + "0.01"),
@@ -113,10 +115,48 @@ def test_what_is_wrong_is_told_in_one_line(path: Path, wrong: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+CHANGED = {
+    "stiffness": ("stiffness = 1.0\n", "stiffness = 1.3\n"),
+    "posterior": (r"\nmean = \[0\.0,", "\nmean = [0.5,"),
+    "a draw deleted": (r"(?s)\[\[identified\.draw\]\].*?(?=\[\[identified\.draw\]\])", ""),
+    "the flag deleted": ("flagged = .*\n", ""),
+    "number of presses": ("presses = 8", "presses = 9"),
+}
+
+
+@pytest.mark.parametrize("changed", CHANGED)
+@pytest.mark.parametrize("read", [read_finger_file, load_config, read_plausible])
+def test_an_identification_that_was_changed_by_hand_is_refused(
+    tmp_path: Path, changed: str, read: Callable[[Path], object]
+) -> None:
+    file = identified_file(relaxation=SERIES)
+    identified = file.identified.model_copy(update={"flagged": FLAGGED} if changed == "the flag deleted" else {})
+    path = tmp_path / "finger.toml"
+    text = file.model_copy(update={"identified": identified}).sealed().as_toml()
+    pattern, by = CHANGED[changed]
+    path.write_text(re.sub(pattern, by, text, count=1), encoding="utf-8")
+    assert path.read_text(encoding="utf-8") != text
+    with pytest.raises(RigError) as caught:
+        read(path)
+    has_code(caught.value, "changed_identification")
+
+
+def test_a_sealed_file_and_the_configuration_of_its_run_are_read(path: Path) -> None:
+    file = identified_file(relaxation=SERIES).sealed()
+    path.write_text("# a comment does not matter\n" + file.as_toml(), encoding="utf-8")
+    assert read_finger_file(path) == file
+    config = path.with_name("config.toml")
+    config.write_text(with_finger(Config(), path).as_toml(), encoding="utf-8")
+    assert load_config(config).identified == file.identified
+
+
 POSTERIORS: dict[str, tuple[Any, str, dict[str, Any]]] = {
     "a mean too many": ({"mean": (0.0, 0.0, 0.0, 0.0)}, "not_one_for_each_name", {"names": 3}),
     "a short row": (
         {"covariance": ((1.0,), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))}, "not_one_for_each_name", {"names": 3},
+    ),
+    "ends exchanged": (
+        {"low": (0.0, 0.2, 0.0), "high": (0.0, 0.1, 0.0)}, "low_above_high", {"name": "ln_e_fat"},
     ),
     "one way": (
         {"covariance": ((1.0, 0.5, 0.0), (0.4, 1.0, 0.0), (0.0, 0.0, 1.0))},

@@ -155,8 +155,8 @@ def test_nobody_is_asked_for_what_is_another_s(path: str, make: Make) -> None:
 def test_what_an_owner_says_is_passed_on(path: str, make: Make) -> None:
     owner = StubOwner() if path in OF_THE_RUN else by_hand()
     for error, status in (
-        (RefusedError("not now", code="later"), 409),
-        (ControlError("process 1 has ended", code="ended"), 503),
+        (RefusedError("not now", "later"), 409),
+        (ControlError("process 1 has ended", "ended"), 503),
     ):
         owner.answers[path] = error
         told = {"ok": False, "problem": str(error), "code": error.code}
@@ -248,7 +248,7 @@ def test_whoever_cannot_be_told_so_is_asked(make: Make) -> None:
 
 def test_a_stop_that_did_not_arrive_is_told(make: Make) -> None:
     assert make(configured=False).refused("/stop") == (409, "nothing_to_stop")
-    ended, well = StubOwner(answers={"stop": ControlError("process 1 has ended", code="ended")}), StubOwner(pid=2)
+    ended, well = StubOwner(answers={"stop": ControlError("process 1 has ended", "ended")}), StubOwner(pid=2)
     assert make(ended, well, configured=False).refused("/stop") == (503, "ended")
     assert well.asked == [("stop", {})]
     refusing = [StubOwner(pid, answers={"stop": RefusedError(words)}) for pid, words in ((3, "over"), (4, "done"))]
@@ -456,7 +456,7 @@ def test_a_leave_is_answered_when_the_bench_is_free_again(make: Make) -> None:
     panel = make(by_hand())
     assert panel.post("/leave")[0] == 200
     assert (panel.owners[0].asked, panel.bench.left) == ([("leave", {})], 1)
-    panel.owners[0].answers["leave"] = RefusedError("busy: home", code="homing")
+    panel.owners[0].answers["leave"] = RefusedError("busy: home", "homing")
     assert panel.refused("/leave") == (409, "homing")
     assert panel.bench.left == 1
 

@@ -373,7 +373,7 @@ def _ended_unseen(bench: BlueskyBench, engine: Engine) -> None:
 
 
 def _no_answer(one: Announced, *request: Any, **more: Any) -> None:
-    raise ControlError("process {pid} has ended", code="ended", pid=one.pid)
+    raise ControlError(f"process {one.pid} has ended", "ended")
 
 
 GIVES_ORDERS = f"""\
@@ -396,7 +396,7 @@ def test_an_order_without_a_reply_is_stopped_since_it_may_have_begun(code: str, 
 
     class Owner:
         def ask(self, do: str, **order: Any) -> None:
-            raise ControlError("no", code=code)
+            raise ControlError("no", code)
 
         def post_stop(self) -> Callable[[float], object]:
             said.append("stop")

@@ -149,7 +149,10 @@ class Crashes(Source):
 
 
 class RaisesWhatCannotBeSent(Source):
-    def instead(self): raise CountError("the electrode {name} is out", code="electrode_out", name=lambda: 3)
+    def instead(self):
+        error = CountError("the electrode is out", "electrode_out")
+        error.electrode = lambda: 3
+        raise error
 
 
 class SaysItself(Source):
