@@ -153,6 +153,8 @@ class LimitError(EngineError):
     """A step exceeds a limit; it did not move anything."""
 
     default_code = "beyond_limit"
+    run_status = "limited"
+    remedy = "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"
 
 
 class NotReadyError(EngineError):
@@ -165,6 +167,8 @@ class TripError(EngineError):
     """A reading exceeded a trip: the stage was stopped until an operator resets it."""
 
     default_code = "tripped"
+    run_status = "tripped"
+    remedy = "check that the finger is unharmed, and find out what caused the trip"
     lift_code: str | None = None
     """Code of the error that ended the lift after the trip."""
 
@@ -179,6 +183,7 @@ class LostRecordError(RecordError):
     """Error of a journal or byte log that is no longer at its path."""
 
     default_code = "record_lost"
+    remedy = "find out who moved or deleted the files of the run, then resume"
 
 
 class PressPaused(EngineError):  # noqa: N818
@@ -191,15 +196,19 @@ class RunAborted(EngineError):  # noqa: N818
     """Exception for a stop by the operator; the indentor was lifted at the next safe point."""
 
     default_code = "run_aborted"
+    run_status = "aborted"
+    remedy = "check that the finger is unharmed"
 
 
 class CountError(EngineError):
     """A count of spikes that cannot be right; the indentor is lifted."""
 
     default_code = "bad_count"
+    remedy = "correct the counts, then resume"
 
 
 class ScriptError(EngineError):
     """Error of a protocol that failed while it ran."""
 
     default_code = "script_failed"
+    remedy = "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"

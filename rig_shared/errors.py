@@ -17,6 +17,10 @@ class CodedError(Exception):
     """
 
     default_code: ClassVar[str] = "error"
+    run_status: ClassVar[str] = "failed"
+    """State of a run that such an error ends."""
+    remedy: ClassVar[str | None] = None
+    """What the operator does next, if such an error ended a run."""
 
     def __init__(self, sentence: str = "", code: str | None = None) -> None:
         super().__init__(sentence)

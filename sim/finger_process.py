@@ -34,6 +34,7 @@ class FingerLostError(SimError, RuntimeError):
     """Error of a finger process that ended before it answered."""
 
     default_code = "finger_lost"
+    remedy = "check whether the computer ran out of memory, then resume"
 
 
 class FingerProcess:

@@ -15,7 +15,7 @@ from rig.compare.group import GroupOutcome
 from rig.compare.recordings.spike_times import ClockSource
 from rig.compare.stimuli import CONTROLS
 from rig.compare.verdict import A_CONSTANT, Outcome
-from rig.data.tables import STATES
+from rig.data.run_status import RunStatus
 from rig.engine.contact import ContactKind
 from rig.records import Phase
 from rig.session.early_ending import Left
@@ -76,7 +76,7 @@ Unit = Annotated[str, Field(json_schema_extra={"enum": list(UNIT_FIELDS)})]
 Ratio = Annotated[float, Field(json_schema_extra={"unit": DIMENSIONLESS})]
 Measure = Annotated[str, Field(json_schema_extra={"enum": list(MEASURES)})]
 Candidate = Annotated[str, Field(json_schema_extra={"enum": [*MEASURES, *CONTROLS, A_CONSTANT]})]
-State = Annotated[str, Field(json_schema_extra={"enum": list(STATES)})]
+State = Annotated[str, Field(json_schema_extra={"enum": list(RunStatus)})]
 Parameter = Annotated[str, Field(json_schema_extra={"enum": [named(one.name) for one in PARAMETERS]})]
 Quantity = Annotated[str, Field(json_schema_extra={"enum": list(QUANTITIES)})]
 Level = Annotated[str, Field(json_schema_extra={"enum": list(LEVELS)})]

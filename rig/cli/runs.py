@@ -20,11 +20,10 @@ from rig.data import dictionary
 from rig.data.folder import SCRIPT, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
 from rig.data.run import Run, RunError, provenance_of, read_provenance
+from rig.data.run_status import RunStatus, reason_of
 from rig.data.tables import (
-    ENDED_EARLY,
     HOLD_COLUMNS,
     RUN_COLUMNS,
-    STATES,
     Summary,
     alive,
     foreign_in_one_line,
@@ -52,7 +51,7 @@ def runs_command(
     ] = None,
     protocol: Annotated[str | None, typer.Option(metavar="NAME", help="List only runs of this protocol.")] = None,
     state: Annotated[
-        str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(STATES)}.")
+        str | None, typer.Option(metavar="STATE", help=f"List only runs in this state: {', '.join(RunStatus)}.")
     ] = None,
     since: Annotated[
         str | None, typer.Option(metavar="DAY", help="First start date to list, UTC, e.g. 2026-03-01.")
@@ -67,8 +66,8 @@ def runs_command(
 ) -> None:
     """List runs, newest last; an unreadable run gets one line on standard error."""
     with one_line_errors(as_json=as_json):
-        if state not in (None, *STATES):
-            raise RunError(f"--state {state!r}: must be one of {', '.join(STATES)}", "unknown_choice")
+        if state not in (None, *RunStatus):
+            raise RunError(f"--state {state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
         chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table, ".csv")
@@ -226,7 +225,7 @@ def _limits(run: Run) -> dict[str, Any]:
 
 def ending_of(run: Run, state: str) -> dict[str, Any] | None:
     """Return why an incomplete run ended, and the final position of the indentor."""
-    if state in ("done", "running"):
+    if state in (RunStatus.DONE, RunStatus.RUNNING):
         return None
     # It imports the engine, which a completed run does not need.
     from rig.session.early_ending import Ending, FinalPosition
@@ -235,7 +234,7 @@ def ending_of(run: Run, state: str) -> dict[str, Any] | None:
         return Ending.killed(run).as_json()
     at = FinalPosition(**run.stop["indentor"]) if "indentor" in run.stop else None
     words = None if at is None else at.words
-    return {"reason_text": run.stop.get("reason") or ENDED_EARLY, "where_text": words}
+    return {"reason_text": reason_of(state_of(run), run.stop), "where_text": words}
 
 
 def ending_lines(run: Run) -> dict[str, str] | None:

@@ -17,7 +17,8 @@ from rig.data.documents import Document
 from rig.data.folder import RunFolder
 from rig.data.run import Following, followed
 from rig.data.run_state import RunFollower, as_clock
-from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
+from rig.data.run_status import RunStatus
+from rig.data.tables import alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
 from rig_shared.plural import number_of
 
@@ -115,7 +116,7 @@ def _now(shown: RunScreen) -> dict[str, Any]:
     found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
     newest = {name: shown.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
-    goes_on = about.state == RUNNING
+    goes_on = about.state == RunStatus.RUNNING
     return {
         "run": str(shown.folder.path),
         "state": about.state,

@@ -15,6 +15,7 @@ from rig.data.events import (
     stream_of,
 )
 from rig.data.presses import PressRow
+from rig.data.run_status import RunStatus
 from rig.data.tables import HOLD_COLUMNS, PRESSES, RUN_COLUMNS, SUPERSEDED
 
 FAMILIES = {
@@ -75,7 +76,7 @@ _OF_A_RUN = {
     "protocol": ATTRIBUTES["protocol"],
     "subject": ATTRIBUTES["subject"],
     "virtual": ATTRIBUTES["virtual"],
-    "state": "state of the run: done, incomplete, aborted, tripped, limited, failed, killed or running",
+    "state": f"state of the run: {', '.join(RunStatus)}",
 }
 
 

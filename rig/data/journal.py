@@ -30,7 +30,8 @@ from rig.data.documents import (
     line_of,
     read_lines,
 )
-from rig.errors import LimitError, LostRecordError, RecordError, RigError, RunAborted, TripError
+from rig.data.run_status import RunStatus
+from rig.errors import LostRecordError, RecordError, RigError
 from rig_shared.user_files import json_of, open_file
 
 if TYPE_CHECKING:
@@ -39,8 +40,6 @@ if TYPE_CHECKING:
 
 Watch = Callable[[str, Mapping[str, Any]], None]
 """Callback for each event on disk: its stream and its data."""
-
-_STATUS = {RunAborted: "aborted", KeyboardInterrupt: "aborted", TripError: "tripped", LimitError: "limited"}
 
 
 class LostFileError(RigError, OSError):
@@ -326,7 +325,7 @@ class Journal:
             raise
 
     def stop(self, status: str, reason: str = "") -> None:
-        """Write the last document; status is done, aborted, tripped, limited or failed. Raises RecordError."""
+        """Write the last document, with a value of `RunStatus`. Raises RecordError."""
         self._put("stop", {"status": status, "reason": reason, **({} if status == "done" else self.at_end())})
         self._stopped = True
         self._settle_or_give_up()
@@ -462,9 +461,8 @@ class Journal:
     ) -> None:
         try:
             if not self._stopped and error is not None:
-                status = next((name for known, name in _STATUS.items() if isinstance(error, known)), "failed")
                 with contextlib.suppress(RecordError):  # The first error is reported.
-                    self.stop(status, str(error) or self._default_reason(error))
+                    self.stop(RunStatus.of_error(error), str(error) or self._default_reason(error))
         finally:
             self.close()
 

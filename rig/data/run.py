@@ -15,6 +15,7 @@ from rig.data.documents import MOST_ON_A_LINE, Damage, Document, JournalLine, Li
 from rig.data.events import PRESS_STREAMS, READING
 from rig.data.folder import RunFolder
 from rig.data.journal import listed_documents
+from rig.data.run_status import RunStatus
 from rig.data.run_time import RunTime
 from rig.errors import RigError
 from rig_shared.user_files import json_of, open_file, read_text
@@ -227,7 +228,7 @@ class Run:
     @property
     def complete(self) -> bool:
         """Whether the run ended normally with every planned indentation done."""
-        return self.stop is not None and self.stop["status"] == "done" and self.missing == 0
+        return self.stop is not None and RunStatus.of_journal(self.stop, self.missing) is RunStatus.DONE
 
     @cached_property
     def _last_hold(self) -> dict[int, int]:

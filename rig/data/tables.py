@@ -14,6 +14,7 @@ from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, un
 from rig.data.folder import RunFolder
 from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, read_run
+from rig.data.run_status import RunStatus
 from rig_shared.errors import CodedError
 
 PRESSES, SUPERSEDED = "presses", "_superseded"
@@ -171,13 +172,6 @@ def _times(events: Iterable[TableRow], kind: str | None) -> Iterator[tuple[float
     return ((event["t_s"], event["phase"] if kind is None else kind) for event in events)
 
 
-RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
-STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)
-"""States of a run: those of its journal, and for others: incomplete, killed, running."""
-
-ENDED_EARLY = "the protocol ended before all planned indentations were done"
-"""Reason of a run that ended `incomplete`, which its journal lacks."""
-
 RUN_COLUMNS = ("run", "date_utc", "protocol", "subject", "virtual", "state")
 HOLD_COLUMNS = (
     *("index", "hold", "block", "repeat", "condition", "indentor", "x_mm", "target_doi_mm", "target_force_gwt"),
@@ -251,7 +245,11 @@ def foreign(error: Exception) -> str:
 
 def alive(found: Summary, runs: Path) -> Summary:
     """Return the summary as running if another process writes to a run without an end."""
-    return replace(found, state=RUNNING) if found.state == KILLED and RunFolder(runs / found.name).busy else found
+    return (
+        replace(found, state=RunStatus.RUNNING)
+        if found.state == RunStatus.KILLED and RunFolder(runs / found.name).busy
+        else found
+    )
 
 
 def summary_of(run: Run) -> Summary:
@@ -273,11 +271,9 @@ def summary_of(run: Run) -> Summary:
     )
 
 
-def state_of(run: Run) -> str:
+def state_of(run: Run) -> RunStatus:
     """Return the final state, from the journal alone."""
-    if run.stop is None:
-        return KILLED
-    return SHORT if run.stop["status"] == "done" and run.missing else str(run.stop["status"])
+    return RunStatus.of_journal(run.stop, run.missing)
 
 
 def _holds(run: Run) -> list[Row]:

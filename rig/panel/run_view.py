@@ -11,6 +11,7 @@ from rig.data.events import READING
 from rig.data.folder import RunFolder
 from rig.data.run import Following, RunError
 from rig.data.run_state import BEGUN, RunFollower
+from rig.data.run_status import RunStatus
 from rig.data.tables import FOREIGN, foreign
 from rig.engine.limits import Trips
 from rig.errors import BadInputError
@@ -191,7 +192,7 @@ class RunView(RunFollower):
     def _state(self, *, going: bool) -> str:
         if self.stop is not None:
             return str(self.stop["status"])
-        return "running" if going else "killed"
+        return RunStatus.RUNNING if going else RunStatus.KILLED
 
     def newest_state(self, unix_s: float) -> dict[str, Any]:
         """Return `newest` of the state, with its present age."""

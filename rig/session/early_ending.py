@@ -11,25 +11,14 @@ from typing import Any, Literal
 
 from rig.data import Run
 from rig.data.folder import allowed, free_space, how_to_write
-from rig.data.tables import ENDED_EARLY
-from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
+from rig.data.run_status import RunStatus, reason_of
+from rig.engine import Engine, RecordError, RunAborted, ScriptError
 from rig.engine.contact import ContactKind, KnownContact
 from rig.engine.limits import AT_MM
-from rig.errors import CountError, LostRecordError
-from sim.finger_process import FingerLostError
+from rig.errors import LostRecordError
 
 Left = Literal["lifted", "raised", "held", "not moved"]
 
-_SEE_TO: tuple[tuple[type[Exception], str], ...] = (
-    (RunAborted, "check that the finger is unharmed"),
-    (TripError, "check that the finger is unharmed, and find out what caused the trip"),
-    (LimitError, "change the protocol or the limit, then start a new run; a resumed run would reach the same limit"),
-    (CountError, "correct the counts, then resume"),
-    (ScriptError, "correct the protocol, then start a new run; a resumed run would use its own copy of the protocol"),
-    (LostRecordError, "find out who moved or deleted the files of the run, then resume"),
-    (FingerLostError, "check whether the computer ran out of memory, then resume"),
-)
-NO_END = "the run has no end record: its program was killed or the power failed"
 _PUT_RIGHT = "correct the problem, then "
 _SEE_TO_THE_DEVICE = "check the device that failed"
 
@@ -119,14 +108,14 @@ class Ending:
     def of(cls, problem: Exception | None, at: FinalPosition, folder: Path) -> "Ending":
         """Return the ending of a run in a folder; without a problem, its script ended with less than was planned."""
         if problem is None:
-            return cls(ENDED_EARLY, at, _next(ScriptError(), at), resume_line(folder))
+            return cls(reason_of(RunStatus.INCOMPLETE), at, _next(ScriptError(), at), resume_line(folder))
         return cls(_reason(problem, folder), at, _next(problem, at), resume_line(folder))
 
     @classmethod
     def killed(cls, run: Run) -> "Ending":
         """Return the ending of a run whose journal has no end."""
         at = FinalPosition.last_known(run)
-        return cls(NO_END, at, _next(RunAborted(), at), resume_line(run.folder.path))
+        return cls(reason_of(RunStatus.KILLED), at, _next(RunAborted(), at), resume_line(run.folder.path))
 
     @classmethod
     def before_it_began(cls, reason: str, *, refused: bool) -> "Ending":
@@ -164,9 +153,10 @@ def _reason(problem: Exception, folder: Path) -> str:
 
 def _next(problem: Exception, at: FinalPosition) -> str:
     """Return the next action for the operator; resuming homes, which lifts first."""
-    known = (words for kind, words in _SEE_TO if isinstance(problem, kind))
-    unwritable = isinstance(problem, RecordError | OSError)
-    see_to = next(known, f"{how_to_write(problem)}, then resume" if unwritable else _SEE_TO_THE_DEVICE)
+    see_to = getattr(problem, "remedy", None)
+    if see_to is None:
+        unwritable = isinstance(problem, RecordError | OSError)
+        see_to = f"{how_to_write(problem)}, then resume" if unwritable else _SEE_TO_THE_DEVICE
     return see_to if at.to_do is None else f"{at.to_do}; then {see_to}"
 
 

@@ -20,6 +20,7 @@ from rig.data.documents import last_document
 from rig.data.events import STREAMS, streams_with
 from rig.data.folder import UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
+from rig.data.run_status import RunStatus
 from rig.data.tables import foreign_in_one_line
 from rig.devices.registry import ForceKind, find
 from rig.engine import Engine, Journal, Pause, RecordError, RunAborted, WatchedBench, verbs
@@ -501,7 +502,7 @@ def record_before(
             known = None if before.stop is None else before.stop.get("indentor")
             at = FinalPosition(**known) if known else FinalPosition.last_known(before)
         journal.at_end = lambda: {"indentor": asdict(at), "stopped_while": "planning"}
-        journal.stop("aborted", reason)
+        journal.stop(RunStatus.ABORTED, reason)
     return folder
 
 
@@ -517,8 +518,14 @@ def record_after(folder: RunFolder, state: str, wire: str, reason: str = AT_ONCE
         last = last_document(folder.events)
         if last["doc"] != "stop":
             at = asdict(FinalPosition.last_known(read_run(folder.path)))
-            end = {"doc": "stop", "status": "aborted", "reason": reason, "indentor": at, "stopped_while": state}
+            end = {
+                "doc": "stop",
+                "status": RunStatus.ABORTED,
+                "reason": reason,
+                "indentor": at,
+                "stopped_while": state,
+            }
             add_to_end(folder.events, end, WallClock().unix_s())
-        elif last["status"] != "aborted" or state == "reporting":
+        elif last["status"] != RunStatus.ABORTED or state == "reporting":
             add_to_end(folder.events, {"stopped_while": state}, WallClock().unix_s())
         folder.write_checksums()

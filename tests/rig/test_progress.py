@@ -20,9 +20,9 @@ from rig.cli.progress import counted, progress
 from rig.cli.script_execution import time_left
 from rig.control.stop import OwnedStage
 from rig.data.run_state import TimeLeft
+from rig.data.run_status import RunStatus, reason_of
 from rig.engine import TripError
 from rig.plan.config import Config
-from rig.session.early_ending import NO_END
 from rig.session.rehearsal_summary import Page
 from rig.session.rehearse import Rehearsed
 from sim.devices.clock import VirtualClock
@@ -191,7 +191,11 @@ def test_who_asked_for_json_is_told_nothing_else(told: Callable[..., Said], name
     """`rig run` has its page, and a run that was killed its warning."""
     said = told(name, "--json")
     assert said.out.count("\n") == 1
-    others = [line for line in said.err.splitlines() if not line.startswith(("resuming after", f"rig: {NO_END}"))]
+    others = [
+        line
+        for line in said.err.splitlines()
+        if not line.startswith(("resuming after", f"rig: {reason_of(RunStatus.KILLED)}"))
+    ]
     assert others == []
 
 
