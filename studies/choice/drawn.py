@@ -1,6 +1,5 @@
-"""Scenes drawn at random: the mix of `studies/accuracy/random_poses.py`, some of it turned, some by force."""
+"""Scenes drawn at random: the mix of `studies/accuracy/random_poses.py`, some of it turned."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -15,8 +14,7 @@ from studies.accuracy import random_poses
 CONFIG = FingertipConfig()
 PLANE_MM = CONFIG.receptor_plane_mm
 
-_ACROSS, _TURNED, _BY_FORCE = 0.2, 0.3, 0.15
-_GWT = (0.3, 10.0)
+_ACROSS, _TURNED = 0.2, 0.3
 _AWAY_MM = 1.5
 _SHALLOWEST_MM = 0.1
 _MOST_DRAWS = 2000
@@ -68,14 +66,3 @@ def stratified(each: int, seed: int) -> list[DrawnScene]:
             if not missing:
                 break
     return found
-
-
-def natural(n: int, seed: int) -> Iterator[DrawnScene]:
-    """As they come, some by force, those beyond the table among them."""
-    rng = np.random.default_rng(seed)
-    for _ in range(n):
-        scene = drawn(rng)
-        if rng.random() < _BY_FORCE:
-            force = float(np.exp(rng.uniform(*np.log(_GWT))))
-            scene = DrawnScene(scene.indentor, scene.x_mm, scene.z_mm, None, force)
-        yield scene

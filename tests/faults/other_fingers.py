@@ -21,7 +21,6 @@ from studies.faults.faulty_bench import PREDICTED, SOFT_TRIP_N, FaultyBench
 
 NEAR = {"frame": {"pad_centre_x_mm": -12.0, "apex_z_mm": -12.0}}
 """A short way from the switches, below where a virtual stage begins."""
-TO_8_GWT_MM = 0.86
 
 Law = Callable[[float], float]
 """Force of a finger (gwt) at a depth (mm)."""

@@ -190,7 +190,7 @@ DOOR_OR_HOLD = {"allowed": "door or hold", "stage": "grbl"}
 @pytest.mark.parametrize(
     ("text", "code", "fields"),
     [
-        ("kind = 'pedal'", "invalid_value", {"key": "stop.kind", "rule": "literal_error"}),
+        ("kind = 'pedal'", "invalid_value", {"key": "stop.kind", "rule": "must be 'off', 'board' or 'key'"}),
         ("kind = 'board'", "expected_with_kind", {"key": "stop", "setting": "input", "kind": "board"}),
         ("kind = 'key'", "expected_with_kind", {"key": "stop", "setting": "device", "kind": "key"}),
         ("input = 'door'", "expected_with_kind_only", {"setting": "input", "kind": "board"}),
@@ -206,7 +206,11 @@ DOOR_OR_HOLD = {"allowed": "door or hold", "stage": "grbl"}
         ("trip_input = 'di9'", "no_such_input", {"setting": "trip_input", "input": "di9", **DOOR_OR_HOLD}),
         ("kind = 'board'\ninput = 'door'\ntrip_input = 'door'", "input_used_twice", {"key": "stop"}),
         ("trip_gwt = 200", "no_trip_input", {"key": "stop"}),
-        ("trip_input = 'hold'\ntrip_gwt = -1", "invalid_value", {"key": "stop.trip_gwt", "rule": "greater_than"}),
+        (
+            "trip_input = 'hold'\ntrip_gwt = -1",
+            "invalid_value",
+            {"key": "stop.trip_gwt", "rule": "must be greater than 0"},
+        ),
         ("kind = 'key'\ndevice = 'x'\nkey_code = 9000", "invalid_value", {"key": "stop.key_code", "le": 767}),
         ("button = 'door'", "unknown_key", {"key": "stop.button"}),
     ],
