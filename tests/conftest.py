@@ -252,6 +252,8 @@ STUDIES = (
     "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
     "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
+    # rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of
+    "rig/compare/test_study_on_a_cluster.py::test_a_worker_killed_at_a_case_changes_no_byte",
     "test_site.py",  # `make docs`
     # its other tests, and sim/test_indentors.py, sim/test_whole_profiles.py
     "test_adding_a_part.py::test_a_shape_a_measure_and_a_model",
