@@ -72,7 +72,9 @@ REAL_TIME = (
     "rig/test_journal_behind.py",
     "rig/test_kills.py",
     "rig/test_modbus_counterparties.py",
+    "rig/panel/test_descriptors.py",
     "rig/panel/test_posts.py",
+    "rig/test_damaged_journal.py::test_a_stop_during_the_report_after_a_trip_leaves_the_reason_of_the_trip",
     "rig/test_ownership.py",
     "rig/test_patience.py::test_elsewhere_than_on_the_main_thread_there_are_no_alarms",
     "rig/test_release.py::test_python_runs_the_package_and_ends_as_the_program_does",
@@ -252,6 +254,8 @@ STUDIES = (
     "test_gallery.py::test_run_resumed",  # rig/test_resume.py, rig/test_kills.py
     "test_gallery.py::test_strain_anywhere",  # sim/test_any_point.py
     "test_gallery.py::test_study_on_a_cluster",  # rig/compare/test_study_on_a_cluster.py
+    # rig/compare/test_parameter_study.py::test_a_killed_process_is_told_of
+    "rig/compare/test_study_on_a_cluster.py::test_a_worker_killed_at_a_case_changes_no_byte",
     "test_site.py",  # `make docs`
     # its other tests, and sim/test_indentors.py, sim/test_whole_profiles.py
     "test_adding_a_part.py::test_a_shape_a_measure_and_a_model",

@@ -129,6 +129,7 @@ def test_what_runs_in_real_time_is_shaken(texts: dict[str, str]) -> None:
     shaken = {name for name in found if any(name.startswith(place.partition("::")[0]) for place in REAL_TIME)}
     assert found - shaken == {
         "rig/compare/test_recordings_say_what_they_lack.py",  # another program, which nothing hurries
+        "rig/panel/test_page_scripts.py",  # the same
         "rig/test_ascii_locale.py",  # the same
         "rig/test_figures_without_settings.py",  # the same
         "rig/test_run_time.py",  # its clock is a virtual one below the wall clock
