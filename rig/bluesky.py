@@ -18,7 +18,7 @@ from typing import Any, Self
 from rig.clock import WallClock
 from rig.control.client import Announced, ControlError, announced
 from rig.data.documents import Document
-from rig.data.events import Column, HoldEnd, Sample, Touch, columns_of, stream_of
+from rig.data.events import Column, HoldEndEvent, SampleEvent, TouchEvent, columns_of, stream_of
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.errors import RigError
@@ -36,7 +36,7 @@ PROGRAM = ["-m", "rig"]
 _TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 ROWS = {
     stream_of(event): (_TIME, *(column for column in columns_of(event) if not column.is_optional))
-    for event in (Sample, Touch, HoldEnd)
+    for event in (SampleEvent, TouchEvent, HoldEndEvent)
 }
 """Streams of the journal that become events, with their columns."""
 
@@ -183,7 +183,7 @@ class PressDevice(_Movable):
 
 
 def _of_sample(*names: str) -> list[Column]:
-    return [column for column in columns_of(Sample) if column.name in names]
+    return [column for column in columns_of(SampleEvent) if column.name in names]
 
 
 class BlueskyBench:

@@ -1,5 +1,6 @@
 """Errors are told apart by their class and code; what a person needs to know stands in the sentence."""
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -47,6 +48,8 @@ def shows(sentence: str, value: Any) -> bool:
     if isinstance(value, (list, tuple, set, frozenset)):
         return all(shows(sentence, one) for one in value)
     if isinstance(value, (bool, str)) or value is None:
+        return str(value) in sentence
+    if not math.isfinite(getattr(value, "expected", value)):
         return str(value) in sentence
     return any(_is_printed(number, value) for number in _NUMBER.findall(sentence))
 

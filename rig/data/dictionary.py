@@ -7,14 +7,14 @@ from rig.data.events import (
     OF_THE_PRESS,
     PRESS_EVENTS,
     Column,
-    HoldEnd,
+    HoldEndEvent,
     OfThePress,
     OfTheSensor,
     columns_of,
     description_of,
     stream_of,
 )
-from rig.data.presses import PressRow
+from rig.data.presses import PressRecord
 from rig.data.run_status import RunStatus
 from rig.data.tables import HOLD_COLUMNS, PRESSES, RUN_COLUMNS, SUPERSEDED
 
@@ -26,10 +26,10 @@ FAMILIES = {
 """Descriptions by prefix; tables that end in `_superseded` hold indentations that were repeated."""
 
 _TIME = Column("t_s", "s", float, "time of the event since the start of the run")
-_TABLES: Mapping[str, type] = {PRESSES: PressRow, **{stream_of(event): event for event in EVENTS}}
+_TABLES: Mapping[str, type] = {PRESSES: PressRecord, **{stream_of(event): event for event in EVENTS}}
 _ALSO = {column.name: column for column in (_TIME, *columns_of(OfThePress), *columns_of(OfTheSensor))}
 
-_OF_HOLD_END = {column.name: column.what for column in columns_of(HoldEnd)}
+_OF_HOLD_END = {column.name: column.what for column in columns_of(HoldEndEvent)}
 OF_A_HOLD = {
     **{name: _OF_HOLD_END[name] for name in ("index", "hold", "x_mm")},
     **{column.name: column.what for column in columns_of(OfThePress)},
@@ -111,7 +111,7 @@ def described_tables() -> dict[str, list[Column]]:
 def _columns(stream: str) -> Iterator[Column]:
     table = _TABLES[stream]
     of_a_press = table in PRESS_EVENTS
-    if table is not PressRow:
+    if table is not PressRecord:
         yield _TIME
     yield from (one for one in columns_of(table) if not of_a_press or one.name not in OF_THE_PRESS)
     if of_a_press:

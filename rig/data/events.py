@@ -72,7 +72,7 @@ class PressEvent(Event):
 
 
 @dataclass(frozen=True)
-class IndentationStart(PressEvent):
+class IndentationStartEvent(PressEvent):
     """An indentation begins."""
 
     index: Index
@@ -92,7 +92,7 @@ class IndentationStart(PressEvent):
 
 
 @dataclass(frozen=True)
-class Sample(PressEvent):
+class SampleEvent(PressEvent):
     """A reading of the force, with the position of the indentor."""
 
     index: Index
@@ -111,7 +111,7 @@ class Sample(PressEvent):
 
 
 @dataclass(frozen=True)
-class Touch(PressEvent):
+class TouchEvent(PressEvent):
     """Contact was found: F ∝ d^1.5 through the readings of the touch-off."""
 
     index: Index
@@ -125,7 +125,7 @@ class Touch(PressEvent):
 
 
 @dataclass(frozen=True)
-class Ramp(PressEvent):
+class RampEvent(PressEvent):
     """A ramp begins, with its force limits."""
 
     index: Index
@@ -139,7 +139,7 @@ class Ramp(PressEvent):
 
 
 @dataclass(frozen=True)
-class HoldStart(PressEvent):
+class HoldStartEvent(PressEvent):
     """The target, or an equal part of it, is reached and the hold begins."""
 
     index: Index
@@ -151,7 +151,7 @@ class HoldStart(PressEvent):
 
 
 @dataclass(frozen=True)
-class HoldEnd(PressEvent):
+class HoldEndEvent(PressEvent):
     """A hold ended, with the depth and force that were delivered."""
 
     index: Index
@@ -174,7 +174,7 @@ class HoldEnd(PressEvent):
 
 
 @dataclass(frozen=True)
-class Sync(PressEvent):
+class SyncEvent(PressEvent):
     """A pulse for the recording amplifier."""
 
     index: Index
@@ -185,7 +185,7 @@ class Sync(PressEvent):
 
 
 @dataclass(frozen=True)
-class IndentationEnd(PressEvent):
+class IndentationEndEvent(PressEvent):
     """The indentor is back at clearance."""
 
     index: Index
@@ -196,14 +196,14 @@ class IndentationEnd(PressEvent):
 
 
 @dataclass(frozen=True)
-class Mount(Event):
+class MountEvent(Event):
     """An indentor was mounted."""
 
     indentor: Indentor
 
 
 @dataclass(frozen=True)
-class Home(Event):
+class HomeEvent(Event):
     """The home switches were found."""
 
     controller: Annotated[str, "identification reported by the stage's controller"]
@@ -212,7 +212,7 @@ class Home(Event):
 
 
 @dataclass(frozen=True)
-class Zero(Event):
+class ZeroEvent(Event):
     """The force sensor was zeroed in the air."""
 
     sensor: Annotated[str, "identification reported by the force sensor"]
@@ -225,7 +225,7 @@ class Zero(Event):
 
 
 @dataclass(frozen=True)
-class Move(Event):
+class MoveEvent(Event):
     """The indentor moved to a position, at clearance."""
 
     x_mm: Across
@@ -234,7 +234,7 @@ class Move(Event):
 
 
 @dataclass(frozen=True)
-class Find(Event):
+class FindEvent(Event):
     """Contact was found by touch() alone."""
 
     index: Index
@@ -245,7 +245,7 @@ class Find(Event):
 
 
 @dataclass(frozen=True)
-class Retract(Event):
+class RetractEvent(Event):
     """The indentor was lifted to clearance."""
 
     height_mm: Height | None
@@ -255,7 +255,7 @@ class Retract(Event):
 
 
 @dataclass(frozen=True)
-class Reference(Event):
+class ReferenceEvent(Event):
     """A reference press was compared with the first one."""
 
     index: Index
@@ -263,14 +263,14 @@ class Reference(Event):
 
 
 @dataclass(frozen=True)
-class Rest(Event):
+class RestEvent(Event):
     """A pause without contact ended."""
 
     rest_s: Annotated[float, "duration of the pause"]
 
 
 @dataclass(frozen=True)
-class Choice(Event):
+class ChoiceEvent(Event):
     """The next press was chosen from the counts so far, or the presses ended."""
 
     index: Annotated[int, "number of the indentation that was chosen, from 0"]
@@ -292,28 +292,28 @@ class Choice(Event):
 
 
 @dataclass(frozen=True)
-class Checkpoint(Event):
+class CheckpointEvent(Event):
     """The protocol passed a checkpoint."""
 
     name: Annotated[str, "name of the checkpoint"]
 
 
 @dataclass(frozen=True)
-class Note(Event):
+class NoteEvent(Event):
     """The protocol wrote a note."""
 
     text: Annotated[str, "text of the note"]
 
 
 @dataclass(frozen=True)
-class Alarm(Event):
+class AlarmEvent(Event):
     """An alarm was raised; the run continued unless limits.on_alarm is trip."""
 
     reason: Reason
 
 
 @dataclass(frozen=True)
-class Trip(Event):
+class TripEvent(Event):
     """The rig tripped."""
 
     reason: Reason
@@ -322,14 +322,14 @@ class Trip(Event):
 
 
 @dataclass(frozen=True)
-class Paused(Event):
+class PausedEvent(Event):
     """The operator paused the run."""
 
     reason: Reason
 
 
 @dataclass(frozen=True)
-class Resumed(Event):
+class ResumedEvent(Event):
     """The operator resumed the run."""
 
     by: Annotated[str, "who resumed the run"]
@@ -396,8 +396,8 @@ def columns_of(table: type) -> tuple[Column, ...]:
 
 
 def stream_of(event: type[Event]) -> str:
-    """Return the name of the stream of a class of events: `hold_end` of HoldEnd."""
-    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", event.__name__).lower()
+    """Return the name of the stream of a class of events: `hold_end` of HoldEndEvent."""
+    return re.sub(r"(?<=[a-z])(?=[A-Z])", "_", event.__name__.removesuffix("Event")).lower()
 
 
 def description_of(table: type) -> str:

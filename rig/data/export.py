@@ -16,9 +16,9 @@ import h5py
 import numpy as np
 
 from rig.data.dictionary import about_table, column_of
-from rig.data.events import Column, HoldEnd, columns_of
+from rig.data.events import Column, HoldEndEvent, columns_of
 from rig.data.folder import replacement, write_all
-from rig.data.presses import PressRow, presses_table
+from rig.data.presses import PressRecord, presses_table
 from rig.data.run import Run, RunError, RunReadings, provenance_of
 from rig.data.spike_files import SPIKES, SYNTHETIC, SpikeRecord, about_columns, values_of, write_csv, write_nix
 from rig.data.tables import Table, tables
@@ -335,7 +335,7 @@ def _add_presses(run: Run, file: Any) -> None:
     finished = [row for row in presses_table(run) if row["end_s"] is not None]
     for row in finished:
         file.add_trial(start_time=row["t_s"], stop_time=row["end_s"])
-    for column in columns_of(PressRow):
+    for column in columns_of(PressRecord):
         values = [row[column.name] for row in finished]
         if column.name not in ("t_s", "end_s") and any(value is not None for value in values):
             file.add_trial_column(column.name, _about(column), data=_without_none(column, values))
@@ -360,7 +360,7 @@ def _add_holds(run: Run, file: Any, pynwb: Any) -> None:
         return
     table = pynwb.epoch.TimeIntervals(name="holds", description="Indentor at rest on the finger, as delivered.")
     names = ("index", "hold", "x_mm", "doi_mm", "force_gwt", "force_sd_gwt")
-    for column in columns_of(HoldEnd):
+    for column in columns_of(HoldEndEvent):
         if column.name in names:
             table.add_column(column.name, _about(column))
     for event in began:

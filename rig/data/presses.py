@@ -35,7 +35,7 @@ from rig.data.run import Event, Run
 
 
 @dataclass(frozen=True, kw_only=True)
-class PressRow:
+class PressRecord:
     """A press of the data: what was asked, and what its last hold delivered; nothing was if it was interrupted."""
 
     t_s: Annotated[float, "time of the run at which the press began"]
@@ -68,7 +68,7 @@ class PressRow:
     hold_s: HoldDuration | None = None
 
 
-def presses(run: Run) -> list[PressRow]:
+def presses(run: Run) -> list[PressRecord]:
     """Return the presses of a run that are data, in order of time."""
     starts = sorted(_all(run, "indentation_start"), key=_time)
     moves = sorted(_all(run, "move"), key=_time)
@@ -93,13 +93,13 @@ def presses_table(run: Run) -> list[dict[str, Any]]:
     return [asdict(row) for row in presses(run)]
 
 
-def _press(start: Event, along_mm: float | None, last: Mapping[str, Event]) -> PressRow:
+def _press(start: Event, along_mm: float | None, last: Mapping[str, Event]) -> PressRecord:
     """Return the row of a press from its start and the last event of each stream."""
     target, hold = {start["target"]: start["value"]}, last.get("hold_end", {})
     complete = hold.get("hold") == start["increments"]
     asked: dict[str, Any] = {name: start.get(name) for name in _ASKED}
     delivered: dict[str, Any] = {name: hold.get(name) for name in _DELIVERED if complete}
-    return PressRow(
+    return PressRecord(
         **asked,
         along_mm=along_mm,
         target_doi_mm=target.get("doi_mm"),

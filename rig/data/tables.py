@@ -12,7 +12,7 @@ from typing import Any
 
 from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, units_of
 from rig.data.folder import RunFolder
-from rig.data.presses import PressRow, presses_table
+from rig.data.presses import PressRecord, presses_table
 from rig.data.run import Run, RunError, read_run
 from rig.data.run_status import RunStatus
 from rig_shared.errors import CodedError
@@ -45,7 +45,7 @@ def tables(run: Run) -> dict[str, Table]:
     """Return the tables of all streams with events, by name; repeated indentations have separate ones."""
     found = {name: table(run, name) for name, events in run.events.items() if events}
     if rows := presses_table(run):
-        found = {PRESSES: Table(units_of(PressRow), rows)} | found
+        found = {PRESSES: Table(units_of(PressRecord), rows)} | found
     return found | {name + SUPERSEDED: _table(run, name, events) for name, events in run.superseded.items()}
 
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, TypeVar
 from rig.clock import WallClock
 from rig.data import Run
 from rig.data.choices import BY_PLAN, PLAN_DONE, probabilities_of
-from rig.data.events import Alarm, Choice
+from rig.data.events import AlarmEvent, ChoiceEvent
 from rig.data.run_state import UNTIL_CHOSEN, Course
 from rig.design.adaptive import SpikeCount
 from rig.design.chooser import ChooserLostError, Choosing, Decision, NextPressChooser, probabilities_as_text
@@ -228,7 +228,7 @@ class AdaptiveRun:
     def _go_by_plan(self, engine: Engine, step: ChoosePress, why: str) -> None:
         """Continue with the plan, and report it in journal, output, panel and report."""
         self.close()
-        engine.record(Alarm(f"{why}; from press index {step.index} on, the run follows the plan"))
+        engine.record(AlarmEvent(f"{why}; from press index {step.index} on, the run follows the plan"))
 
     def _chosen(self, engine: Engine, chooser: NextPressChooser, step: ChoosePress) -> Decision | None:
         """Wait for the choice; None if the count does not arrive in time. Raises CountError."""
@@ -256,7 +256,7 @@ class AdaptiveRun:
 
     def _record(self, engine: Engine, step: ChoosePress, found: Decision) -> None:
         press = None if found.possible is None else self.presses[found.possible]
-        choice = Choice(
+        choice = ChoiceEvent(
             index=step.index,
             indentor=None if press is None else press.shape,
             x_mm=None if press is None else press.x_mm,

@@ -8,7 +8,7 @@ from functools import partial
 from types import MappingProxyType
 from typing import NoReturn, Protocol, TypeVar
 
-from rig.data.events import Alarm, Event, Retract, Sample, Trip, stream_of
+from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
@@ -428,7 +428,7 @@ class Engine:
         also: Mapping[str, float] = MappingProxyType({}),
         record: Callable[[Event, PressId], None] | None = None,
     ) -> None:
-        reading = Sample(
+        reading = SampleEvent(
             index=press.index,
             phase=phase,
             x_mm=None if math.isnan(self.x_mm) else self.x_mm,
@@ -510,7 +510,7 @@ class Engine:
 
     def alarm(self, reason: TripError) -> None:
         """Journal an alarm; trip if limits.on_alarm is `trip`."""
-        self.record(Alarm(str(reason)))
+        self.record(AlarmEvent(str(reason)))
         if self.settings.limits.on_alarm == "trip":
             self.trip(reason)
 
@@ -522,7 +522,7 @@ class Engine:
         """
         self.state, self.problem = State.TRIPPED, reason
         with contextlib.suppress(RecordError):  # The caller reports the trip.
-            self._journalled(Trip(str(reason), force_gwt, self.contact.rounded_s))
+            self._journalled(TripEvent(str(reason), force_gwt, self.contact.rounded_s))
         lifted = False
         try:
             if self.settings.limits.on_trip == "stop":
@@ -542,11 +542,11 @@ class Engine:
         self.state, self.problem = State.TRIPPED, reason
         raise reason
 
-    def after_lift(self) -> Retract:
+    def after_lift(self) -> RetractEvent:
         """Return height, contact time and state of contact for the journal."""
         known = self.known_contact
         height_mm = round(self.height_mm, 6) if math.isfinite(self.height_mm) else None
-        return Retract(height_mm, self.contact.rounded_s, known.kind, known.force_gwt)
+        return RetractEvent(height_mm, self.contact.rounded_s, known.kind, known.force_gwt)
 
     def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
         """Trip with the reading that is the reason; a journal that fails does not delay the lift."""

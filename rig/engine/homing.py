@@ -8,7 +8,7 @@ import statistics
 from dataclasses import dataclass
 from typing import Literal, NoReturn
 
-from rig.data.events import Alarm
+from rig.data.events import AlarmEvent
 from rig.devices.base import StageAlarm, StageError, StageRejected
 from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.engine import Engine
@@ -205,7 +205,7 @@ def _find_cause(watch: _Watch, way_mm: float) -> Cause:
 def _report(engine: Engine, cause: Cause, force_gwt: float) -> Cause:
     """Journal the cause of a growth that does not end homing."""
     why = "a finger came up" if cause == "finger" else "it vanished at rest, or does not depend on the height"
-    engine.record(Alarm(f"the force grew while homing, to {_words(force_gwt)} at rest: {why}"))
+    engine.record(AlarmEvent(f"the force grew while homing, to {_words(force_gwt)} at rest: {why}"))
     return cause
 
 
@@ -322,5 +322,5 @@ def _step(engine: Engine, direction: Direction, by_mm: float = STEP_MM) -> bool:
     engine.sensing.moved = engine.motion.begun = True
     engine.guarded(jog)
     if ended_by is not None:
-        engine.record(Alarm(f"a step of homing ended short: {ended_by}"))
+        engine.record(AlarmEvent(f"a step of homing ended short: {ended_by}"))
     return ended_by is None

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple, NoReturn
 
-from rig.data.events import Find, IndentationEnd, IndentationStart, Touch
+from rig.data.events import FindEvent, IndentationEndEvent, IndentationStartEvent, TouchEvent
 from rig.devices.registry import ramps
 from rig.engine.engine import Engine
 from rig.engine.limits import CONTACT_EXPONENT, RampBound, fit_contact
@@ -135,7 +135,7 @@ class Approach:
 
     def _record(self, touch: ContactFit) -> None:
         engine = self.engine
-        event = Touch(
+        event = TouchEvent(
             index=self.press.index,
             threshold_gwt=touch.threshold_gwt,
             height_at_threshold_mm=round(touch.height_at_threshold_mm, 6),
@@ -281,7 +281,7 @@ def touch_place(engine: Engine, index: int, expected_contact_mm: float) -> float
         raise
     retract(engine)
     engine.touched.at(engine.x_mm, engine.along_mm, height_mm)
-    engine.record(Find(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
+    engine.record(FindEvent(index, engine.indentor, engine.x_mm, engine.along_mm, round(height_mm, 6)))
     return height_mm
 
 
@@ -296,7 +296,7 @@ def _attempt(
     safe_point(engine)
     before = engine.touched.reached_at(engine.x_mm, engine.along_mm)
     press, start_s = approach.press, engine.clock.monotonic_s()
-    start = IndentationStart(
+    start = IndentationStartEvent(
         index=press.index,
         indentor=engine.indentor,
         x_mm=engine.x_mm,
@@ -321,7 +321,7 @@ def _attempt(
     retract(engine)
     engine.touched.at(engine.x_mm, engine.along_mm, touch.contact_height_mm, pressing.reached or before)
     duration = engine.clock.monotonic_s() - start_s
-    engine.record(IndentationEnd(press.index, round(duration, 6)), press)
+    engine.record(IndentationEndEvent(press.index, round(duration, 6)), press)
     return Indentation(press.index, engine.x_mm, holds)
 
 

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable
 from itertools import pairwise
 
-from rig.data.events import HoldEnd, HoldStart, Ramp, Sync
+from rig.data.events import HoldEndEvent, HoldStartEvent, RampEvent, SyncEvent
 from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import Engine
 from rig.engine.limits import (
@@ -76,7 +76,7 @@ def pulse(engine: Engine, press: PressId, at: str) -> None:
     engine.guarded(lambda: stage.set_output(False))
     width_s = clock.monotonic_s() - rise_s
     run_s, uncertainty_s = round(clock.run_s(rise_s), 6), round(rise_s - requested_s, 6)
-    engine.record(Sync(press.index, at, run_s, uncertainty_s, round(width_s, 6)), press)
+    engine.record(SyncEvent(press.index, at, run_s, uncertainty_s, round(width_s, 6)), press)
 
 
 _MAX_SEEK_MOVES = 400
@@ -131,7 +131,7 @@ class Press:
         to_mm = self._contact_mm - doi_mm - engine.sensing.deflection_mm(bound.force_gwt)
         engine.limit_depth(to_mm - self._habits.increment_mm)
         engine.trips.ramp_at(bound.trip_gwt)
-        start = Ramp(
+        start = RampEvent(
             index=self.id.index,
             speed_mm_s=bound.speed_mm_s,
             measured_gwt=bound.force_gwt,
@@ -324,14 +324,16 @@ class Press:
         pulse(engine, self.id, "hold_start")
         start = clock.monotonic_s()
         ramp_gwt, ramp_s = self._force_gwt - self._ramp_from[0], round(start - self._ramp_from[1], 6)
-        begun = HoldStart(self.id.index, hold, target.kind, target.value, round(self._doi_mm, 6), self._force_gwt)
+        begun = HoldStartEvent(
+            self.id.index, hold, target.kind, target.value, round(self._doi_mm, 6), self._force_gwt
+        )
         engine.record(begun, self.id)
         readings, times = self._held_readings(target, hold_s)
         lasted_s = clock.monotonic_s() - start
         pulse(engine, self.id, "hold_end")
         mean, sd = statistics.fmean(readings), statistics.pstdev(readings)
         doi = round(self._doi_mm, 6)
-        ended = HoldEnd(
+        ended = HoldEndEvent(
             index=self.id.index,
             hold=hold,
             x_mm=engine.x_mm,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rig.data.events import Reference
+from rig.data.events import ReferenceEvent
 from rig.engine.engine import Engine
 from rig.engine.indentation import ready_to_indent
 from rig.engine.verbs import safe_point, unpaused
@@ -23,7 +23,7 @@ def compare_reference(engine: Engine, found: Indentation, promised_gwt: tuple[fl
     forces_gwt = [hold.force_gwt for hold in found.holds]
     first_gwt = engine.first_reference_gwt = engine.first_reference_gwt or forces_gwt
     off = max((now / first - 1 for now, first in zip(forces_gwt, first_gwt, strict=True)), key=abs)
-    engine.record(Reference(found.index, round(off, 6)))
+    engine.record(ReferenceEvent(found.index, round(off, 6)))
     band = engine.settings.limits.reference_band
     if abs(off) > band:
         engine.alarm(

@@ -9,7 +9,18 @@ from functools import partial
 from typing import TypeVar
 
 from rig.clock import Clock
-from rig.data.events import Alarm, Checkpoint, Home, Mount, Move, Note, Paused, Rest, Resumed, Zero
+from rig.data.events import (
+    AlarmEvent,
+    CheckpointEvent,
+    HomeEvent,
+    MountEvent,
+    MoveEvent,
+    NoteEvent,
+    PausedEvent,
+    RestEvent,
+    ResumedEvent,
+    ZeroEvent,
+)
 from rig.devices.base import LOOK_S
 from rig.engine import homing
 from rig.engine.bench_memory import LastKnown
@@ -45,7 +56,7 @@ def mount(engine: Engine, indentor: str) -> None:
             f"mount: indentor {mounted} is mounted, but {indentor} is required; mount {indentor}", "wrong_indentor"
         )
     engine.indentor = indentor
-    engine.record(Mount(indentor))
+    engine.record(MountEvent(indentor))
 
 
 def home(engine: Engine) -> None:
@@ -68,7 +79,7 @@ def home(engine: Engine) -> None:
         left = engine.not_lifted
         engine.trip(TripError(f"homed, and {left}", left.code), found.force_gwt)
     engine.be_clear()
-    engine.record(Home(controller, engine.known_contact.kind, engine.known_contact.force_gwt))
+    engine.record(HomeEvent(controller, engine.known_contact.kind, engine.known_contact.force_gwt))
 
 
 def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
@@ -92,7 +103,7 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
     finally:
         sensing.zero = None
     if found is not None:
-        engine.record(Alarm(f"before the first motion: {found}; now {engine.known_contact.words}"))
+        engine.record(AlarmEvent(f"before the first motion: {found}; now {engine.known_contact.words}"))
 
 
 def zero(engine: Engine) -> None:
@@ -126,7 +137,7 @@ def zero(engine: Engine) -> None:
         engine.trip(refused)
     engine.keep_zero(sensing.lasting_zero)
     engine.know_contact(0.0)  # The lift has shown that nothing touched while the zero was taken.
-    engine.record(Zero(name, found.noise_gwt, found.offset_n / GWT_N, drift_gwt))
+    engine.record(ZeroEvent(name, found.noise_gwt, found.offset_n / GWT_N, drift_gwt))
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
         engine.alarm(
@@ -190,7 +201,7 @@ def move_to(engine: Engine, x_mm: float, along_mm: float = 0.0) -> None:
         _go_sideways(engine, x_mm, along_mm)
         _go_to_clearance(engine, engine.settings.habits.travel_speed_mm_s)
     engine.placed = True
-    engine.record(Move(x_mm, along_mm, engine.height_mm))
+    engine.record(MoveEvent(x_mm, along_mm, engine.height_mm))
 
 
 @contextmanager
@@ -269,7 +280,7 @@ def rest(engine: Engine, seconds: float) -> None:
         safe_point(engine)
         if until_s - clock.monotonic_s() > takes_s:
             look()
-    engine.record(Rest(seconds))
+    engine.record(RestEvent(seconds))
 
 
 class LooksAtClearance:
@@ -316,12 +327,12 @@ class LooksAtClearance:
 
 def checkpoint(engine: Engine, name: str) -> None:
     """Journal a checkpoint of the protocol."""
-    engine.record(Checkpoint(name))
+    engine.record(CheckpointEvent(name))
 
 
 def note(engine: Engine, text: str) -> None:
     """Journal a note."""
-    engine.record(Note(text))
+    engine.record(NoteEvent(text))
 
 
 def safe_point(engine: Engine) -> None:
@@ -336,10 +347,10 @@ def safe_point(engine: Engine) -> None:
     if pressing:
         retract(engine)
     engine.touched.forget()  # the operator may move the finger
-    engine.record(Paused("operator"))
+    engine.record(PausedEvent("operator"))
     if not pause.go_on(LooksAtClearance(engine, engine.clock, handled=True)):
         raise RunAborted("stopped by the operator at a safe point; the indentor is lifted", "stopped_at_a_safe_point")
-    engine.record(Resumed("operator"))
+    engine.record(ResumedEvent("operator"))
     if pressing:
         raise PressPaused("paused by the operator")
 

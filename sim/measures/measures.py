@@ -43,7 +43,7 @@ class State(NamedTuple):
     principal_stress: Array
 
 
-class Kind(NamedTuple):
+class MeasureKind(NamedTuple):
     """How a measure scales, strain^`strain_power` · stress^`stress_power`, and its unit; stresses have that of E."""
 
     strain_power: int
@@ -51,8 +51,8 @@ class Kind(NamedTuple):
     unit: str
 
 
-STRAIN, STRESS = Kind(1, 0, "1"), Kind(0, 1, "pseudo-unit")
-ENERGY, STRESS_CUBED = Kind(1, 1, "pseudo-unit"), Kind(0, 3, "pseudo-unit³")
+STRAIN, STRESS = MeasureKind(1, 0, "1"), MeasureKind(0, 1, "pseudo-unit")
+ENERGY, STRESS_CUBED = MeasureKind(1, 1, "pseudo-unit"), MeasureKind(0, 3, "pseudo-unit³")
 
 
 class Measure(NamedTuple):
@@ -63,7 +63,7 @@ class Measure(NamedTuple):
     """
 
     name: str
-    kind: Kind
+    kind: MeasureKind
     meaning: str
     value: Callable[[State], Array]
     as_magnitude: bool = False

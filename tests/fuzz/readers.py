@@ -454,7 +454,7 @@ READERS: dict[str, Reader] = {
     ),
     "table of rates or counts": Reader("a.csv", _texts(RATES, REPEATS, COUNTS), _recording()),
     "table with named columns": Reader(
-        "a.csv", _texts(COUNTS), _recording("", "count=count,position=position_mm:cm,window=0.5")
+        "a.csv", _texts(COUNTS), _recording("", "count=count,position=position_mm,window=0.5")
     ),
     "spike times": Reader("a.csv", _spike_rows, _spikes_in_a_table,
         in_suite=50,

@@ -38,7 +38,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     """Find contact repeatedly, and journal the mean."""
     first, times = expected.press.index, step.times
     found = [indentation.touch_place(engine, first + k, expected.contact_mm) for k in range(times)]
-    engine.record(events.Tap(times, engine.x_mm, sum(found) / times))
+    engine.record(events.TapEvent(times, engine.x_mm, sum(found) / times))
 
 
 ''',
@@ -54,7 +54,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
         "@dataclass(frozen=True)\nclass Checkpoint(Event):",
         '''\
 @dataclass(frozen=True)
-class Tap(Event):
+class TapEvent(Event):
     """Contact was found several times."""
 
     times: Annotated[int, "number of touches"]

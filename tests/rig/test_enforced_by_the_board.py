@@ -112,7 +112,7 @@ def test_below_the_floor_the_board_refuses_and_at_the_floor_it_goes() -> None:
 
 
 def test_a_board_whose_z_homes_downwards_is_refused() -> None:
-    with raises(StageError, "not_as_configured", wanted={23: 1}, found={23: 5}):
+    with raises(StageError, "not_as_configured", wanted="$23=1", found="found 5"):
         Bench(_23=5).stage.connect()
 
 

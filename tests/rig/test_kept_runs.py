@@ -53,7 +53,7 @@ def test_a_complete_run_is_read_and_exported(tmp_path: Path) -> None:
     for path in folder.glob("*.csv"):
         path.unlink()
     export_run(run)
-    assert {path.name for path in folder.glob("*.csv")} == set(stored)
+    assert {path.name for path in folder.glob("*.csv")} == {"presses.csv", *stored}
     for table, rows in stored.items():
         _is_in(rows, _rows(folder / table), table)
     assert export_nwb(run).is_file()
