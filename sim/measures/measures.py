@@ -34,7 +34,7 @@ def strain_energy_density(stress: Array, strain: Array) -> Array:
     return 0.5 * np.einsum("...k,...k->...", stress, strain)
 
 
-class State(NamedTuple):
+class StressState(NamedTuple):
     """Strain and stress at points, (…, 6) each, with their principal values (…, 3) in ascending order."""
 
     strain: Array
@@ -65,7 +65,7 @@ class Measure(NamedTuple):
     name: str
     kind: MeasureKind
     meaning: str
-    value: Callable[[State], Array]
+    value: Callable[[StressState], Array]
     as_magnitude: bool = False
 
     @property
@@ -133,7 +133,7 @@ def measures_from_strain(strain: Array, material: Elastic) -> dict[str, Array]:
     principal = [
         np.asarray(np.linalg.eigvalsh(_tensor(v, shear)), float) for v, shear in ((strain, 0.5), (stress, 1.0))
     ]
-    state = State(strain, stress, *principal)
+    state = StressState(strain, stress, *principal)
     return {name: measure.value(state) for name, measure in BY_NAME.items()}
 
 

@@ -95,7 +95,9 @@ def failure_of(read: Callable[[Path], object], path: Path) -> str:
             read(path)
     except SystemExit as ended:
         *before, last = [line for line in said.getvalue().splitlines() if not line.endswith("…")] or [""]
-        lines = [*(line for line in before if " is damaged, line " not in line), last]  # which presses are left out
+        # What is left out of a run, and that it is incomplete, may be said before.
+        notes = (" is damaged, line ", ": the run is incomplete (")
+        lines = [*(line for line in before if not any(note in line for note in notes)), last]
         if ended.code not in tuple(ExitCode) or len(lines) != 1 or not lines[0].startswith("rig: "):
             return f"ended with {ended.code!r}: {said.getvalue()[:500]!r}"
     except BY_COMMANDS:

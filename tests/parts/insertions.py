@@ -51,7 +51,7 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
     (
         "rig/data/events.py",
-        "@dataclass(frozen=True)\nclass Checkpoint(Event):",
+        "@dataclass(frozen=True)\nclass CheckpointEvent(Event):",
         '''\
 @dataclass(frozen=True)
 class TapEvent(Event):
