@@ -22,7 +22,7 @@ from rig.compare.recordings.reading import (
     signs_of_a_copy,
 )
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.recordings.table_cells import table_lines
+from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig_shared.natural_order import natural_order
@@ -165,6 +165,8 @@ def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
         try:
             if len(cells) != len(header):
                 raise RecordingError(f"{len(cells)} cells, but the header has {len(header)}", "cells_of_row")
+            for name, k in at.items():
+                refuse_not_understood(path, columns[name].name, cells[k])
             named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
             wrong.append(_wrong(where, number, str(error)))

@@ -29,7 +29,7 @@ from rig.compare.recordings.column_units import (
     same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, table_lines
+from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, refuse_not_understood, table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -390,6 +390,8 @@ def read_table(
             raise RecordingError(
                 f"{path}, row {number}: {len(cells)} cells, but the header has {len(header)}", "cells_of_row"
             )
+        for name, k in at.items() if not rows else ():
+            refuse_not_understood(path, columns[name].name, cells[k])
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
         read = {name: same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
         rows.append((number, read, unread))
@@ -406,7 +408,7 @@ def read_table(
 
 
 _NAMES = ("unit", "repeat")
-_MAY_BE_SAME = ("window_s", "sd", "repeat")
+_MAY_BE_SAME = ("window_s", "sd", "repeat", "kind", "unit")
 
 
 def check_header(
@@ -441,7 +443,7 @@ def check_header(
     for name in required:
         column = found.get(name)
         if column is None or column.name not in header:
-            if len(header) == 1 and len(required) > 1:
+            if len(header) == 1 and len(required) > 1 and path.suffix.lower() != ".mat":
                 hint = "; lines above the names of the columns must begin with #" + hint
             if _is_numbers(header):
                 raise RecordingError(

@@ -10,11 +10,11 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rig.compare.exceptions import RecordingError
@@ -47,6 +47,22 @@ class SameInAllRows(str):
     """A cell that a file has once for all rows."""
 
     __slots__ = ()
+
+
+class NotUnderstood(str):
+    """What a column is that has no cells, such as "a struct"."""
+
+    __slots__ = ()
+
+
+def refuse_not_understood(path: Path, column: str, cell: str) -> None:
+    """Refuse a column that is there and cannot be read. Raises RecordingError."""
+    if isinstance(cell, NotUnderstood):
+        raise RecordingError(
+            f"{path}, column {column}: is {cell}; it must be a full vector of numbers (full, double), or a cell "
+            "array of texts (cellstr), with one for each row",
+            "not_understood",
+        )
 
 
 def file_and_sheet(path: Path) -> tuple[Path, str]:
@@ -436,32 +452,30 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
 
 
 def _of_matlab(path: Path, content: bytes) -> Lines:
-    """Yield the vectors of a MATLAB file as columns; scalars are the same in all rows."""
+    """Yield the vectors of a MATLAB file as columns; scalars and single texts are the same in all rows."""
     try:
         variables = matlab_variables(content, _MOST_UNPACKED)
     except (ValueError, struct.error) as error:
         raise _no_table(path, f"a damaged MATLAB file ({error})") from None
-    vectors = {one.name: one.vector for one in variables if one.vector is not None}
-    others = {one.name: f"({one.size})" for one in variables if one.vector is None and one.kind in ("", "complex")}
-    others |= {one.name: "(logical)" for one in variables if one.vector is not None and one.logical}
-    lengths = {len(values) for values in vectors.values()} - {1} or {1}
-    if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
+    columns = {one.name: one.column for one in variables if one.column is not None}
+    others = {one.name: NotUnderstood(one.problem) for one in variables if one.column is None}
+    lengths = {len(texts) for texts in columns.values()} - {1} or {1}
+    if not columns or len(lengths) > 1 or max(lengths) * len(variables) > _MOST_CELLS:
         held = ", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables"
         raise RecordingError(
             f"{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
             "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
             "no_mat_table",
         )
-    return _as_lines(vectors, others, max(lengths))
+    return _as_lines(columns, others, max(lengths))
 
 
-def _as_lines(vectors: Mapping[str, Any], others: Mapping[str, str], length: int) -> Lines:
-    """Yield the rows of vectors and scalars; `others`, which are no vectors of numbers, have one text in all rows."""
-    numbers = {
-        name: [f"{value:.17g}" for value in values] if len(values) == length else
-        [SameInAllRows(f"{values[0]:.17g}")] * length
-        for name, values in vectors.items() if name not in others
-    }  # fmt: skip
-    yield 1, [*numbers, *others]
+def _as_lines(columns: Mapping[str, Sequence[str]], others: Mapping[str, "NotUnderstood"], length: int) -> Lines:
+    """Yield the rows of vectors and scalars; `others` have one cell in all rows."""
+    texts = {
+        name: list(some) if len(some) == length else [SameInAllRows(some[0])] * length
+        for name, some in columns.items()
+    }
+    yield 1, [*texts, *others]
     for row in range(length):
-        yield row + 2, [*(texts[row] for texts in numbers.values()), *others.values()]
+        yield row + 2, [*(some[row] for some in texts.values()), *others.values()]

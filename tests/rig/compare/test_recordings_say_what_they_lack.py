@@ -5,6 +5,7 @@ of presses that were not observed, or the code of the refusal and the words that
 """
 
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 import quantities as pq
 import scipy.io
+import scipy.sparse
 from numpy.typing import NDArray
 
 from rig.cli.compare import _without_copies
@@ -779,6 +781,38 @@ def capitals(folder: Path) -> str:
 
 POSITIONS, THESE = np.array([-0.5, 0, 0.25, 1]), np.array(ALL)
 
+
+def cells(values: Sequence[Any], *, row: bool = False) -> NDArray[Any]:
+    """A cell array of MATLAB, as a column or a row."""
+    made = np.empty((len(values), 1), dtype=object)
+    made[:, 0] = values
+    return made.T if row else made
+
+
+SPIKES_IN_MAT = [(t, "spike", "1") for t in TIMES] + [(t + 0.1, "spike", "2") for t in TIMES]
+MAT_TIMES = np.array([t for t, *_ in SPIKES_IN_MAT])
+MAT_UNITS = [unit for *_, unit in SPIKES_IN_MAT]
+
+
+def mat_spikes(choice: str = "", **more: Any) -> Callable[[Path], str]:
+    """Spikes of two units, with the columns `more`."""
+    return lambda folder: mat(time_s=MAT_TIMES, **more)(folder) + choice
+
+
+def mat_object(folder: Path) -> str:
+    """Positions, rates, and a variable `unit` of MATLAB's class string, which has no public format."""
+    path = Path(mat(position_mm=POSITIONS, rate=THESE)(folder))
+
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    parts = element(6, struct.pack("<II", 17, 0)) + b"".join(element(1, one) for one in (b"note", b"MCOS", b"string"))
+    workspace = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 8)) + element(1, b"")
+    workspace += element(2, bytes(8))
+    path.write_bytes(path.read_bytes() + element(14, parts) + element(14, workspace))
+    return str(path)
+
+
 KINDS = {
     "UTF-16, tabs": Case("Excel's Unicode text", text(RATES_CSV.replace(",", "\t"), encoding="utf-16"), rates=ALL),
     "UTF-16, no mark": Case("it says what it is", content(RATES_CSV.encode("utf-16-le"), "a.csv"), code="no_csv",
@@ -837,6 +871,58 @@ KINDS = {
     "mat, a scalar sd": Case("one sd for all", mat(position_mm=POSITIONS, rate=THESE, sd=1.0, repeat=1.0), rates=ALL),
     "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
                              rates=ALL, pulses=False),
+    **{
+        f"mat, units in {what}": Case("the spikes of one of two units", mat_spikes("#1", unit=unit), ("sync=none",),
+                                      rates=ALL, pulses=False, read_as="unit")
+        for what, unit in {
+            "a cell array of texts": cells(MAT_UNITS), "a row of cells": cells(MAT_UNITS, row=True),
+            "cells of numbers": cells([float(one) for one in MAT_UNITS]), "rows of letters": np.array(MAT_UNITS),
+            "numbers": np.array(MAT_UNITS, dtype=float),
+        }.items()
+    },
+    "mat, units in a cell array, none chosen": Case("two units are not one", mat_spikes(unit=cells(MAT_UNITS)), (
+        "sync=none",), code="several_units", says=("2 units", "1, 2"), pulses=False),
+    "mat, one unit as a text": Case("it is that of all rows", lambda folder: mat(time_s=TIMES, unit="a1")(folder)
+                                    + "#a1", ("sync=none",), rates=ALL, pulses=False),
+    **{
+        f"mat, units in {what}": Case("there, and not understood", mat_spikes(unit=unit), ("sync=none",),
+                                      code="not_understood", says=("column unit", what, "one for each row"),
+                                      pulses=False)
+        for what, unit in {
+            "a struct": {"a": 1.0}, "a sparse matrix": scipy.sparse.csc_matrix(MAT_TIMES[:, None]),
+            "a complex vector": MAT_TIMES + 1j, "a logical vector": MAT_TIMES > 1, "an array of 86 × 2":
+            np.ones((86, 2)), "a cell array of cells": cells([cells([1.0])] * 86),
+        }.items()
+    },
+    "mat, kinds in cells": Case(
+        "rows of kind start and stop limit the time, as in a CSV",
+        mat(time_s=[0.0, *TIMES, LOST_S], kind=cells(["start", *["spike"] * len(TIMES), "stop"])),
+        rates=ALL[:3], lost=2, pulses=False,
+    ),
+    "mat, pulses in cells": Case(
+        "rows of kind sync are pulses", mat(time_s=np.concatenate([amplifier(TIMES), amplifier(RISES)]),
+                                            kind=cells(["spike"] * len(TIMES) + ["sync"] * len(RISES))), rates=ALL,
+    ),
+    "mat, rates in cells": Case("a number in each", mat(position_mm=POSITIONS, rate=cells(ALL)), rates=ALL),
+    "mat, a rate is an empty cell": Case("no data is not zero", mat(
+        position_mm=POSITIONS, rate=cells([*ALL[:3], np.empty((0, 0))])), code="no_number",
+        says=("row 5", "delete rows without data")),
+    "mat, repeats and sd in cells": Case("which of the two?", mat(
+        position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], sd=cells([9.0] * 8),
+        repeat=cells([str(n) for *_, n in TWICE])), code="sd_and_repeats", says=("column sd",)),
+    "mat, rates in a sparse matrix": Case("there, and not understood", mat(
+        position_mm=POSITIONS, rate=scipy.sparse.csc_matrix(THESE)), code="not_understood",
+        says=("column rate", "sparse", "full")),
+    "mat, rejected presses in letters": Case("which of the presses?", mat(
+        position_mm=POSITIONS, rate=THESE, rejected=np.array(["no", "no", "no", "yes"])), code="extra_column",
+        says=("'rejected'",)),
+    "mat, a struct beside, ignored": Case("said", mat(position_mm=POSITIONS, rate=THESE, info={"a": 1.0}), (
+        "position=position_mm",), rates=ALL, read_as="Not read: info."),
+    "mat, an object beside, ignored": Case("said", mat_object, ("position=position_mm",), rates=ALL,
+                                           read_as="Not read: note."),
+    "mat, an object beside": Case("said", mat_object, code="extra_column", says=("'note'",)),
+    "mat, one column": Case("MATLAB has no lines", mat(position_mm=POSITIONS), code="no_column",
+                            says=("rate is missing", "read position_mm;")),
     "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
                                says=("position_mm (4)", "rate (3)")),
     "mat, a struct": Case("listed", mat(s={"position_mm": POSITIONS, "rate": THESE}), code="no_mat_table",
@@ -1132,11 +1218,11 @@ SHOWN = {
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
-    "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="no_number",
-                            says=("logical",)),
-    "MATLAB, a matrix": Case("its shape is said", mat(position_mm=POSITIONS, rate=np.ones((4, 2))), code="no_number",
-                             says=("4 × 2",)),
-    "MATLAB, complex": Case("said", mat(position_mm=POSITIONS, rate=THESE + 1j), code="no_number",
+    "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="not_understood",
+                            says=("column rate", "logical")),
+    "MATLAB, a matrix": Case("its shape is said", mat(position_mm=POSITIONS, rate=np.ones((4, 2))),
+                             code="not_understood", says=("4 × 2",)),
+    "MATLAB, complex": Case("said", mat(position_mm=POSITIONS, rate=THESE + 1j), code="not_understood",
                             says=("complex",)),
     "MATLAB, version 4": Case("it says what it is", lambda folder: (
         scipy.io.savemat(folder / "a.mat", {"position_mm": POSITIONS, "rate": THESE}, format="4"),
