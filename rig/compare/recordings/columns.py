@@ -382,7 +382,7 @@ def read_table(
     first, header = next(lines)
     columns = check_header(path, first, header, required, optional, given=given, others=others, hint=hint)
     at = {name: header.index(column.name) for name, column in columns.items()}
-    rows = []
+    rows = list[tuple[int, dict[str, str], dict[str, str]]]()
     for number, cells in lines:
         if not any(cells):
             continue

@@ -170,7 +170,7 @@ def _rows_of_letters(shape: tuple[int, ...], kind: int, data: bytes, order: str)
 
 def _texts_of_cells(cells: list[bytes], order: str) -> tuple[str, ...] | None:
     """Return the text or number in each cell, "" for an empty one; None if a cell has something else."""
-    found = []
+    found = list[str]()
     for data in cells:
         one = _variable(data, order, in_cell=True) if data else MatlabVariable("", (0, 0), "char", texts=("",))
         empty = one.values is not None and not len(one.values)

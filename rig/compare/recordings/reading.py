@@ -293,17 +293,22 @@ def read_recordings(
     found = {key: read_recording(file, shape, runs, reading) for key, (shape, file) in named.items()}
     refuse_unused_columns([file for _, file in named.values()], reading.columns)
     _refuse_twice(found, {key: file for key, (_, file) in named.items()})
-    turned = set[ShapeKey]()
+    turned = to_mirror(found, mirror)
+    return of_one_afferent({str(key): one.mirrored() if key in turned else one for key, one in found.items()})
+
+
+def to_mirror(held: Iterable[ShapeKey], mirror: Sequence[str]) -> set[ShapeKey]:
+    """Return the recordings that --mirror names; a shape without a condition is all of its. Raises RecordingError."""
+    keys, turned = list(dict.fromkeys(held)), set[ShapeKey]()
     for shape in mirror:
-        meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
+        meant = [key for key in keys if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
             raise RecordingError(
-                f"--mirror {shape} requires a recording of this shape; add --recorded {shape}=CSV",
+                f"--mirror {shape}: no recording is of it; they are of {', '.join(map(str, keys)) or 'nothing'}",
                 "nothing_to_mirror",
             )
-        found |= {key: found[key].mirrored() for key in meant if key not in turned}
         turned.update(meant)
-    return of_one_afferent({str(key): one for key, one in found.items()})
+    return turned
 
 
 def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:

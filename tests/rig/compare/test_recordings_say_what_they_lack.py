@@ -218,6 +218,27 @@ UNOBSERVED = {
         "what is there and not understood is no absence",
         nwb(units__obs_intervals=[[0.0, 50.0]]), ("sync=none",), code="bad_obs_intervals", says=("obs_intervals",),
     ),
+    **{
+        f"NWB, the index {what}": Case(
+            "spikes of no unit are not absent spikes", lambda folder, index=index: of_amplifier(
+                [*TIMES, *TIMES], **{"units__id": [0, 1], "units__spike_times_index": index} | PULSES
+            )(folder) + "#0", code="wrong_index",
+            says=("units/spike_times_index", f"{2 * len(TIMES)}", f"ends at {index[-1]}"),
+        )
+        for what, index in {
+            "ends before the times": [20, 2 * len(TIMES) - 2], "ends after the times": [20, 2 * len(TIMES) + 1],
+            "falls": [2 * len(TIMES) + 1, 2 * len(TIMES)],
+        }.items()
+    },
+    "NWB, the index of obs_intervals ends before them": Case(
+        "the interval at the press at 80 s is of no unit", of_amplifier(
+            **PULSES, units__obs_intervals=amplifier([[0, 65], [75, 100]]), units__obs_intervals_index=[1]),
+        code="wrong_index", says=("units/obs_intervals_index", "ends at 1"),
+    ),
+    "NWB, an index of obs_intervals alone": Case(
+        "the intervals are missing", of_amplifier(**PULSES, units__obs_intervals_index=[1]),
+        code="bad_obs_intervals", says=("obs_intervals",),
+    ),
     "NWB, invalid_times": Case(
         "the press at 60 s is invalid; the other at 0.25 mm has 6 spikes in half a second",
         of_amplifier(**PULSES, intervals__invalid_times__start_time=amplifier([55.0]),
@@ -999,6 +1020,36 @@ LEVELS |= {
     },
 }  # fmt: skip
 
+
+def later(least_s: float, most_s: float, seed: int = 0) -> Array:
+    """Times after the spikes, at delays that vary."""
+    return np.asarray(np.add(TIMES, np.random.default_rng(seed).uniform(least_s, most_s, len(TIMES))))
+
+
+EARLY = [-1.0, *TIMES[1:]]
+"""The first spike has a negative time, as some programs write one without a value."""
+ORDER = [*TIMES[20:], *TIMES[:20]]
+ORDERS = {
+    f"{name}, {what}": Case(why, write(times), ("sync=none", "observed=throughout") if name == "NWB" else columns,
+                            rates=rates, read_as=says, pulses=False)
+    for name, write, columns in (
+        ("NWB", lambda times: nwb(units__spike_times=times), ()),
+        ("CSV", lambda times: spikes_csv(spikes=times), ("observed=throughout",)),
+        ("NIX", lambda times: nix(start=-5.0, spikes=times), ("sync=none",)),
+        ("MATLAB", lambda times: mat(time_s=times), ("observed=throughout",)),
+    )
+    for what, why, times, rates, says in (
+        ("a negative time", "said", EARLY, [5.0, *ALL[1:]],
+         "1 of 43 spikes lies before or after the run, or at a negative time of the file (-1 s)"),
+        ("times that fall", "sorted, and said", ORDER, ALL, "not in ascending order"),
+    )
+} | {
+    "NWB, spikes before and after the run": Case(
+        "said also with pulses", of_amplifier([-3.0, *TIMES, 500.0], **PULSES), rates=ALL,
+        read_as="2 of 45 spikes lie before or after the run",
+    ),
+}  # fmt: skip
+
 WRITTEN_TWICE = {
     "NWB": of_amplifier(np.sort([*TIMES, *TIMES]), **PULSES),
     "CSV": spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier([*TIMES, *TIMES]).tolist()),
@@ -1022,6 +1073,20 @@ DOUBLES = {
     "pulses in a list": Case(
         "a list does not tell rises from falls, so it is said", of_amplifier(TIMES, **PULSES), rates=ALL,
         read_as="taken as the beginnings of those of the run",
+    ),
+    "each spike again 1 to 1.2 ms later": Case(
+        "the noise moves the second crossing of the threshold",
+        of_amplifier(np.sort([*TIMES, *later(0.0010, 0.0012)]), **PULSES),
+        code="spikes_twice", says=("43 of 86 spikes", "1.1", "both phases"),
+    ),
+    "each spike again 0.6 to 1.9 ms later": Case(
+        "a detector or a neuron that fires in pairs: said",
+        of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)]), **PULSES),
+        rates=[2 * rate for rate in ALL], read_as="43 of 86 spikes are the second of a pair",
+    ),
+    "bursts of three": Case(
+        "a neuron fires so", of_amplifier(np.sort([*TIMES, *later(0.0012, 0.0018), *later(0.0025, 0.0035, 1)]),
+                                          **PULSES), rates=[3 * rate for rate in ALL],
     ),
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
@@ -1236,7 +1301,7 @@ SHOWN = {
 
 CASES = (
     UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
-    | NO_PULSES_THERE | SHOWN
+    | NO_PULSES_THERE | SHOWN | ORDERS
 )  # fmt: skip
 
 
