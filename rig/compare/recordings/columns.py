@@ -251,7 +251,10 @@ class Row:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + f" of {least:g} or more" * bounded + " with a decimal comma" * mixed
             expected += no_data * (text.casefold() in _NO_DATA)
-            expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
+            if shown is not None:
+                expected += " in a cell format without a unit, or with that of the header"
+            elif text.endswith(" in Excel)"):
+                expected += " in the cell format General; correct it there, e.g. to the unit of the header"
             raise self.wrong(column, "no_number", expected)
         return self._of_a_finger(column, in_file.factor * value)
 

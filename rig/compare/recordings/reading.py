@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -122,11 +122,9 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
-    numbered = any(map(_has_digit, repeats))
+    if any(repeats):
+        _refuse_summaries(rows, repeats)
     for row, said in zip(rows, repeats, strict=True):
-        if any(repeats) and (not said or is_summary(said) or (numbered and not _has_digit(said))):
-            raise row.wrong(repeat, "no_repeat", "the number or name of a press at this position; delete rows with "
-                            "sums, means and the like")  # fmt: skip
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
         place = (position, label_key(said))
         if place in seen:
@@ -140,13 +138,34 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         yield row, position
 
 
+def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
+    """Refuse a repeat that is empty, that means a summary, or that is no number, or has none, as others are or do."""
+    rules: list[tuple[Callable[[str], bool], str]] = [
+        (lambda said: said != "" and not is_summary(said), "the number or name of a press at this position")
+    ]
+    rules += [(_is_number, "a number, as others are")] if any(map(_is_number, repeats)) else []
+    rules += [(_has_digit, "a name with a number, as others are")] if any(map(_has_digit, repeats)) else []
+    for fits, expected in rules:
+        for row, said in zip(rows, repeats, strict=True):
+            if not fits(said):
+                problem = f"{expected}; delete rows with sums, means and the like"
+                raise row.wrong(role_name("repeat"), "no_repeat", problem)
+
+
 _SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
-_SUMMARY_WORD = re.compile(r"(?<![^\W\d_])(means?|avg|average|median|sum|totals?|pooled)(?![^\W\d_])|\bn\s*=\s*\d")
+_SUMMARY_WORD = re.compile(
+    r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
+    r"|moyennes?|sommes?|promedio|media|suma|somma|totale)(?![^\W\d_])|\bn\s*=\s*\d"
+)
 
 
 def is_summary(label: str) -> bool:
     """Return whether the label of a repeat is that of a row of sums, means and the like, such as "mean (n=2)"."""
     return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
+
+
+def _is_number(label: str) -> bool:
+    return isinstance(label_key(label), float)
 
 
 def _has_digit(text: str) -> bool:

@@ -19,14 +19,13 @@ from xml.etree import ElementTree
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.cell_visibility import (
-    NOT_CODE,
     WHITE,
     Color,
-    EmptyParts,
+    NumberFormatParts,
     are_alike,
     background_of,
     color_of,
-    empty_parts,
+    shown_as,
 )
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
@@ -173,12 +172,7 @@ def has_semicolons(path: Path) -> bool:
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _STRICT = "{http://purl.oclc.org/ooxml/spreadsheetml/main}"
 _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
-_DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
-_PERCENT_FORMATS = (9, 10)
-_QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
 _LETTER = re.compile(r"[^\W\d_]|[%‰]")
-_SCALED = re.compile(r"[0#],+(?![0#,])")
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
     NotImplementedError, RuntimeError, OSError,
@@ -196,8 +190,8 @@ class _Workbook(NamedTuple):
     struck: frozenset[int]
     pale: frozenset[int]
     """Styles whose text has the color of its background."""
-    empty: Mapping[int, EmptyParts]
-    """Number formats that show some numbers as nothing, by the number of the style."""
+    parts: Mapping[int, NumberFormatParts]
+    """Number formats of the workbook's own, by the number of the style."""
     hidden: frozenset[str]
     """Names of hidden sheets."""
 
@@ -279,8 +273,8 @@ def _text(element: ElementTree.Element) -> str:
 
 def _styles(
     archive: zipfile.ZipFile,
-) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, EmptyParts]]:
-    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `empty`."""
+) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, NumberFormatParts]]:
+    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `parts`."""
     if "xl/styles.xml" not in archive.namelist():
         return {}, frozenset(), frozenset(), {}
     own: dict[int, str] = {}
@@ -300,39 +294,27 @@ def _styles(
             inks = [color_of(one.find(f"{_MAIN}color")) for one in element]
         elif element.tag == f"{_MAIN}fills":
             fills = [background_of(next(iter(one), None), _MAIN) for one in element]
-    shown = {n: what for n, (number, *_) in enumerate(styles) if (what := _shown_as(number, own.get(number, "")))}
+    shown = {n: what for n, (number, *_) in enumerate(styles) if (what := shown_as(number, own.get(number, "")))}
     struck = frozenset(n for n, (_, font, _) in enumerate(styles) if font < len(fonts) and fonts[font])
     pale = frozenset(
         n for n, (_, font, fill) in enumerate(styles)
         if font < len(inks) and are_alike(inks[font], fills[fill] if fill < len(fills) else WHITE)
     )  # fmt: skip
-    empty = {n: parts for n, (number, *_) in enumerate(styles) if (parts := empty_parts(own.get(number, "")))}
-    return shown, struck, pale, empty
+    parts = {n: NumberFormatParts.of(own[number]) for n, (number, *_) in enumerate(styles) if number in own}
+    return shown, struck, pale, parts
 
 
 def _is_unseen(cell: ElementTree.Element, book: _Workbook) -> bool:
-    """Return whether a cell with content shows none: by its color, or by an empty part of its number format."""
+    """Return whether a cell with content shows none: by its color, or by its number format."""
     style = int(cell.get("s", 0))
-    if style in book.pale or style not in book.empty:
+    if style in book.pale or style not in book.parts:
         return style in book.pale
     number = float(cell.findtext(f"{_MAIN}v") or "nan") if cell.get("t", "n") == "n" else None
-    return book.empty[style].hide(number)
+    return book.parts[style].hides(number)
 
 
 def _is_on(flag: ElementTree.Element | None) -> bool:
     return flag is not None and flag.get("val", "1") not in ("0", "false")
-
-
-def _shown_as(number: int, code: str) -> str:
-    """Return what a number format shows instead of the number, in words; "" for the number itself."""
-    plain = NOT_CODE.sub("", code.replace("General", ""))
-    if number in _DATE_FORMATS or _DATE_CODE.search(plain):
-        return "a date or time in Excel"
-    if number in _PERCENT_FORMATS or "%" in plain:
-        return "a percentage in Excel"
-    if words := "".join(map("".join, _QUOTED.findall(code))).strip():
-        return f"shown as {words} in Excel" if _LETTER.search(words) else ""
-    return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 
 def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
@@ -357,7 +339,7 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
     hidden, struck, invisible, merged, columns = list[int](), list[int](), list[int](), list[str](), set[int]()
     for element in _xml(book.archive, part):
-        if element.tag == f"{_MAIN}col" and element.get("hidden", "0") in ("1", "true"):
+        if element.tag == f"{_MAIN}col" and _is_hidden(element, "width"):
             columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
         if element.tag == f"{_MAIN}mergeCell":
             merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
@@ -375,7 +357,7 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
         if cells > _MOST_CELLS:
             raise ValueError(f"more than {_MOST_CELLS} cells")
         if any(row):
-            hidden += [number] if element.get("hidden", "0") in ("1", "true") else []
+            hidden += [number] if _is_hidden(element, "ht") else []
             crossed = any(int(cell.get("s", 0)) in book.struck for cell in element.iter(f"{_MAIN}c"))
             struck += [number] if crossed else []
             invisible += [number] if unseen else []
@@ -387,6 +369,11 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
     return [(number, row + [""] * (width - len(row)) if any(row) else [""]) for number, row in found]
+
+
+def _is_hidden(line: ElementTree.Element, size: str) -> bool:
+    """Return whether a row or column is hidden, or has no size."""
+    return line.get("hidden", "0") in ("1", "true") or float(line.get(size, 1.0)) == 0
 
 
 def _has_rows(merged: str) -> bool:
@@ -407,8 +394,8 @@ def _refuse_unclear(
         (struck, "has rows that are struck out", "delete them, or remove the strikethrough"),
         (
             invisible,
-            "has rows with cells that show nothing, since their text has the color of the background or their number "
-            "format is empty",
+            "has rows with cells that do not show their content, since their text has the color of the background or "
+            "their number format has no digits",
             "delete the content of these cells, or make it visible",
         ),
         (
@@ -446,8 +433,11 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
         return "(a formula without a stored value)"
     if kind == "b":
         return "TRUE" if value == "1" else "FALSE"
-    if kind == "n" and value and (shown := book.shown.get(int(cell.get("s", 0)))):
-        return f"{value} ({shown})"
+    style = int(cell.get("s", 0))
+    if kind == "n" and value:
+        parts = book.parts.get(style)
+        shown = book.shown.get(style) or (parts.sign_problem(float(value)) if parts else "")
+        return f"{value} ({shown})" if shown else value.strip()
     return value.strip()
 
 

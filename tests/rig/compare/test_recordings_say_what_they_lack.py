@@ -556,11 +556,24 @@ ROWS = {
     },
     **{
         f"repeat {again!r} after {first!r}": Case(
-            "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", "0.25,12,2"),
+            "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", f"0.25,12,{more}"),
             code="place_twice", says=("row 3", "first in row 2", "repeat"),
         )
-        for first, again in (("1", "1.0"), ("01", "1"), ("1e1", "10"), ("a1", "A1"))
+        for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"))
     },
+    **{
+        f"a repeat {word!r} beside numbers": Case(
+            "what is no number may be a mean", twice(f"0,99,{word}"), code="no_repeat", says=("row 10", repr(word))
+        )
+        for word in ("M", "M1", "moyenne 1-2", "Mittel", "gesamt", "promedio", "trial 3", "1-2", "1+2")
+    },
+    **{
+        f"a repeat {word!r} beside names": Case("a summary is no press", table(
+            "position_mm,rate,repeat", "0,1,a", "0,3,b", f"0,2,{word}"), code="no_repeat", says=(repr(word),))
+        for word in ("moyenne", "Mittelwert 1", "Durchschnitt", "gesamt", "Promedio", "media", "somme", "Summe n=2")
+    },
+    "repeats with numbers and letters": Case("names", table("position_mm,rate,repeat", *(
+        f"{x},{y},{('r1', 'M2')[n - 1]}" for x, y, n in TWICE)), rates=ALL),
     "repeats A1 and A01": Case("two labels", table("position_mm,rate,repeat", *(
         f"{x},{y},{('A1', 'A01')[n - 1]}" for x, y, n in TWICE)), rates=ALL),
     "one repeat, written in two ways": Case("a position of it and one nearby are two positions", table(
@@ -1177,10 +1190,10 @@ NO_PULSES_THERE = {
 
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
-    ink: str = "", fill: str = "",
+    ink: str = "", fill: str = "", number: int = 200, header: str = "rate",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
-    write = xlsx({"A": RATES_ROWS}, inline=True)
+    write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
 
     def change(folder: Path) -> str:
         path = Path(write(folder))
@@ -1193,7 +1206,9 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
-        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="1" fillId="1"/></cellXfs>'
+        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="FORMAT" fontId="1" fillId="1"/></cellXfs>'.replace(
+            "FORMAT", str(number)
+        )
         code = "0.0" if style in ("", "struck") else style
         formats = f'<numFmts><numFmt numFmtId="200" formatCode="{code}"/></numFmts>'
         fonts = (
@@ -1235,12 +1250,20 @@ SHOWN = {
     "a digit in bold": Case("the same number", styled(
         value='<is><r><t>{y}</t></r><r><rPr><b/><strike val="0"/><vertAlign val="baseline"/></rPr><t>0</t></r></is>',
         kind=' t="inlineStr"'), rates=ALL),
-    "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
-                         says=("hidden", "(3)", "visible rows")),
-    "a hidden column": Case(
-        "a reader does not see it", styled(before='<cols><col min="2" max="3" hidden="1"/></cols>'),
-        code="unclear_rows", says=("hidden", "(2)", "visible columns"),
-    ),
+    **{
+        f"a row with {hidden}": Case("a reader does not see it", styled(row=hidden), code="unclear_rows",
+                                     says=("hidden", "(3)", "visible rows"))
+        for hidden in ('hidden="1"', 'ht="0"', 'ht="0.0" customHeight="1"')
+    },
+    **{
+        f"a column with {hidden}": Case(
+            "a reader does not see it", styled(before=f'<cols><col min="2" max="3" {hidden}/></cols>'),
+            code="unclear_rows", says=("hidden", "(2)", "visible columns"),
+        )
+        for hidden in ('hidden="1"', 'width="0"')
+    },
+    "a narrow column": Case("a reader sees it", styled(before='<cols><col min="2" max="3" width="4.5"/></cols>'),
+                            rates=ALL),
     "a hidden column, empty": Case("nothing to see", styled(before='<cols><col min="3" max="9" hidden="1"/></cols>'),
                                    rates=ALL),
     "a hidden sheet": Case("a reader does not see it", xlsx({"A": [], "old": RATES_ROWS}, hidden="old"),
@@ -1249,7 +1272,7 @@ SHOWN = {
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
     **{
         f"text {ink} on {fill or 'no fill'}": Case("a reader sees nothing", styled(ink=ink, fill=fill),
-                                                   code="unclear_rows", says=("show nothing", "(2, 3, 4, 5)"))
+                                                   code="unclear_rows", says=("do not show", "(2, 3, 4, 5)"))
         for ink, fill in (
             ('rgb="FFFFFFFF"', ""), ('rgb="FFFAFAFA"', ""), ('theme="0"', ""), ('indexed="9"', ""),
             ('indexed="65"', ""),
@@ -1266,15 +1289,39 @@ SHOWN = {
     },
     **{
         f"shown by {code}": Case("a reader sees nothing", styled(code), code="unclear_rows",
-                                 says=("show nothing", "(2, 3, 4, 5)"))
-        for code in (";;;", ";;", ";-0.0")
+                                 says=("do not show", "(2, 3, 4, 5)"))
+        for code in (";;;", ";;", ";-0.0", "\\-;-0.0", "&quot;+&quot;")
     },
     **{
         f"shown by {code}": Case("a reader sees it", styled(code), rates=ALL)
-        for code in ("0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0")
+        for code in (
+            "0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0",
+            "_-* #,##0.0_-;\\-* #,##0.0_-;_-* &quot;-&quot;??_-;_-@_-",
+            "#,##0.0_);(#,##0.0)", "0.0;[Red]0.0", "0.00E-00", "0.0&quot; s-1&quot;", "+0.0;-0.0;0.0",
+        )
     },
+    **{
+        f"negative rates shown by {code}": Case("a reader sees other numbers", styled(code, value="<v>-1</v>"),
+                                                code="no_number", says=("'-1 (shown without its sign in Excel)'",))
+        for code in ("0.0;0.0", "0.0;0.0;0", "0.0_-;0.0_-", "0.0;&quot;+&quot;0.0")
+    },
+    **{
+        f"rates shown by {code}": Case("a reader sees other numbers", styled(code), code="no_number", says=(what,))
+        for code, what in (
+            ("-0.0", "with another sign in Excel"), ("(0.0);-0.0", "with another sign in Excel"),
+            ("0.0-", "with another sign in Excel"), ("\\-0.0", "with another sign in Excel"),
+            ("&quot;1&quot;0.0", "shown as 1 in Excel"), ("[&lt;10]0.0;0", "by conditions"),
+            ("#,##0.00 [$€-407]", "€"), ("&quot;£&quot;0.0", "£"), ("$0.0", "$"), ("0.0\\ ¥", "¥"),
+        )
+    },
+    "rates shown as a currency": Case("a format that Excel has built in", styled(number=44), code="no_number",
+                                      says=("a currency",)),
+    "percent, with the header's unit": Case(
+        "40 % are stored as 0.4", styled("0%", header="rate (%)"), code="no_number",
+        says=("a percentage in Excel", "cell format General"),
+    ),
     "a zero that is not shown": Case(
-        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("show nothing",)
+        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("do not show",)
     ),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
