@@ -119,7 +119,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
     has the unit of the rates.
     """
     given: dict[str, RecordingColumn] = {}
-    for text in texts:
+    for text in map(same_name, texts):
         for part in _roles_in(text):
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):

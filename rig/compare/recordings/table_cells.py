@@ -27,6 +27,7 @@ from rig.compare.recordings.cell_visibility import (
     color_of,
     shown_as,
 )
+from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
 from rig_shared.user_files import MOST_LINES, read_bytes, text_of
@@ -84,7 +85,7 @@ def table_lines(path: Path) -> Lines:
         first, header = next(lines, (first + 1, []))
         if not header and first > MOST_LINES:
             break
-    header = [" ".join(cell.split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
+    header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
         yield number, _without_empty_ends(cells, len(header))

@@ -664,51 +664,6 @@ def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path],
     return lambda folder: write(folder) + choice
 
 
-E_ACUTE = ["\u00e9", "e\u0301"]
-NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
-
-IDENTITIES = {
-    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
-    "an id that occurs twice": Case(
-        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
-        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
-    ),
-    "an id that occurs twice, without names": Case(
-        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
-    ),
-    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
-    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
-    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
-    "a text that two units share": Case(
-        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
-    ),
-    "the id of one and the name of another": Case(
-        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
-        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
-    ),
-    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
-    "no choice": Case(
-        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
-    ),
-    **{
-        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
-            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
-        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
-    },
-    "CSV, one unit written in two ways": Case(
-        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
-            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
-        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
-    ),
-    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
-                         says=("unit_name A0",)),
-    "a column of MATLAB": Case(
-        "MatNWB writes (N, 1)",
-        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
-        rates=ALL,
-    ),
-}  # fmt: skip
-
 RATES_CSV = "position_mm,rate\n" + "".join(f"{x},{y:g}\n" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))
 RATES_ROWS = [["position_mm", "rate"], *([x, y] for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))]
 _XML = '<?xml version="1.0"?>'
@@ -772,6 +727,72 @@ def xlsx(
         return f"{path}{choice}"
 
     return write
+
+
+E_ACUTE = ["\u00e9", "e\u0301"]
+NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
+
+IDENTITIES = {
+    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
+    "an id that occurs twice": Case(
+        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
+        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
+    ),
+    "an id that occurs twice, without names": Case(
+        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
+    ),
+    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
+    "a text that two units share": Case(
+        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
+    ),
+    "the id of one and the name of another": Case(
+        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
+        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
+    ),
+    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
+    "no choice": Case(
+        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
+    ),
+    **{
+        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
+            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
+        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
+    },
+    **{
+        f"{kind}, columns with accents, {how} in --columns": Case(
+            "é is é, one letter or two", write(stored),
+            (f"position=Position {said}l{said}vation (mm),rate=D{said}charge:Hz",), rates=ALL,
+        )
+        for how, stored, said in (("apart", *E_ACUTE), ("as one", *E_ACUTE[::-1]))
+        for kind, write in (
+            ("CSV", lambda e: text(RATES_CSV.replace("position_mm,rate", f"Position {e}l{e}vation (mm),D{e}charge"))),
+            ("xlsx", lambda e: xlsx({"A": [[f"Position {e}l{e}vation (mm)", f"D{e}charge"], *RATES_ROWS[1:]]})),
+        )
+    },
+    **{
+        f"NWB, a column with an accent, {how} in --columns": Case(
+            "é is é, one letter or two", nwb(**{
+                f"units__d{stored}charges": amplifier(TIMES), f"units__d{stored}charges_index": [len(TIMES)],
+                "units__spike_times": [1.0], f"intervals__impulsions_{stored}__start_time": amplifier(RISES),
+            }), (f"time=d{said}charges", f"sync=impulsions_{said}", "observed=throughout"), rates=ALL,
+        )
+        for how, stored, said in (("apart", *E_ACUTE), ("as one", *E_ACUTE[::-1]))
+    },
+    "CSV, one unit written in two ways": Case(
+        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
+            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
+        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
+    ),
+    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
+                         says=("unit_name A0",)),
+    "a column of MATLAB": Case(
+        "MatNWB writes (N, 1)",
+        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
+        rates=ALL,
+    ),
+}  # fmt: skip
 
 
 def mat(**variables: Any) -> Callable[[Path], str]:
