@@ -10,6 +10,7 @@ import math
 import struct
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from typing import NamedTuple, NoReturn
 
 import numpy as np
@@ -41,14 +42,18 @@ class MatlabVariable(NamedTuple):
         return self.values if self._is_vector else None
 
     @property
-    def column(self) -> tuple[str, ...] | None:
-        """The numbers, as texts, or the texts of a variable that may be a column of a table; None for others."""
-        if self.kind == "cell":
-            return self.texts if self._is_vector else None
-        if self.kind == "char":
-            return self.texts
-        numbers = self.vector
-        return None if numbers is None or self.logical else tuple(f"{value:.17g}" for value in numbers)
+    def length(self) -> int | None:
+        """The number of rows of a variable that may be a column of a table; None for others."""
+        if self.texts is not None:
+            return len(self.texts) if self.kind == "char" or self._is_vector else None
+        return None if self.vector is None or self.logical else len(self.vector)
+
+    def column(self) -> list[str]:
+        """Return the texts, or the numbers as texts, of a variable that may be a column."""
+        if self.texts is not None:
+            return list(self.texts)
+        assert self.values is not None
+        return [f"{value:.17g}" for value in self.values]
 
     @property
     def _is_vector(self) -> bool:
@@ -57,8 +62,8 @@ class MatlabVariable(NamedTuple):
     @property
     def size(self) -> str:
         """The length, the shape, or the kind, in words."""
-        if self.column is not None:
-            return str(len(self.column)) if self.kind != "char" else f"char, {len(self.column)}"
+        if self.length is not None:
+            return f"char, {self.length}" if self.kind == "char" else str(self.length)
         shape = " × ".join(map(str, self.shape))
         return f"{self.kind}, {shape}" if self.kind in ("complex", "cell") else self.kind or shape
 
@@ -128,7 +133,9 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _variable(data: bytes, order: str, *, in_cell: bool = False) -> MatlabVariable:
-    parts = list(_elements(data, order))
+    parts = list(islice(_elements(data, order), _MOST_PARTS + 1))
+    if len(parts) > _MOST_PARTS:
+        raise ValueError(f"a cell array has more than {_MOST_PARTS} cells")
     (_, flags), (_, sizes), (_, name), *rest = parts if len(parts) >= _PARTS else _damaged()
     flag = struct.unpack_from(f"{order}I", flags)[0] if len(flags) >= _TAG else _damaged()
     code = flag & 0xFF
@@ -174,14 +181,13 @@ def _texts_of_cells(cells: list[bytes], order: str) -> tuple[str, ...] | None:
     for data in cells:
         one = _variable(data, order, in_cell=True) if data else MatlabVariable("", (0, 0), "char", texts=("",))
         empty = one.values is not None and not len(one.values)
-        column = ("",) if empty else one.column
-        if column is None or len(column) != 1:
+        if not empty and one.length != 1:
             return None
-        found += column
+        found += [""] if empty else one.column()
     return tuple(found)
 
 
-_PARTS = 3
+_PARTS, _MOST_PARTS = 3, 2_000_000
 
 
 def _damaged() -> NoReturn:

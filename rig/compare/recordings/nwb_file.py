@@ -238,7 +238,7 @@ def _observed(
 def _invalid(file: h5py.File, path: Path) -> Array | None:
     """Return the intervals (n, 2) of the table invalid_times, in s; None without such a table."""
     places = ("intervals/invalid_times/start_time", "intervals/invalid_times/stop_time")
-    if not members(file, path, "intervals/invalid_times"):
+    if "invalid_times" not in members(file, path, "intervals"):
         return None
     begin, end = (numbers_in(file, path, place) for place in places)
     if begin is None or end is None or len(begin) != len(end):

@@ -322,10 +322,8 @@ def to_mirror(held: Iterable[ShapeKey], mirror: Sequence[str]) -> set[ShapeKey]:
     for shape in mirror:
         meant = [key for key in keys if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
-            raise RecordingError(
-                f"--mirror {shape}: no recording is of it; they are of {', '.join(map(str, keys)) or 'nothing'}",
-                "nothing_to_mirror",
-            )
+            remedy = f"use one of {', '.join(map(str, keys))}" if keys else f"add --recorded {shape}=FILE"
+            raise RecordingError(f"--mirror {shape}: there is no recording of it; {remedy}", "nothing_to_mirror")
         turned.update(meant)
     return turned
 

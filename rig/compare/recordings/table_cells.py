@@ -448,9 +448,9 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
         variables = matlab_variables(content, _MOST_UNPACKED)
     except (ValueError, struct.error) as error:
         raise _no_table(path, f"a damaged MATLAB file ({error})") from None
-    columns = {one.name: one.column for one in variables if one.column is not None}
-    others = {one.name: NotUnderstood(one.problem) for one in variables if one.column is None}
-    lengths = {len(texts) for texts in columns.values()} - {1} or {1}
+    columns = {one.name: one for one in variables if one.length is not None}
+    others = {one.name: NotUnderstood(one.problem) for one in variables if one.length is None}
+    lengths = {one.length or 0 for one in columns.values()} - {1} or {1}
     if not columns or len(lengths) > 1 or max(lengths) * len(variables) > _MOST_CELLS:
         held = ", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables"
         raise RecordingError(
@@ -458,14 +458,13 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
             "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
             "no_mat_table",
         )
-    return _as_lines(columns, others, max(lengths))
+    return _as_lines({name: one.column() for name, one in columns.items()}, others, max(lengths))
 
 
 def _as_lines(columns: Mapping[str, Sequence[str]], others: Mapping[str, "NotUnderstood"], length: int) -> Lines:
     """Yield the rows of vectors and scalars; `others` have one cell in all rows."""
     texts = {
-        name: list(some) if len(some) == length else [SameInAllRows(some[0])] * length
-        for name, some in columns.items()
+        name: some if len(some) == length else [SameInAllRows(some[0])] * length for name, some in columns.items()
     }
     yield 1, [*texts, *others]
     for row in range(length):

@@ -235,6 +235,16 @@ UNOBSERVED = {
             **PULSES, units__obs_intervals=amplifier([[0, 65], [75, 100]]), units__obs_intervals_index=[1]),
         code="wrong_index", says=("units/obs_intervals_index", "ends at 1"),
     ),
+    **{
+        f"NWB, {place} in another file": Case(
+            "what is there and not read is no absence", of_amplifier(
+                **PULSES, **{f"{place}__{name}": h5py.ExternalLink("other.h5", "/x") for name in names}),
+            code="elsewhere", says=("another file",),
+        )
+        for place, names in {
+            "units": ("obs_intervals", "obs_intervals_index"), "intervals": ("invalid_times",),
+        }.items()
+    },
     "NWB, an index of obs_intervals alone": Case(
         "the intervals are missing", of_amplifier(**PULSES, units__obs_intervals_index=[1]),
         code="bad_obs_intervals", says=("obs_intervals",),
