@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
-from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
+from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
@@ -23,7 +23,7 @@ from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
 from rig.compare.profile_shape_test import chance_rows
-from rig.compare.receptor_place import RequestedRanges, common_range, places
+from rig.compare.receptor_place import RequestedRanges, common_range, places, refuse_uncovered
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, refuse_unused_options, sha256
 from rig.compare.recordings.recording import Recording
@@ -35,18 +35,20 @@ from rig.compare.spike_clock import (
     recording_sentences,
     recordings_as_json,
 )
-from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
+from rig.compare.stimuli import StimulusRow, pressed, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import TOO_FEW, positions, sentence
 from rig.compare.wider_run import with_wider_runs
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig.plan.finger_model import from_copy
 from rig.report.comparison_report import fingers_sections, place_section, write_comparison
 from rig.report.page_parts import Section
-from rig.report.recording_sections import deflection_section, read_deflections, simulated
+from rig.report.recording_sections import Deflection, deflection_section, read_deflections, simulated
 from rig.report.spikes_section import spikes_sections
-from sim.contact.shapes import with_size
+from sim.contact.indentor import ACROSS
+from sim.contact.shapes import parse_shape, with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE
@@ -204,11 +206,14 @@ def command(
                     "--silent-at-rest": silent_at_rest,
                     "--place": place,
                     "--fingers": fingers is not None,
+                    "--depth-range-mm": depth_range_mm is not None,
+                    "--offset-mm": offset_mm is not None,
                     "--deflection": deflection is not None,
                     "--exact": exact,
                 },
             )
-            pressed = [one for some in _answered(found, receptors, friction, as_json=as_json) for one in some.stimuli]
+            read = read_group(group, mirror or [], found, _pressed(found, receptors), reading)
+            solved = [one for some in _answered(found, receptors, friction, as_json=as_json) for one in some.stimuli]
             made_by = {
                 "--recorded": recorded or [],
                 "--columns": columns or [],
@@ -221,7 +226,7 @@ def command(
                     ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
                 ),
             }
-            asked = GroupInput(group, mirror or [], found, pressed, reading, _remade_by(runs, made_by, {}))
+            asked = GroupInput(read, found, solved, _remade_by(runs, made_by, {}))
             compare_group(asked, report, as_json=as_json)
             write_sidecar(report, time.perf_counter() - began)
             return
@@ -229,12 +234,16 @@ def command(
         with busy("reading the recordings …", quick=True):
             recordings = read_recordings(recorded or [], mirror or [], found, reading)
             refuse_unused_options(recordings.values(), reading)
+            compare(_pressed(found, receptors), recordings, normalize=normalize)
+            measured = [] if deflection is None else _measured_deflection(found, deflection)
         if place and not recordings:
             raise BadInputError("--place requires recordings; add --recorded", "needs_option")
         where = _sought(found, receptors, place, depth_range_mm, offset_mm)
+        if where is not None:
+            refuse_uncovered(found, recordings, where, normalize=normalize)
         answered = _answered(found, receptors, friction, as_json=as_json)
         with busy("skin along the finger: computing its deflection …", quick=True):
-            beside = _along_the_finger(answered, deflection)
+            beside = _along_the_finger(answered, measured, deflection)
         comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
         if any(left_out(overlay).any() for overlay in comparison.overlays):
             with busy("positions left out: checking how far a run may reach …", as_json=as_json):
@@ -342,17 +351,22 @@ class Answered:
     stimuli: list[StimulusRow]
 
 
-def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
-    """Return the simulated responses to each run."""
-    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
-    with busy("simulated responses: reading them from the cache, or computing them …", as_json=as_json):
-        found = [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
-    if not any(one.stimuli for one in found):
+def _pressed(runs: Sequence[Run], receptors: Receptors) -> list[StimulusRow]:
+    """Return what the runs pressed, without responses."""
+    found = [one for run in runs for one in pressed(run, receptors.x_mm)]
+    if not found:
         raise BadInputError(
             f"run folder {runs[0].folder.path}: contains no finished indentation; compare a run with at least one",
             "nothing_finished",
         )
     return found
+
+
+def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json: bool) -> list[Answered]:
+    """Return the simulated responses to each run."""
+    fingers = [finger.with_friction(friction) for finger in _fingers(runs, receptors, as_json=as_json)]
+    with busy("simulated responses: reading them from the cache, or computing them …", as_json=as_json):
+        return [Answered(run, finger, stimuli(run, finger)) for run, finger in zip(runs, fingers, strict=True)]
 
 
 def _compared(
@@ -406,18 +420,24 @@ def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None)
     return [*columns_sentences(recordings.values()), *lines, *([] if shift is None else [shift.sentence])]
 
 
-def _along_the_finger(answered: list[Answered], measured: Path | None) -> list[Section]:
-    """Return sections on skin deflection under indentors across the finger, with measured deflections overlaid."""
-    points = [] if measured is None else read_deflections(measured)
-    profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
-    if measured is not None and not profiles:
+def _measured_deflection(runs: Sequence[Run], file: Path) -> list[Deflection]:
+    """Return measured deflections; refuse them beside runs without an indentor across the finger."""
+    found = read_deflections(file)
+    shapes = (from_copy(run.folder.path, one.indentor) for run in runs for one in pressed(run, ()))
+    if not any(parse_shape(shape).axes == ACROSS for shape in shapes):
         raise BadInputError(
-            f"--deflection {measured}: the runs contain no shape that lies across the finger; add a run with one, "
+            f"--deflection {file}: the runs contain no shape that lies across the finger; add a run with one, "
             "or compare a single press with rig indent --deflection",
             "nothing_across",
         )
-    source = "" if measured is None else f"{measured.name} (SHA-256 {sha256(measured)})"
-    return [deflection_section(profiles, points, source)] if profiles else []
+    return found
+
+
+def _along_the_finger(answered: list[Answered], measured: list[Deflection], file: Path | None) -> list[Section]:
+    """Return sections on skin deflection under indentors across the finger, with measured deflections overlaid."""
+    profiles = [profile for one in answered for profile in simulated(one.run, one.finger)]
+    source = "" if file is None else f"{file.name} (SHA-256 {sha256(file)})"
+    return [deflection_section(profiles, measured, source)] if profiles else []
 
 
 def _fingers(runs: list[Run], receptors: Receptors, *, as_json: bool) -> list[Fingertip]:

@@ -36,12 +36,20 @@ def named_group(recorded: Sequence[str]) -> Path | None:
 class GroupInput(NamedTuple):
     """Recordings of several afferents, the runs to compare them with, and the command."""
 
-    path: Path
-    mirror: Sequence[str]
+    recordings: Recordings
     runs: Sequence[Run]
     stimuli: Sequence[StimulusRow]
-    reading: Reading
     command: str
+
+
+def read_group(
+    path: Path, mirror: Sequence[str], runs: Sequence[Run], pressed: Sequence[StimulusRow], reading: Reading
+) -> Recordings:
+    """Return the recordings of several afferents, each of which the runs pressed. Raises RecordingError."""
+    with busy("reading the recordings …", quick=True):
+        found = read_afferents(path, mirror, runs, pressed, reading)
+        refuse_unused_options((one for some in found.values() for one in some.values()), reading)
+    return found
 
 
 def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
@@ -93,9 +101,7 @@ def _answer(stimuli: Sequence[StimulusRow], flat: Mapping[str, Recording]) -> ob
 
 def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
     """Compare every afferent and the group, and write the page."""
-    with busy("reading the recordings …", quick=True):
-        found: Recordings = read_afferents(of.path, of.mirror, of.runs, of.stimuli, of.reading)
-        refuse_unused_options((one for some in found.values() for one in some.values()), of.reading)
+    found = of.recordings
     with busy("comparing every measure with every afferent …", as_json=as_json):
         judged, left_out, small_strain = _judged(of.stimuli, found)
         group = group_verdict(judged)

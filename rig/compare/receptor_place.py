@@ -30,7 +30,7 @@ from rig.compare.place_grid import (
     spline_weights,
 )
 from rig.compare.recordings.recording import Recording
-from rig.compare.stimuli import stimuli
+from rig.compare.stimuli import pressed, stimuli
 from rig.compare.verdict import LEVEL
 from rig.data import Run
 from rig.plan.config import load_config
@@ -221,12 +221,6 @@ def receptor_location(
     with the offset.
     """
     data = _data(overlays, where)
-    if data is None and where.offset_mm[0] < where.offset_mm[1]:
-        raise ComparisonError(
-            f"--offset-mm {where.offset_mm[0]:g},{where.offset_mm[1]:g}: the run covers too few recorded "
-            "positions moved by these offsets; narrow the offset, or press a wider range",
-            "offset_not_covered",
-        )
     if data is None or data.observed.silent:
         return None
     rows = [_row(data, MEASURES.index(name), form) for name in measures]
@@ -250,6 +244,12 @@ def _data(overlays: Sequence[Overlay], where: PlaceRange) -> _Data | None:
     at_ends = ends[0] + ends[1]  # NaN if either end of the offset is not covered
     at_ends = at_ends.reshape(1, at_ends.shape[1], n_depths, -1)[:, :, 0]
     which = compared(at_ends)
+    if which is None and where.offset_mm[0] < where.offset_mm[1]:
+        raise ComparisonError(
+            f"--offset-mm {where.offset_mm[0]:g},{where.offset_mm[1]:g}: the run covers too few recorded "
+            "positions moved by these offsets; narrow the offset, or press a wider range",
+            "offset_not_covered",
+        )
     if which is None:
         return None
     in_play, used = which
@@ -339,6 +339,16 @@ def common_range(runs: Sequence[Run], sought: RequestedRanges) -> PlaceRange:
     for config in configs[1:]:
         place_range(where.x_mm, where.depth_mm, sought.offset_mm, config)
     return where
+
+
+def refuse_uncovered(
+    runs: Sequence[Run], recordings: Mapping[str, Recording], where: PlaceRange, *, normalize: bool
+) -> None:
+    """Refuse an offset with which the runs cover too few positions, before anything is solved."""
+    nodes_mm = np.tile(where.x_nodes, len(where.depth_nodes)).tolist()
+    on_grid = [one for run in runs for one in pressed(run, nodes_mm)]
+    for overlays in afferents(compare(on_grid, recordings, normalize=normalize)):
+        _data(overlays, where)
 
 
 def places(

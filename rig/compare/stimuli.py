@@ -200,18 +200,52 @@ def stimuli(run: Run, finger: Fingertip) -> list[StimulusRow]:
     table, _ = cached_arrays(
         responses_key(run, finger), lambda: _table(responses(run, finger, last_only=True)), kind="answers"
     )
-    if not len(table["x_mm"]):
-        return []
-    what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
-    found = [
-        _stimulus(run.folder.path.name, one, table, [one == other for other in what])
-        for one in sorted(set(what), key=lambda one: (natural_order(one[0]), *one[1:]))
-    ]
+    found = _of_table(run, table)
     of_finger: dict[str, Any] = {
         "stiffening": finger.config.tissue.finite_stiffening,
         "default_finger": is_default_finger(finger.config),
     }
     return [replace(one, pressed_with=from_copy(run.folder.path, one.indentor), **of_finger) for one in found]
+
+
+def pressed(run: Run, receptor_mm: Sequence[float]) -> list[StimulusRow]:
+    """Return the stimuli of a run as its journal states them, with responses of zero: nothing is solved.
+
+    They tell which shapes, conditions and positions a run covers.
+    """
+    starts = {event["index"]: event for event in run.stream("indentation_start")}
+    holds = {(event["index"], event["hold"]): event for event in run.stream("hold_start")}
+    last = [
+        (starts[end["index"]]["indentor"], holds[end["index"], end["hold"]], end)
+        for end in run.stream("hold_end")
+        if end["index"] in run.done and end["hold"] == starts[end["index"]]["increments"]
+    ]
+    rows, receptors = len(last), len(receptor_mm)
+    table: Arrays = {
+        "indentor": np.array([indentor for indentor, *_ in last]),
+        "kind": np.array([start["target"] for _, start, _ in last]),
+        "commanded": np.array([round(start["commanded"], SAME_DECIMALS) for _, start, _ in last]),
+        "x_mm": np.array([end["x_mm"] for *_, end in last]),
+        "doi_mm": np.zeros(rows),
+        "force_gwt": np.zeros(rows),
+        "measures": np.zeros((rows, len(MEASURES), receptors)),
+        "pressure": np.zeros((rows, 1)),
+        "controls": np.zeros((rows, len(CONTROLS), receptors)),
+        "regions_mm": np.full((rows, 1, 2), np.nan),
+        "skin_mm": np.zeros(1),
+        "receptor_mm": np.array(receptor_mm),
+    }
+    return _of_table(run, table)
+
+
+def _of_table(run: Run, table: Arrays) -> list[StimulusRow]:
+    if not len(table["x_mm"]):
+        return []
+    what = list(zip(*(table[name].tolist() for name in ("indentor", "kind", "commanded")), strict=True))
+    return [
+        _stimulus(run.folder.path.name, one, table, [one == other for other in what])
+        for one in sorted(set(what), key=lambda one: (natural_order(one[0]), *one[1:]))
+    ]
 
 
 def _stimulus(run: str, what: tuple[str, str, float], table: Arrays, mine: list[bool]) -> StimulusRow:

@@ -4,7 +4,7 @@ Columns of a table: `afferent,shape,file[,depth_mm][,force_gwt][,columns]`; file
 folder, AFFERENT/SHAPE@CONDITION.csv is named like --recorded, with a hyphen for the colon: a01/step-1@8gwt.csv.
 """
 
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
@@ -20,9 +20,10 @@ from rig.compare.recordings.reading import (
     read_recording,
     refuse_unused_columns,
     signs_of_a_copy,
+    to_mirror,
 )
 from rig.compare.recordings.recording import Recording, shape_key
-from rig.compare.recordings.table_cells import table_lines
+from rig.compare.recordings.table_cells import refuse_not_understood, table_lines
 from rig.compare.stimuli import StimulusRow
 from rig.data import Run
 from rig_shared.natural_order import natural_order
@@ -83,7 +84,11 @@ def read_afferents(
         raise RecordingError(f"{path}: {number_of(len(wrong), 'recordings')} cannot be used\n{problems}", "bad_rows")
     if not found:
         raise no_rows(table, "recordings")
-    return {afferent: of_one_afferent(_mirrored(some, mirror)) for afferent, some in found.items()}
+    turned = set(map(str, to_mirror((shape_key(key) for some in found.values() for key in some), mirror)))
+    return {
+        afferent: of_one_afferent({key: one.mirrored() if key in turned else one for key, one in some.items()})
+        for afferent, some in found.items()
+    }
 
 
 Wrong = list[tuple[int, str]]
@@ -144,11 +149,6 @@ def _refuse(
             )
 
 
-def _mirrored(found: Mapping[str, Recording], mirror: Sequence[str]) -> dict[str, Recording]:
-    shapes = {shape_key(text).shape for text in mirror}
-    return {key: one.mirrored() if key.partition("@")[0] in shapes else one for key, one in found.items()}
-
-
 def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
     lines = table_lines(path)
     first, header = next(lines)
@@ -165,6 +165,8 @@ def _in_table(path: Path) -> tuple[list[_Named], Wrong]:
         try:
             if len(cells) != len(header):
                 raise RecordingError(f"{len(cells)} cells, but the header has {len(header)}", "cells_of_row")
+            for name, k in at.items():
+                refuse_not_understood(path, columns[name].name, cells[k])
             named.append(_row(where, Row(path, number, {name: cells[k] for name, k in at.items()}, columns, numbers)))
         except RecordingError as error:
             wrong.append(_wrong(where, number, str(error)))

@@ -1,7 +1,8 @@
-"""Cells of a workbook that show nothing to a reader, by the color of their text or by their number format."""
+"""What a reader of a workbook sees of a cell, by the color of its text and by its number format."""
 
 import math
 import re
+import unicodedata
 from typing import NamedTuple
 from xml.etree import ElementTree
 
@@ -44,34 +45,75 @@ def are_alike(one: Color, other: Color) -> bool:
     return one is not None and other is not None and max(abs(a - b) for a, b in zip(one, other, strict=True)) < _ALIKE
 
 
-NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
-"""Texts, characters and conditions in a number format."""
+_DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
+_PERCENT_FORMATS = (9, 10)
+_CURRENCY_FORMATS = (5, 6, 7, 8, 42, 44)
+_PADDING = re.compile(r"[_*].|[Ee][+-]")
+"""Spaces as wide as a character, repeated characters, and the exponent."""
+_NOT_CODE = re.compile(r'"[^"]*"|\\.|\[[^\]]*\]')
+"""Texts, characters, colors and conditions."""
+_QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
+_COLORED = re.compile(r"\[(?![$<>=])[^\]]+\]")
+_BRACKETED = re.compile(r"\[[^\]]*\]")
+_CONDITION = re.compile(r"\[[<>=][^\]]*\]")
+_DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
+_SCALED = re.compile(r"[0#],+(?![0#,])")
+_DIGIT = re.compile(r"[0#?]|General", re.IGNORECASE)
+_MINUS = re.compile(r"[-−(]")
+_ENDS_WITH_MINUS = re.compile(r"[0#?]\s*[-−]")
 
 
-class EmptyParts(NamedTuple):
-    """Which of positive numbers, negative ones, zero and texts a number format shows as nothing."""
+def shown_as(number: int, code: str) -> str:
+    """Return what a number format shows instead of the number, in words; "" for the number itself."""
+    plain = _NOT_CODE.sub("", _PADDING.sub("", code.replace("General", "")))
+    if number in _DATE_FORMATS or _DATE_CODE.search(plain):
+        return "a date or time in Excel"
+    if number in _PERCENT_FORMATS or "%" in plain:
+        return "a percentage in Excel"
+    if number in _CURRENCY_FORMATS:
+        return "shown as a currency in Excel"
+    if _CONDITION.search(code):
+        return "shown by conditions in Excel"
+    words = "".join(map("".join, _QUOTED.findall(code))).strip() + "".join(filter(_is_currency, plain))
+    if any(sign.isalnum() or _is_currency(sign) or sign in "%‰" for sign in words):
+        return f"shown as {words} in Excel"
+    return "in thousands in Excel" if _SCALED.search(plain) else ""
 
-    positive: bool
-    negative: bool
-    zero: bool
-    text: bool
 
-    def hide(self, number: float | None) -> bool:
-        """Return whether a number, or a text (None), is shown as nothing."""
+def _is_currency(sign: str) -> bool:
+    return unicodedata.category(sign) == "Sc"
+
+
+class NumberFormatParts(NamedTuple):
+    """Parts of a number format, for positive numbers, negative ones, zero and texts."""
+
+    positive: str
+    negative: str
+    zero: str
+    text: str
+    signed: bool
+    """Whether negative numbers have the part of the others, and a minus before it."""
+
+    @classmethod
+    def of(cls, code: str) -> "NumberFormatParts":
+        """Return the parts of a code; without one of their own, numbers have the first, and texts are shown."""
+        parts = [part.strip() for part in _PADDING.sub("", code).split(";")]
+        positive, negative, zero = (parts[k] if k < len(parts) else parts[0] for k in range(3))
+        return cls(positive, negative, zero, parts[3] if len(parts) > 3 else "@", len(parts) == 1)
+
+    def hides(self, number: float | None) -> bool:
+        """Return whether a number has no digits, or a text (None) is not shown."""
         if number is None or math.isnan(number):
-            return self.text
-        return self.zero if number == 0 else self.positive if number > 0 else self.negative
+            return "@" not in self.text
+        code = _NOT_CODE.sub("", self.zero if number == 0 else self.positive if number > 0 else self.negative)
+        return _DIGIT.search(code) is None and "@" not in code and _DATE_CODE.search(code) is None
 
-
-def empty_parts(code: str) -> EmptyParts | None:
-    """Return what a number format shows as nothing, None if it shows everything.
-
-    Its parts are for positive numbers, negative ones, zero and texts; without a part of their own, numbers have the
-    first one, and texts are shown.
-    """
-    parts = NOT_CODE.sub("x", code.replace('""', "")).split(";")
-    empty = [not part.strip() for part in parts]
-    if len(parts) == 1 or not any(empty):
-        return None
-    positive, negative, zero = (empty[k] if k < len(empty) else empty[0] for k in range(3))
-    return EmptyParts(positive, negative, zero, text=len(empty) > 3 and empty[3])
+    def sign_problem(self, number: float) -> str:
+        """Return how the sign of a number is shown if it is not as it is, in words."""
+        if number > 0 or (number < 0 and self.signed):
+            visible = _BRACKETED.sub("", self.positive)
+            before = visible[: found.start()] if (found := _DIGIT.search(visible)) else ""
+            other = _MINUS.search(before) or _ENDS_WITH_MINUS.search(visible)
+            return "shown with another sign in Excel" if other else ""
+        seen = number == 0 or _MINUS.search(_BRACKETED.sub("", self.negative)) or _COLORED.search(self.negative)
+        return "" if seen else "shown without its sign in Excel"

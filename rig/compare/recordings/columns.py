@@ -29,7 +29,7 @@ from rig.compare.recordings.column_units import (
     same_name,
 )
 from rig.compare.recordings.number_cells import NumberFormat, number_format, without_separators
-from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, table_lines
+from rig.compare.recordings.table_cells import SameInAllRows, has_semicolons, refuse_not_understood, table_lines
 
 
 class RecordingColumn(NamedTuple):
@@ -119,7 +119,7 @@ def column_map(texts: Sequence[str]) -> ColumnMap:
     has the unit of the rates.
     """
     given: dict[str, RecordingColumn] = {}
-    for text in texts:
+    for text in map(same_name, texts):
         for part in _roles_in(text):
             role, equals, name = (word.strip() for word in part.partition("="))
             if role not in _ROLES or not (equals and name):
@@ -251,7 +251,10 @@ class Row:
             bounded, mixed = least > -math.inf, self.format.commas and "." in text
             expected = "a number" + f" of {least:g} or more" * bounded + " with a decimal comma" * mixed
             expected += no_data * (text.casefold() in _NO_DATA)
-            expected += " in a cell format without a unit, or with that of the header" * (shown is not None)
+            if shown is not None:
+                expected += " in a cell format without a unit, or with that of the header"
+            elif text.endswith(" in Excel)"):
+                expected += " in the cell format General; correct it there, e.g. to the unit of the header"
             raise self.wrong(column, "no_number", expected)
         return self._of_a_finger(column, in_file.factor * value)
 
@@ -382,7 +385,7 @@ def read_table(
     first, header = next(lines)
     columns = check_header(path, first, header, required, optional, given=given, others=others, hint=hint)
     at = {name: header.index(column.name) for name, column in columns.items()}
-    rows = []
+    rows = list[tuple[int, dict[str, str], dict[str, str]]]()
     for number, cells in lines:
         if not any(cells):
             continue
@@ -390,6 +393,8 @@ def read_table(
             raise RecordingError(
                 f"{path}, row {number}: {len(cells)} cells, but the header has {len(header)}", "cells_of_row"
             )
+        for name, k in at.items() if not rows else ():
+            refuse_not_understood(path, columns[name].name, cells[k])
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
         read = {name: same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
         rows.append((number, read, unread))
@@ -406,7 +411,7 @@ def read_table(
 
 
 _NAMES = ("unit", "repeat")
-_MAY_BE_SAME = ("window_s", "sd", "repeat")
+_MAY_BE_SAME = ("window_s", "sd", "repeat", "kind", "unit")
 
 
 def check_header(
@@ -441,7 +446,7 @@ def check_header(
     for name in required:
         column = found.get(name)
         if column is None or column.name not in header:
-            if len(header) == 1 and len(required) > 1:
+            if len(header) == 1 and len(required) > 1 and path.suffix.lower() != ".mat":
                 hint = "; lines above the names of the columns must begin with #" + hint
             if _is_numbers(header):
                 raise RecordingError(

@@ -5,6 +5,7 @@ datasets. Its declarations are therefore examined before anything is read.
 """
 
 import math
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -125,7 +126,7 @@ def text_at(file: h5py.File, path: Path, place: str) -> str:
 def members(file: h5py.File, path: Path, place: str) -> list[str]:
     """Return the names in a group, without following links to other files; none if there is no group."""
     found = _at(file, path, place, outside=False)
-    return list(found)[:_MOST_MEMBERS] if isinstance(found, h5py.Group) else []
+    return [same_name(name) for name in islice(found, _MOST_MEMBERS)] if isinstance(found, h5py.Group) else []
 
 
 def dataset_at(file: h5py.File, path: Path, place: str) -> h5py.Dataset | None:
@@ -168,7 +169,7 @@ def _at(file: h5py.File, path: Path, place: str, *, outside: bool = True) -> Any
     """
     group, names, links = file["/"], [name for name in place.split("/") if name], 0
     while names:
-        name = names.pop(0)
+        name = _stored_name(group, names.pop(0))
         link = group.get(name, getlink=True) if isinstance(group, h5py.Group) else None
         if isinstance(link, h5py.ExternalLink):
             if not outside:
@@ -185,6 +186,13 @@ def _at(file: h5py.File, path: Path, place: str, *, outside: bool = True) -> Any
         if links > _MOST_LINKS:
             raise _refused(path, place, "link_cycle", "its links lead in a circle")
     return group
+
+
+def _stored_name(group: Any, name: str) -> str:
+    """Return a name as a group has it, which may store its accents in another way."""
+    if name.isascii() or not isinstance(group, h5py.Group) or group.get(name, getlink=True) is not None:
+        return name
+    return next((one for one in islice(group, _MOST_MEMBERS) if same_name(one) == same_name(name)), name)
 
 
 def _refused(path: Path, place: str, code: str, problem: str) -> RecordingError:

@@ -115,7 +115,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
     name, spikes = _spikes(path, segment, unit)
     channel, pulses, ends = _pulses(path, segment, columns)
     return UnitSpikes(
-        np.sort(finite_times(path, name, spikes)),
+        finite_times(path, name, spikes),
         np.sort(finite_times(path, channel, pulses)),
         segment.spans.get(name),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,

@@ -62,7 +62,7 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
     with _damage_in_one_line(path), h5py.File(path) as file:
         units = _Units.of(file, path, columns)
         row = units.row_of(file, unit)
-        spikes = np.sort(columns["time"].factor * units.times(file, row))
+        spikes = columns["time"].factor * units.times(file, row)
         observed = _observed(file, path, columns, units, row, spikes)
         of_run = uid != "" and text_at(file, path, "identifier").endswith(uid)
         pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
@@ -182,9 +182,12 @@ class _Units(NamedTuple):
 
 def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, units: int) -> tuple[int, int]:
     last = _numbers(values_of(ends, path), path, f"units/{column}_index")
-    if ends.dtype.kind not in "iu" or (np.diff([0, *last.tolist(), values]) < 0).any():
+    at = [0, *last.tolist()]
+    if ends.dtype.kind not in "iu" or (np.diff(at) < 0).any() or at[-1] != values:
         raise RecordingError(
-            f"{path}, units/{column}_index: must rise to {values}, one for each of {units} units", "wrong_index"
+            f"{path}, units/{column}_index: must rise to {values}, the length of {column}, with a number for each of "
+            f"{units} units, but ends at {at[-1]:g}",
+            "wrong_index",
         )
     begin, end = (int(place) for place in [0, *last.tolist()][row : row + 2])
     return begin, end
@@ -199,7 +202,8 @@ def _observed(
     found = None
     if columns.observed_throughout:
         place = "units/obs_intervals"
-    if rows_of(file, path, place) is not None or ("observed" in columns.named and not columns.observed_throughout):
+    is_there = not {place, f"{place}_index"}.isdisjoint(f"units/{name}" for name in members(file, path, "units"))
+    if is_there or ("observed" in columns.named and not columns.observed_throughout):
         intervals, ends = numbers_in(file, path, place, columns=2), numbers_in(file, path, f"{place}_index")
         if intervals is None or ends is None or len(ends) != len(units.ids):
             raise RecordingError(
@@ -219,8 +223,8 @@ def _observed(
         inside = sum(int(np.count_nonzero((spike_s >= a) & (spike_s <= b))) for a, b in found.tolist())
         if len(found) and 2 * inside < len(spike_s):
             raise RecordingError(
-                f"{path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({float(spike_s[0]):g} "
-                f"to {float(spike_s[-1]):g} s) lie in its {column.name}, {float(found[0, 0]):g} to "
+                f"{path}: only {inside} of {len(spike_s)} spikes of unit {units.ids[row]} ({spike_s.min():g} to "
+                f"{spike_s.max():g} s) lie in its {column.name}, {float(found[0, 0]):g} to "
                 f"{float(found[-1, 1]):g} s, and all should; if one of the two is in ms, state it, e.g. --columns "
                 f"observed={column.name}:ms or --columns time={units.column}:ms",
                 "spikes_outside_observed",
@@ -234,7 +238,7 @@ def _observed(
 def _invalid(file: h5py.File, path: Path) -> Array | None:
     """Return the intervals (n, 2) of the table invalid_times, in s; None without such a table."""
     places = ("intervals/invalid_times/start_time", "intervals/invalid_times/stop_time")
-    if not members(file, path, "intervals/invalid_times"):
+    if "invalid_times" not in members(file, path, "intervals"):
         return None
     begin, end = (numbers_in(file, path, place) for place in places)
     if begin is None or end is None or len(begin) != len(end):

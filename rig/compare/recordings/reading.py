@@ -3,7 +3,7 @@
 import hashlib
 import math
 import re
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
@@ -122,11 +122,9 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
     seen: dict[tuple[float, str | float], Row] = {}
     name, repeat = role_name("position"), role_name("repeat")
     repeats = [row.cells.get(repeat, "") for row in rows]
-    numbered = any(map(_has_digit, repeats))
+    if any(repeats):
+        _refuse_summaries(rows, repeats)
     for row, said in zip(rows, repeats, strict=True):
-        if any(repeats) and (not said or is_summary(said) or (numbered and not _has_digit(said))):
-            raise row.wrong(repeat, "no_repeat", "the number or name of a press at this position; delete rows with "
-                            "sums, means and the like")  # fmt: skip
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
         place = (position, label_key(said))
         if place in seen:
@@ -140,13 +138,34 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         yield row, position
 
 
+def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
+    """Refuse a repeat that is empty, that means a summary, or that is no number, or has none, as others are or do."""
+    rules: list[tuple[Callable[[str], bool], str]] = [
+        (lambda said: said != "" and not is_summary(said), "the number or name of a press at this position")
+    ]
+    rules += [(_is_number, "a number, as others are")] if any(map(_is_number, repeats)) else []
+    rules += [(_has_digit, "a name with a number, as others are")] if any(map(_has_digit, repeats)) else []
+    for fits, expected in rules:
+        for row, said in zip(rows, repeats, strict=True):
+            if not fits(said):
+                problem = f"{expected}; delete rows with sums, means and the like"
+                raise row.wrong(role_name("repeat"), "no_repeat", problem)
+
+
 _SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
-_SUMMARY_WORD = re.compile(r"(?<![^\W\d_])(means?|avg|average|median|sum|totals?|pooled)(?![^\W\d_])|\bn\s*=\s*\d")
+_SUMMARY_WORD = re.compile(
+    r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
+    r"|moyennes?|sommes?|promedio|media|suma|somma|totale)(?![^\W\d_])|\bn\s*=\s*\d"
+)
 
 
 def is_summary(label: str) -> bool:
     """Return whether the label of a repeat is that of a row of sums, means and the like, such as "mean (n=2)"."""
     return label.casefold() in _SUMMARIES or _SUMMARY_WORD.search(label.casefold()) is not None
+
+
+def _is_number(label: str) -> bool:
+    return isinstance(label_key(label), float)
 
 
 def _has_digit(text: str) -> bool:
@@ -293,17 +312,20 @@ def read_recordings(
     found = {key: read_recording(file, shape, runs, reading) for key, (shape, file) in named.items()}
     refuse_unused_columns([file for _, file in named.values()], reading.columns)
     _refuse_twice(found, {key: file for key, (_, file) in named.items()})
-    turned = set[ShapeKey]()
+    turned = to_mirror(found, mirror)
+    return of_one_afferent({str(key): one.mirrored() if key in turned else one for key, one in found.items()})
+
+
+def to_mirror(held: Iterable[ShapeKey], mirror: Sequence[str]) -> set[ShapeKey]:
+    """Return the recordings that --mirror names; a shape without a condition is all of its. Raises RecordingError."""
+    keys, turned = list(dict.fromkeys(held)), set[ShapeKey]()
     for shape in mirror:
-        meant = [key for key in found if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
+        meant = [key for key in keys if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
         if not meant:
-            raise RecordingError(
-                f"--mirror {shape} requires a recording of this shape; add --recorded {shape}=CSV",
-                "nothing_to_mirror",
-            )
-        found |= {key: found[key].mirrored() for key in meant if key not in turned}
+            remedy = f"use one of {', '.join(map(str, keys))}" if keys else f"add --recorded {shape}=FILE"
+            raise RecordingError(f"--mirror {shape}: there is no recording of it; {remedy}", "nothing_to_mirror")
         turned.update(meant)
-    return of_one_afferent({str(key): one for key, one in found.items()})
+    return turned
 
 
 def of_one_afferent(found: Mapping[str, Recording]) -> dict[str, Recording]:

@@ -40,11 +40,11 @@ _UNTOLD = SpikeClock(
 class UnitSpikes:
     """Content of a file on one unit, in s of the file's clock.
 
-    Spikes and sync pulses ascend. `pulse_s` are the rises of the pulses, or all edges if the file does not tell them
-    apart; `end_s` are their falls, and `line` is whether both are of a line with two levels. `observed_s` (n, 2) are
-    the intervals in which the file says that the unit was observed; None if it says nothing. `of_run` is whether the
-    file was exported from the run; `stated` is whether the user states that there are no pulses. `notes` are
-    sentences for the page, and `read_as` says what was read, in which unit.
+    Spikes are in the order of the file; pulses ascend. `pulse_s` are the rises of the pulses, or all edges if the
+    file does not tell them apart; `end_s` are their falls, and `line` is whether both are of a line with two levels.
+    `observed_s` (n, 2) are the intervals in which the file says that the unit was observed; None if it says nothing.
+    `of_run` is whether the file was exported from the run; `stated` is whether the user states that there are no
+    pulses. `notes` are sentences for the page, and `read_as` says what was read, in which unit.
     """
 
     spike_s: Array

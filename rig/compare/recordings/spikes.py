@@ -72,7 +72,7 @@ def read_spike_times(
         )
     if columns.observed_throughout or ("observed" in columns.named and not is_nwb(path)):
         found = _throughout(path, found, columns)
-    found = _without_doubles(path, unit, leading_edges(found, _width_s(run)))
+    found = _without_doubles(path, unit, leading_edges(_in_order(found), _width_s(run)))
     times = _on_the_runs_clock(path, found, run)
     _refuse_another_clock(path, found, times, run)
     return times
@@ -80,6 +80,31 @@ def read_spike_times(
 
 def _unit_in(path: Path, unit: str) -> str:
     return f"{path}#{unit}" if unit else str(path)
+
+
+def _in_order(found: UnitSpikes) -> UnitSpikes:
+    """Return the spikes in ascending order, with a note if those of the file are in another one."""
+    back = np.flatnonzero(np.diff(found.spike_s) < 0)
+    if not len(back):
+        return found
+    before_s, after_s = found.spike_s[back[0] : back[0] + 2].tolist()
+    note = (
+        f"Spike times are not in ascending order, and were sorted: {after_s:g} s follows after {before_s:g} s"
+        f"{f', and {len(back) - 1} more fall' if len(back) > 1 else ''}. If the file has several recordings that "
+        "begin anew, give each its own file."
+    )
+    return replace(found, spike_s=np.sort(found.spike_s), notes=(*found.notes, note))
+
+
+def _outside_run(file_s: Array, run_s: Array, end_s: float) -> list[str]:
+    """Return a sentence on the spikes that lie outside of the run, or have negative times in the file."""
+    outside_s = file_s[(run_s < 0) | (run_s > end_s) | (file_s < 0)]
+    if not len(outside_s):
+        return []
+    first, last = float(outside_s[0]), float(outside_s[-1])
+    lie, at = ("lies", f"{first:g} s") if len(outside_s) == 1 else ("lie", f"{first:g} to {last:g} s")
+    return [f"{len(outside_s)} of {number_of(len(file_s), 'spikes')} {lie} before or after the run, or at a negative "
+            f"time of the file ({at})."]  # fmt: skip
 
 
 def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
@@ -95,29 +120,41 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
             "them with more decimals; else check their unit of time",
             "spikes_twice",
         )
-    _refuse_echo(path, unit, gaps_s)
-    if not close:
-        return found
-    comes = "spike comes" if close == 1 else "spikes come"
-    note = f"{close} {comes} less than {1e3 * _REFRACTORY_S:g} ms after another, and all are counted."
-    return replace(found, notes=(*found.notes, note))
+    notes = _echoes(path, unit, gaps_s)
+    if close:
+        comes = "spike comes" if close == 1 else "spikes come"
+        notes += [f"{close} {comes} less than {1e3 * _REFRACTORY_S:g} ms after another, and all are counted."]
+    return replace(found, notes=(*found.notes, *notes))
 
 
-def _refuse_echo(path: Path, unit: str, gaps_s: Array) -> None:
-    """Refuse spikes of which many follow another at one delay, as a detector gives that triggers on both phases."""
-    short_s = gaps_s[gaps_s < _ECHO_S]
-    delay_s = float(np.median(short_s)) if len(short_s) else 0.0
-    echoes = int(np.count_nonzero(np.abs(short_s - delay_s) < _JITTER_S))
-    if echoes > max(_FEW, _MOST_ECHOES * (len(gaps_s) + 1)):
-        raise RecordingError(
-            f"{_unit_in(path, unit)}: {echoes} of {len(gaps_s) + 1} spikes come {1e3 * delay_s:.2f} ms after "
-            "another, always the same time, which no neuron does; the detector may have triggered on both phases of "
-            "each spike: delete one of the two",
-            "spikes_twice",
-        )
+def _echoes(path: Path, unit: str, gaps_s: Array) -> list[str]:
+    """Return a note on spikes of which many come in pairs closer than 2 ms; refuse those with one delay.
+
+    A detector that triggers on both phases of each spike gives such pairs, at the same delay or, if noise moves the
+    crossings of the threshold, at nearly the same. A neuron that fires in bursts has intervals that vary more, and
+    follow one another.
+    """
+    short, spikes = gaps_s < _ECHO_S, len(gaps_s) + 1
+    beside = np.pad(short, 1)
+    paired = short & ~beside[:-2] & ~beside[2:]
+    delay_s = float(np.median(gaps_s[short])) if short.any() else 0.0
+    most = max(_FEW, _MOST_ECHOES * spikes)
+    for some, jitter_s in ((short, _SAME_S), (paired, _JITTER_S)):
+        echoes = int(np.count_nonzero(some & (np.abs(gaps_s - delay_s) < jitter_s)))
+        if echoes > most:
+            raise RecordingError(
+                f"{_unit_in(path, unit)}: {echoes} of {spikes} spikes come {1e3 * delay_s:.2f} ms (± "
+                f"{1e3 * jitter_s:g} ms) after another, which no neuron does; the detector may have triggered on "
+                "both phases of each spike: delete one of the two",
+                "spikes_twice",
+            )
+    pairs = int(np.count_nonzero(paired))
+    return [f"{pairs} of {spikes} spikes are the second of a pair closer than {1e3 * _ECHO_S:g} ms, and all are "
+            "counted: unless the neuron fires in pairs, the detector may have triggered on both phases of each spike."
+           ] if pairs > most else []  # fmt: skip
 
 
-_ECHO_S, _JITTER_S, _MOST_ECHOES = 2e-3, 2e-5, 0.3
+_ECHO_S, _SAME_S, _JITTER_S, _MOST_ECHOES = 2e-3, 2e-5, 1.5e-4, 0.3
 _REFRACTORY_S = 5e-4
 _TICK_S = 1e-6
 _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
@@ -144,6 +181,7 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     else:
         fit = _without_pulses(path, found, len(rise_s))
     spike_s = fit.run_s(found.spike_s)
+    found = replace(found, notes=(*found.notes, *_outside_run(found.spike_s, spike_s, run.end_s)))
     if found.observed_s is not None:
         notes = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
         return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, notes, found.read_as)
@@ -248,7 +286,8 @@ def _read_csv(path: Path, columns: ColumnMap, unit: str = "") -> UnitSpikes:
             f"{path}: {problem}; use SHAPE={file}#UNIT with UNIT one of {ids}",
             "no_unit" if unit else "several_units",
         )
-    spikes, pulses, starts, stops = (np.sort(np.array(times[kind], dtype=float)) for kind in _KINDS)
+    spikes, *others = (np.array(times[kind], dtype=float) for kind in _KINDS)
+    pulses, starts, stops = map(np.sort, others)
     observed = _between(path, starts, stops) if len(starts) or len(stops) else None
     pulses = np.empty(0) if stated else pulses
     return UnitSpikes(spikes, pulses, observed, stated=stated, read_as=columns_read(rows))

@@ -10,24 +10,24 @@ import re
 import struct
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 from xml.etree import ElementTree
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.cell_visibility import (
-    NOT_CODE,
     WHITE,
     Color,
-    EmptyParts,
+    NumberFormatParts,
     are_alike,
     background_of,
     color_of,
-    empty_parts,
+    shown_as,
 )
+from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.file_kinds import MATLAB, UTF_16, ZIP, is_matlab_4, kind_of
 from rig.compare.recordings.matlab_file import matlab_variables
 from rig_shared.user_files import MOST_LINES, read_bytes, text_of
@@ -47,6 +47,22 @@ class SameInAllRows(str):
     """A cell that a file has once for all rows."""
 
     __slots__ = ()
+
+
+class NotUnderstood(str):
+    """What a column is that has no cells, such as "a struct"."""
+
+    __slots__ = ()
+
+
+def refuse_not_understood(path: Path, column: str, cell: str) -> None:
+    """Refuse a column that is there and cannot be read. Raises RecordingError."""
+    if isinstance(cell, NotUnderstood):
+        raise RecordingError(
+            f"{path}, column {column}: is {cell}; it must be a full vector of numbers (full, double), or a cell "
+            "array of texts (cellstr), with one for each row",
+            "not_understood",
+        )
 
 
 def file_and_sheet(path: Path) -> tuple[Path, str]:
@@ -69,7 +85,7 @@ def table_lines(path: Path) -> Lines:
         first, header = next(lines, (first + 1, []))
         if not header and first > MOST_LINES:
             break
-    header = [" ".join(cell.split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
+    header = [" ".join(same_name(cell).split()) for cell in _without_empty_ends(header, 0)]  # Excel breaks long names
     yield first, header
     for number, cells in lines:
         yield number, _without_empty_ends(cells, len(header))
@@ -157,12 +173,7 @@ def has_semicolons(path: Path) -> bool:
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _STRICT = "{http://purl.oclc.org/ooxml/spreadsheetml/main}"
 _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
-_DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
-_DATE_CODE = re.compile(r"[ymdhs]", re.IGNORECASE)
-_PERCENT_FORMATS = (9, 10)
-_QUOTED = re.compile(r'"([^"]*)"|\\(.)|\[\$([^\]-]*)')
 _LETTER = re.compile(r"[^\W\d_]|[%‰]")
-_SCALED = re.compile(r"[0#],+(?![0#,])")
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
     NotImplementedError, RuntimeError, OSError,
@@ -180,8 +191,8 @@ class _Workbook(NamedTuple):
     struck: frozenset[int]
     pale: frozenset[int]
     """Styles whose text has the color of its background."""
-    empty: Mapping[int, EmptyParts]
-    """Number formats that show some numbers as nothing, by the number of the style."""
+    parts: Mapping[int, NumberFormatParts]
+    """Number formats of the workbook's own, by the number of the style."""
     hidden: frozenset[str]
     """Names of hidden sheets."""
 
@@ -263,8 +274,8 @@ def _text(element: ElementTree.Element) -> str:
 
 def _styles(
     archive: zipfile.ZipFile,
-) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, EmptyParts]]:
-    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `empty`."""
+) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, NumberFormatParts]]:
+    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `parts`."""
     if "xl/styles.xml" not in archive.namelist():
         return {}, frozenset(), frozenset(), {}
     own: dict[int, str] = {}
@@ -284,39 +295,27 @@ def _styles(
             inks = [color_of(one.find(f"{_MAIN}color")) for one in element]
         elif element.tag == f"{_MAIN}fills":
             fills = [background_of(next(iter(one), None), _MAIN) for one in element]
-    shown = {n: what for n, (number, *_) in enumerate(styles) if (what := _shown_as(number, own.get(number, "")))}
+    shown = {n: what for n, (number, *_) in enumerate(styles) if (what := shown_as(number, own.get(number, "")))}
     struck = frozenset(n for n, (_, font, _) in enumerate(styles) if font < len(fonts) and fonts[font])
     pale = frozenset(
         n for n, (_, font, fill) in enumerate(styles)
         if font < len(inks) and are_alike(inks[font], fills[fill] if fill < len(fills) else WHITE)
     )  # fmt: skip
-    empty = {n: parts for n, (number, *_) in enumerate(styles) if (parts := empty_parts(own.get(number, "")))}
-    return shown, struck, pale, empty
+    parts = {n: NumberFormatParts.of(own[number]) for n, (number, *_) in enumerate(styles) if number in own}
+    return shown, struck, pale, parts
 
 
 def _is_unseen(cell: ElementTree.Element, book: _Workbook) -> bool:
-    """Return whether a cell with content shows none: by its color, or by an empty part of its number format."""
+    """Return whether a cell with content shows none: by its color, or by its number format."""
     style = int(cell.get("s", 0))
-    if style in book.pale or style not in book.empty:
+    if style in book.pale or style not in book.parts:
         return style in book.pale
     number = float(cell.findtext(f"{_MAIN}v") or "nan") if cell.get("t", "n") == "n" else None
-    return book.empty[style].hide(number)
+    return book.parts[style].hides(number)
 
 
 def _is_on(flag: ElementTree.Element | None) -> bool:
     return flag is not None and flag.get("val", "1") not in ("0", "false")
-
-
-def _shown_as(number: int, code: str) -> str:
-    """Return what a number format shows instead of the number, in words; "" for the number itself."""
-    plain = NOT_CODE.sub("", code.replace("General", ""))
-    if number in _DATE_FORMATS or _DATE_CODE.search(plain):
-        return "a date or time in Excel"
-    if number in _PERCENT_FORMATS or "%" in plain:
-        return "a percentage in Excel"
-    if words := "".join(map("".join, _QUOTED.findall(code))).strip():
-        return f"shown as {words} in Excel" if _LETTER.search(words) else ""
-    return "in thousands in Excel" if _SCALED.search(plain) else ""
 
 
 def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
@@ -341,7 +340,7 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
     hidden, struck, invisible, merged, columns = list[int](), list[int](), list[int](), list[str](), set[int]()
     for element in _xml(book.archive, part):
-        if element.tag == f"{_MAIN}col" and element.get("hidden", "0") in ("1", "true"):
+        if element.tag == f"{_MAIN}col" and _is_hidden(element, "width"):
             columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
         if element.tag == f"{_MAIN}mergeCell":
             merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
@@ -359,7 +358,7 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
         if cells > _MOST_CELLS:
             raise ValueError(f"more than {_MOST_CELLS} cells")
         if any(row):
-            hidden += [number] if element.get("hidden", "0") in ("1", "true") else []
+            hidden += [number] if _is_hidden(element, "ht") else []
             crossed = any(int(cell.get("s", 0)) in book.struck for cell in element.iter(f"{_MAIN}c"))
             struck += [number] if crossed else []
             invisible += [number] if unseen else []
@@ -371,6 +370,11 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
     return [(number, row + [""] * (width - len(row)) if any(row) else [""]) for number, row in found]
+
+
+def _is_hidden(line: ElementTree.Element, size: str) -> bool:
+    """Return whether a row or column is hidden, or has no size."""
+    return line.get("hidden", "0") in ("1", "true") or float(line.get(size, 1.0)) == 0
 
 
 def _has_rows(merged: str) -> bool:
@@ -391,8 +395,8 @@ def _refuse_unclear(
         (struck, "has rows that are struck out", "delete them, or remove the strikethrough"),
         (
             invisible,
-            "has rows with cells that show nothing, since their text has the color of the background or their number "
-            "format is empty",
+            "has rows with cells that do not show their content, since their text has the color of the background or "
+            "their number format has no digits",
             "delete the content of these cells, or make it visible",
         ),
         (
@@ -430,38 +434,38 @@ def _cell(cell: ElementTree.Element, book: _Workbook) -> str:
         return "(a formula without a stored value)"
     if kind == "b":
         return "TRUE" if value == "1" else "FALSE"
-    if kind == "n" and value and (shown := book.shown.get(int(cell.get("s", 0)))):
-        return f"{value} ({shown})"
+    style = int(cell.get("s", 0))
+    if kind == "n" and value:
+        parts = book.parts.get(style)
+        shown = book.shown.get(style) or (parts.sign_problem(float(value)) if parts else "")
+        return f"{value} ({shown})" if shown else value.strip()
     return value.strip()
 
 
 def _of_matlab(path: Path, content: bytes) -> Lines:
-    """Yield the vectors of a MATLAB file as columns; scalars are the same in all rows."""
+    """Yield the vectors of a MATLAB file as columns; scalars and single texts are the same in all rows."""
     try:
         variables = matlab_variables(content, _MOST_UNPACKED)
     except (ValueError, struct.error) as error:
         raise _no_table(path, f"a damaged MATLAB file ({error})") from None
-    vectors = {one.name: one.vector for one in variables if one.vector is not None}
-    others = {one.name: f"({one.size})" for one in variables if one.vector is None and one.kind in ("", "complex")}
-    others |= {one.name: "(logical)" for one in variables if one.vector is not None and one.logical}
-    lengths = {len(values) for values in vectors.values()} - {1} or {1}
-    if not vectors or len(lengths) > 1 or max(lengths) * len(vectors) > _MOST_CELLS:
+    columns = {one.name: one for one in variables if one.length is not None}
+    others = {one.name: NotUnderstood(one.problem) for one in variables if one.length is None}
+    lengths = {one.length or 0 for one in columns.values()} - {1} or {1}
+    if not columns or len(lengths) > 1 or max(lengths) * len(variables) > _MOST_CELLS:
         held = ", ".join(f"{one.name} ({one.size})" for one in variables[:_MOST_LISTED]) or "no variables"
         raise RecordingError(
             f"{path}: must have vectors of one length, whose names are the columns; it has {held}; save them with "
             "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
             "no_mat_table",
         )
-    return _as_lines(vectors, others, max(lengths))
+    return _as_lines({name: one.column() for name, one in columns.items()}, others, max(lengths))
 
 
-def _as_lines(vectors: Mapping[str, Any], others: Mapping[str, str], length: int) -> Lines:
-    """Yield the rows of vectors and scalars; `others`, which are no vectors of numbers, have one text in all rows."""
-    numbers = {
-        name: [f"{value:.17g}" for value in values] if len(values) == length else
-        [SameInAllRows(f"{values[0]:.17g}")] * length
-        for name, values in vectors.items() if name not in others
-    }  # fmt: skip
-    yield 1, [*numbers, *others]
+def _as_lines(columns: Mapping[str, Sequence[str]], others: Mapping[str, "NotUnderstood"], length: int) -> Lines:
+    """Yield the rows of vectors and scalars; `others` have one cell in all rows."""
+    texts = {
+        name: some if len(some) == length else [SameInAllRows(some[0])] * length for name, some in columns.items()
+    }
+    yield 1, [*texts, *others]
     for row in range(length):
-        yield row + 2, [*(texts[row] for texts in numbers.values()), *others.values()]
+        yield row + 2, [*(some[row] for some in texts.values()), *others.values()]

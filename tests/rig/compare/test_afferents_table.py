@@ -63,6 +63,31 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
     assert read(folder, stimuli).keys() == found.keys()  # a folder with such a table
 
 
+@pytest.mark.parametrize(
+    ("mirror", "mirrored"),
+    [
+        (["step:1@0.5mm"], ["a1 step:1@0.5 mm"]),
+        (["step:1"], ["a1 step:1@0.5 mm", "a1 step:1@1 mm"]),
+        (["step:1", "step:1@1mm", "bar:3"], ["a1 step:1@0.5 mm", "a1 step:1@1 mm", "a2 bar:3"]),
+        (["bar:3@1mm"], "nothing_to_mirror"),
+        (["step:1@2mm"], "nothing_to_mirror"),
+        (["step:1", "cylinder:3"], "nothing_to_mirror"),
+    ],
+)
+def test_mirror_means_the_same_as_for_one_afferent(
+    folder: Path, stimuli: list[StimulusRow], mirror: list[str], mirrored: list[str] | str
+) -> None:
+    """A shape with a condition is that one alone; what no recording has is refused."""
+    path = table(folder, "a1,step:1,0.5,a.csv", "a1,step:1,1,b.csv", "a2,bar:3,,c.csv")
+    if isinstance(mirrored, str):
+        with raises(RecordingError, mirrored, shape=mirror[-1]):
+            read(path, stimuli, mirror)
+        return
+    found = read(path, stimuli, mirror)
+    every = {f"{name} {key}": one for name, some in found.items() for key, one in some.items()}
+    assert [name for name, one in every.items() if one.changes == ("mirrored",)] == mirrored
+
+
 def test_one_name_is_one_afferent_however_it_is_written(folder: Path, stimuli: list[StimulusRow]) -> None:
     """é is one letter, or e and an accent: macOS names files so."""
     table(folder, "\u00e9,bar:3,1.0,a.csv", "e\u0301,step:1,0.5,b.csv")

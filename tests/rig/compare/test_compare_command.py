@@ -367,3 +367,38 @@ def test_several_afferents_on_one_page(command: Command, run: Run, afferents: Pa
     for option in ("--place", "--saturating", "--normalize"):
         code, out, _ = command(*line, option, "--json")
         assert (code, json.loads(out)["code"]) == (2, "not_for_groups")
+
+
+TOO_LATE = {
+    "a deflection without a shape across the finger": (
+        "bar:3={csv}", "nothing_across", "--deflection", "{deflection}",
+    ),
+    "a deflection that cannot be read": ("bar:3={csv}", "no_column", "--deflection", "{csv}"),
+    "an offset that the run does not cover": (
+        "bar:3={csv}", "offset_not_covered", "--place", "--offset-mm=-9,9", "--receptor-x-mm=-0.1,0.1",
+    ),
+    "a shape that was not pressed": ("step:1={csv}", "never_pressed"),
+    "a group with a shape that was not pressed": ("{stray}", "bad_rows"),
+    "a group with an offset": ("{group}", "not_for_groups", "--offset-mm=-0.1,0.1"),
+    "a group with depths": ("{group}", "not_for_groups", "--depth-range-mm=0.7,0.8"),
+    "a group to mirror another shape of": ("{group}", "nothing_to_mirror", "--mirror=step:1"),
+}  # fmt: skip
+"""What the user did: the recording, the code of the refusal, and options."""
+
+
+@pytest.mark.parametrize("name", TOO_LATE)
+def test_input_is_refused_before_anything_is_built_or_solved(
+    name: str, command: Command, run: Run, csv: Path, afferents: Path, work: Counter[str], tmp_path: Path
+) -> None:
+    """Depths of the receptors that nothing else uses have no cached responses."""
+    recorded, code, *options = TOO_LATE[name]
+    stray, deflection = tmp_path / "stray.csv", tmp_path / "deflection.csv"
+    stray.write_text(afferents.read_text(encoding="utf-8").replace("bar:3.0", "step:1"), encoding="utf-8")
+    deflection.write_text("z_mm,deflection_mm\n5,0.1\n6,0.3\n", encoding="utf-8")
+    named = {"csv": csv, "group": afferents, "stray": stray, "deflection": deflection}
+    given = [text.format(**named) for text in ("--recorded", recorded, *options)]
+    depth_mm = 0.7 + 0.001 * (1 + list(TOO_LATE).index(name))
+    work.clear()
+    ended, out, _ = command("compare", run.folder.path, *given, "--receptor-depth-mm", depth_mm, "--json")
+    assert (ended, json.loads(out)["code"]) == (2, code), out
+    assert not work

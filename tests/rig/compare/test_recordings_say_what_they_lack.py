@@ -5,6 +5,7 @@ of presses that were not observed, or the code of the refusal and the words that
 """
 
 import shutil
+import struct
 import subprocess
 import sys
 import zipfile
@@ -20,6 +21,7 @@ import numpy as np
 import pytest
 import quantities as pq
 import scipy.io
+import scipy.sparse
 from numpy.typing import NDArray
 
 from rig.cli.compare import _without_copies
@@ -215,6 +217,37 @@ UNOBSERVED = {
     "NWB, malformed obs_intervals": Case(
         "what is there and not understood is no absence",
         nwb(units__obs_intervals=[[0.0, 50.0]]), ("sync=none",), code="bad_obs_intervals", says=("obs_intervals",),
+    ),
+    **{
+        f"NWB, the index {what}": Case(
+            "spikes of no unit are not absent spikes", lambda folder, index=index: of_amplifier(
+                [*TIMES, *TIMES], **{"units__id": [0, 1], "units__spike_times_index": index} | PULSES
+            )(folder) + "#0", code="wrong_index",
+            says=("units/spike_times_index", f"{2 * len(TIMES)}", f"ends at {index[-1]}"),
+        )
+        for what, index in {
+            "ends before the times": [20, 2 * len(TIMES) - 2], "ends after the times": [20, 2 * len(TIMES) + 1],
+            "falls": [2 * len(TIMES) + 1, 2 * len(TIMES)],
+        }.items()
+    },
+    "NWB, the index of obs_intervals ends before them": Case(
+        "the interval at the press at 80 s is of no unit", of_amplifier(
+            **PULSES, units__obs_intervals=amplifier([[0, 65], [75, 100]]), units__obs_intervals_index=[1]),
+        code="wrong_index", says=("units/obs_intervals_index", "ends at 1"),
+    ),
+    **{
+        f"NWB, {place} in another file": Case(
+            "what is there and not read is no absence", of_amplifier(
+                **PULSES, **{f"{place}__{name}": h5py.ExternalLink("other.h5", "/x") for name in names}),
+            code="elsewhere", says=("another file",),
+        )
+        for place, names in {
+            "units": ("obs_intervals", "obs_intervals_index"), "intervals": ("invalid_times",),
+        }.items()
+    },
+    "NWB, an index of obs_intervals alone": Case(
+        "the intervals are missing", of_amplifier(**PULSES, units__obs_intervals_index=[1]),
+        code="bad_obs_intervals", says=("obs_intervals",),
     ),
     "NWB, invalid_times": Case(
         "the press at 60 s is invalid; the other at 0.25 mm has 6 spikes in half a second",
@@ -533,11 +566,24 @@ ROWS = {
     },
     **{
         f"repeat {again!r} after {first!r}": Case(
-            "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", "0.25,12,2"),
+            "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", f"0.25,12,{more}"),
             code="place_twice", says=("row 3", "first in row 2", "repeat"),
         )
-        for first, again in (("1", "1.0"), ("01", "1"), ("1e1", "10"), ("a1", "A1"))
+        for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"))
     },
+    **{
+        f"a repeat {word!r} beside numbers": Case(
+            "what is no number may be a mean", twice(f"0,99,{word}"), code="no_repeat", says=("row 10", repr(word))
+        )
+        for word in ("M", "M1", "moyenne 1-2", "Mittel", "gesamt", "promedio", "trial 3", "1-2", "1+2")
+    },
+    **{
+        f"a repeat {word!r} beside names": Case("a summary is no press", table(
+            "position_mm,rate,repeat", "0,1,a", "0,3,b", f"0,2,{word}"), code="no_repeat", says=(repr(word),))
+        for word in ("moyenne", "Mittelwert 1", "Durchschnitt", "gesamt", "Promedio", "media", "somme", "Summe n=2")
+    },
+    "repeats with numbers and letters": Case("names", table("position_mm,rate,repeat", *(
+        f"{x},{y},{('r1', 'M2')[n - 1]}" for x, y, n in TWICE)), rates=ALL),
     "repeats A1 and A01": Case("two labels", table("position_mm,rate,repeat", *(
         f"{x},{y},{('A1', 'A01')[n - 1]}" for x, y, n in TWICE)), rates=ALL),
     "one repeat, written in two ways": Case("a position of it and one nearby are two positions", table(
@@ -628,51 +674,6 @@ def units(ids: Sequence[int], choice: str = "", **more: Any) -> Callable[[Path],
     return lambda folder: write(folder) + choice
 
 
-E_ACUTE = ["\u00e9", "e\u0301"]
-NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
-
-IDENTITIES = {
-    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
-    "an id that occurs twice": Case(
-        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
-        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
-    ),
-    "an id that occurs twice, without names": Case(
-        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
-    ),
-    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
-    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
-    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
-    "a text that two units share": Case(
-        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
-    ),
-    "the id of one and the name of another": Case(
-        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
-        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
-    ),
-    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
-    "no choice": Case(
-        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
-    ),
-    **{
-        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
-            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
-        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
-    },
-    "CSV, one unit written in two ways": Case(
-        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
-            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
-        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
-    ),
-    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
-                         says=("unit_name A0",)),
-    "a column of MATLAB": Case(
-        "MatNWB writes (N, 1)",
-        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
-        rates=ALL,
-    ),
-}  # fmt: skip
-
 RATES_CSV = "position_mm,rate\n" + "".join(f"{x},{y:g}\n" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))
 RATES_ROWS = [["position_mm", "rate"], *([x, y] for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))]
 _XML = '<?xml version="1.0"?>'
@@ -738,6 +739,72 @@ def xlsx(
     return write
 
 
+E_ACUTE = ["\u00e9", "e\u0301"]
+NAMED = {"units__unit_name": ["A0", "A1", "B0", "B1"], "units__probe": ["A", "A", "B", "B"]}
+
+IDENTITIES = {
+    "an id that occurs once": Case("one unit", units([0, 1], "#0"), rates=ALL),
+    "an id that occurs twice": Case(
+        "two probes whose ids start at 0", units([0, 1, 0, 1], "#0", **NAMED), code="unit_twice",
+        says=("unit_name A0", "unit_name B0", "#unit_name=A0"),
+    ),
+    "an id that occurs twice, without names": Case(
+        "chosen by row", units([0, 1, 0, 1], "#0"), code="unit_twice", says=("#row=1", "#row=3"),
+    ),
+    "a name": Case("chosen by name", units([0, 1, 0, 1], "#A0", **NAMED), rates=ALL),
+    "a column and a name": Case("chosen by name", units([0, 1, 0, 1], "#unit_name=A0", **NAMED), rates=ALL),
+    "a row": Case("chosen by row", units([0, 1, 0, 1], "#row=1"), rates=ALL),
+    "a text that two units share": Case(
+        "probe A has two", units([0, 1, 0, 1], "#A", **NAMED), code="unit_twice", says=("A0", "A1"),
+    ),
+    "the id of one and the name of another": Case(
+        "which of the two?", units([0, 1], "#1", units__unit_name=["1", "0"]), code="unit_twice",
+        says=("0 (unit_name 1): #id=0", "1 (unit_name 0): #id=1"),
+    ),
+    "an id by its column": Case("chosen by id", units([0, 1], "#id=0", units__unit_name=["1", "0"]), rates=ALL),
+    "no choice": Case(
+        "the error lists the names", units([0, 1, 0, 1], **NAMED), code="several_units", says=("unit_name A0", "B1"),
+    ),
+    **{
+        f"a name with an accent, written {how}": Case("é is é, one letter or two", units(
+            [0, 1, 0, 1], f"#{choice}", units__unit_name=[stored, "A1", "B0", "B1"]), rates=ALL)
+        for how, stored, choice in (("apart", *E_ACUTE[::-1]), ("as one", *E_ACUTE))
+    },
+    **{
+        f"{kind}, columns with accents, {how} in --columns": Case(
+            "é is é, one letter or two", write(stored),
+            (f"position=Position {said}l{said}vation (mm),rate=D{said}charge:Hz",), rates=ALL,
+        )
+        for how, stored, said in (("apart", *E_ACUTE), ("as one", *E_ACUTE[::-1]))
+        for kind, write in (
+            ("CSV", lambda e: text(RATES_CSV.replace("position_mm,rate", f"Position {e}l{e}vation (mm),D{e}charge"))),
+            ("xlsx", lambda e: xlsx({"A": [[f"Position {e}l{e}vation (mm)", f"D{e}charge"], *RATES_ROWS[1:]]})),
+        )
+    },
+    **{
+        f"NWB, a column with an accent, {how} in --columns": Case(
+            "é is é, one letter or two", nwb(**{
+                f"units__d{stored}charges": amplifier(TIMES), f"units__d{stored}charges_index": [len(TIMES)],
+                "units__spike_times": [1.0], f"intervals__impulsions_{stored}__start_time": amplifier(RISES),
+            }), (f"time=d{said}charges", f"sync=impulsions_{said}", "observed=throughout"), rates=ALL,
+        )
+        for how, stored, said in (("apart", *E_ACUTE), ("as one", *E_ACUTE[::-1]))
+    },
+    "CSV, one unit written in two ways": Case(
+        "all its spikes are its spikes", lambda folder: text("unit,t_s\n" + "".join(
+            f"{name},{t}\nb,{t + 0.1}\n" for name, t in zip(E_ACUTE * len(TIMES), TIMES, strict=False)
+        ))(folder) + "#" + E_ACUTE[0], ("time=t_s",), rates=ALL, pulses=False,
+    ),
+    "no such unit": Case("the error lists the names", units([0, 1, 0, 1], "#C0", **NAMED), code="no_unit",
+                         says=("unit_name A0",)),
+    "a column of MATLAB": Case(
+        "MatNWB writes (N, 1)",
+        nwb(units__spike_times=amplifier(TIMES)[:, None], units__spike_times_index=[len(TIMES)], **PULSES),
+        rates=ALL,
+    ),
+}  # fmt: skip
+
+
 def mat(**variables: Any) -> Callable[[Path], str]:
     def write(folder: Path) -> str:
         path = folder / "synthetic.mat"
@@ -778,6 +845,38 @@ def capitals(folder: Path) -> str:
 
 
 POSITIONS, THESE = np.array([-0.5, 0, 0.25, 1]), np.array(ALL)
+
+
+def cells(values: Sequence[Any], *, row: bool = False) -> NDArray[Any]:
+    """A cell array of MATLAB, as a column or a row."""
+    made = np.empty((len(values), 1), dtype=object)
+    made[:, 0] = values
+    return made.T if row else made
+
+
+SPIKES_IN_MAT = [(t, "spike", "1") for t in TIMES] + [(t + 0.1, "spike", "2") for t in TIMES]
+MAT_TIMES = np.array([t for t, *_ in SPIKES_IN_MAT])
+MAT_UNITS = [unit for *_, unit in SPIKES_IN_MAT]
+
+
+def mat_spikes(choice: str = "", **more: Any) -> Callable[[Path], str]:
+    """Spikes of two units, with the columns `more`."""
+    return lambda folder: mat(time_s=MAT_TIMES, **more)(folder) + choice
+
+
+def mat_object(folder: Path) -> str:
+    """Positions, rates, and a variable `unit` of MATLAB's class string, which has no public format."""
+    path = Path(mat(position_mm=POSITIONS, rate=THESE)(folder))
+
+    def element(kind: int, data: bytes) -> bytes:
+        return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
+
+    parts = element(6, struct.pack("<II", 17, 0)) + b"".join(element(1, one) for one in (b"note", b"MCOS", b"string"))
+    workspace = element(6, struct.pack("<II", 9, 0)) + element(5, struct.pack("<ii", 1, 8)) + element(1, b"")
+    workspace += element(2, bytes(8))
+    path.write_bytes(path.read_bytes() + element(14, parts) + element(14, workspace))
+    return str(path)
+
 
 KINDS = {
     "UTF-16, tabs": Case("Excel's Unicode text", text(RATES_CSV.replace(",", "\t"), encoding="utf-16"), rates=ALL),
@@ -837,6 +936,58 @@ KINDS = {
     "mat, a scalar sd": Case("one sd for all", mat(position_mm=POSITIONS, rate=THESE, sd=1.0, repeat=1.0), rates=ALL),
     "mat, spike times": Case("a vector of times", mat(spike_times=1e3 * np.array(TIMES)), ("time=spike_times:ms",),
                              rates=ALL, pulses=False),
+    **{
+        f"mat, units in {what}": Case("the spikes of one of two units", mat_spikes("#1", unit=unit), ("sync=none",),
+                                      rates=ALL, pulses=False, read_as="unit")
+        for what, unit in {
+            "a cell array of texts": cells(MAT_UNITS), "a row of cells": cells(MAT_UNITS, row=True),
+            "cells of numbers": cells([float(one) for one in MAT_UNITS]), "rows of letters": np.array(MAT_UNITS),
+            "numbers": np.array(MAT_UNITS, dtype=float),
+        }.items()
+    },
+    "mat, units in a cell array, none chosen": Case("two units are not one", mat_spikes(unit=cells(MAT_UNITS)), (
+        "sync=none",), code="several_units", says=("2 units", "1, 2"), pulses=False),
+    "mat, one unit as a text": Case("it is that of all rows", lambda folder: mat(time_s=TIMES, unit="a1")(folder)
+                                    + "#a1", ("sync=none",), rates=ALL, pulses=False),
+    **{
+        f"mat, units in {what}": Case("there, and not understood", mat_spikes(unit=unit), ("sync=none",),
+                                      code="not_understood", says=("column unit", what, "one for each row"),
+                                      pulses=False)
+        for what, unit in {
+            "a struct": {"a": 1.0}, "a sparse matrix": scipy.sparse.csc_matrix(MAT_TIMES[:, None]),
+            "a complex vector": MAT_TIMES + 1j, "a logical vector": MAT_TIMES > 1, "an array of 86 × 2":
+            np.ones((86, 2)), "a cell array of cells": cells([cells([1.0])] * 86),
+        }.items()
+    },
+    "mat, kinds in cells": Case(
+        "rows of kind start and stop limit the time, as in a CSV",
+        mat(time_s=[0.0, *TIMES, LOST_S], kind=cells(["start", *["spike"] * len(TIMES), "stop"])),
+        rates=ALL[:3], lost=2, pulses=False,
+    ),
+    "mat, pulses in cells": Case(
+        "rows of kind sync are pulses", mat(time_s=np.concatenate([amplifier(TIMES), amplifier(RISES)]),
+                                            kind=cells(["spike"] * len(TIMES) + ["sync"] * len(RISES))), rates=ALL,
+    ),
+    "mat, rates in cells": Case("a number in each", mat(position_mm=POSITIONS, rate=cells(ALL)), rates=ALL),
+    "mat, a rate is an empty cell": Case("no data is not zero", mat(
+        position_mm=POSITIONS, rate=cells([*ALL[:3], np.empty((0, 0))])), code="no_number",
+        says=("row 5", "delete rows without data")),
+    "mat, repeats and sd in cells": Case("which of the two?", mat(
+        position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], sd=cells([9.0] * 8),
+        repeat=cells([str(n) for *_, n in TWICE])), code="sd_and_repeats", says=("column sd",)),
+    "mat, rates in a sparse matrix": Case("there, and not understood", mat(
+        position_mm=POSITIONS, rate=scipy.sparse.csc_matrix(THESE)), code="not_understood",
+        says=("column rate", "sparse", "full")),
+    "mat, rejected presses in letters": Case("which of the presses?", mat(
+        position_mm=POSITIONS, rate=THESE, rejected=np.array(["no", "no", "no", "yes"])), code="extra_column",
+        says=("'rejected'",)),
+    "mat, a struct beside, ignored": Case("said", mat(position_mm=POSITIONS, rate=THESE, info={"a": 1.0}), (
+        "position=position_mm",), rates=ALL, read_as="Not read: info."),
+    "mat, an object beside, ignored": Case("said", mat_object, ("position=position_mm",), rates=ALL,
+                                           read_as="Not read: note."),
+    "mat, an object beside": Case("said", mat_object, code="extra_column", says=("'note'",)),
+    "mat, one column": Case("MATLAB has no lines", mat(position_mm=POSITIONS), code="no_column",
+                            says=("rate is missing", "read position_mm;")),
     "mat, other lengths": Case("listed", mat(position_mm=POSITIONS, rate=THESE[:3]), code="no_mat_table",
                                says=("position_mm (4)", "rate (3)")),
     "mat, a struct": Case("listed", mat(s={"position_mm": POSITIONS, "rate": THESE}), code="no_mat_table",
@@ -913,6 +1064,36 @@ LEVELS |= {
     },
 }  # fmt: skip
 
+
+def later(least_s: float, most_s: float, seed: int = 0) -> Array:
+    """Times after the spikes, at delays that vary."""
+    return np.asarray(np.add(TIMES, np.random.default_rng(seed).uniform(least_s, most_s, len(TIMES))))
+
+
+EARLY = [-1.0, *TIMES[1:]]
+"""The first spike has a negative time, as some programs write one without a value."""
+ORDER = [*TIMES[20:], *TIMES[:20]]
+ORDERS = {
+    f"{name}, {what}": Case(why, write(times), ("sync=none", "observed=throughout") if name == "NWB" else columns,
+                            rates=rates, read_as=says, pulses=False)
+    for name, write, columns in (
+        ("NWB", lambda times: nwb(units__spike_times=times), ()),
+        ("CSV", lambda times: spikes_csv(spikes=times), ("observed=throughout",)),
+        ("NIX", lambda times: nix(start=-5.0, spikes=times), ("sync=none",)),
+        ("MATLAB", lambda times: mat(time_s=times), ("observed=throughout",)),
+    )
+    for what, why, times, rates, says in (
+        ("a negative time", "said", EARLY, [5.0, *ALL[1:]],
+         "1 of 43 spikes lies before or after the run, or at a negative time of the file (-1 s)"),
+        ("times that fall", "sorted, and said", ORDER, ALL, "not in ascending order"),
+    )
+} | {
+    "NWB, spikes before and after the run": Case(
+        "said also with pulses", of_amplifier([-3.0, *TIMES, 500.0], **PULSES), rates=ALL,
+        read_as="2 of 45 spikes lie before or after the run",
+    ),
+}  # fmt: skip
+
 WRITTEN_TWICE = {
     "NWB": of_amplifier(np.sort([*TIMES, *TIMES]), **PULSES),
     "CSV": spikes_csv(*syncs(amplifier(RISES)), spikes=amplifier([*TIMES, *TIMES]).tolist()),
@@ -936,6 +1117,20 @@ DOUBLES = {
     "pulses in a list": Case(
         "a list does not tell rises from falls, so it is said", of_amplifier(TIMES, **PULSES), rates=ALL,
         read_as="taken as the beginnings of those of the run",
+    ),
+    "each spike again 1 to 1.2 ms later": Case(
+        "the noise moves the second crossing of the threshold",
+        of_amplifier(np.sort([*TIMES, *later(0.0010, 0.0012)]), **PULSES),
+        code="spikes_twice", says=("43 of 86 spikes", "1.1", "both phases"),
+    ),
+    "each spike again 0.6 to 1.9 ms later": Case(
+        "a detector or a neuron that fires in pairs: said",
+        of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)]), **PULSES),
+        rates=[2 * rate for rate in ALL], read_as="43 of 86 spikes are the second of a pair",
+    ),
+    "bursts of three": Case(
+        "a neuron fires so", of_amplifier(np.sort([*TIMES, *later(0.0012, 0.0018), *later(0.0025, 0.0035, 1)]),
+                                          **PULSES), rates=[3 * rate for rate in ALL],
     ),
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
@@ -1026,10 +1221,10 @@ NO_PULSES_THERE = {
 
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
-    ink: str = "", fill: str = "",
+    ink: str = "", fill: str = "", number: int = 200, header: str = "rate",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
-    write = xlsx({"A": RATES_ROWS}, inline=True)
+    write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
 
     def change(folder: Path) -> str:
         path = Path(write(folder))
@@ -1042,7 +1237,9 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
-        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="200" fontId="1" fillId="1"/></cellXfs>'
+        xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="FORMAT" fontId="1" fillId="1"/></cellXfs>'.replace(
+            "FORMAT", str(number)
+        )
         code = "0.0" if style in ("", "struck") else style
         formats = f'<numFmts><numFmt numFmtId="200" formatCode="{code}"/></numFmts>'
         fonts = (
@@ -1084,12 +1281,20 @@ SHOWN = {
     "a digit in bold": Case("the same number", styled(
         value='<is><r><t>{y}</t></r><r><rPr><b/><strike val="0"/><vertAlign val="baseline"/></rPr><t>0</t></r></is>',
         kind=' t="inlineStr"'), rates=ALL),
-    "a hidden row": Case("a reader does not see it", styled(row='hidden="1"'), code="unclear_rows",
-                         says=("hidden", "(3)", "visible rows")),
-    "a hidden column": Case(
-        "a reader does not see it", styled(before='<cols><col min="2" max="3" hidden="1"/></cols>'),
-        code="unclear_rows", says=("hidden", "(2)", "visible columns"),
-    ),
+    **{
+        f"a row with {hidden}": Case("a reader does not see it", styled(row=hidden), code="unclear_rows",
+                                     says=("hidden", "(3)", "visible rows"))
+        for hidden in ('hidden="1"', 'ht="0"', 'ht="0.0" customHeight="1"')
+    },
+    **{
+        f"a column with {hidden}": Case(
+            "a reader does not see it", styled(before=f'<cols><col min="2" max="3" {hidden}/></cols>'),
+            code="unclear_rows", says=("hidden", "(2)", "visible columns"),
+        )
+        for hidden in ('hidden="1"', 'width="0"')
+    },
+    "a narrow column": Case("a reader sees it", styled(before='<cols><col min="2" max="3" width="4.5"/></cols>'),
+                            rates=ALL),
     "a hidden column, empty": Case("nothing to see", styled(before='<cols><col min="3" max="9" hidden="1"/></cols>'),
                                    rates=ALL),
     "a hidden sheet": Case("a reader does not see it", xlsx({"A": [], "old": RATES_ROWS}, hidden="old"),
@@ -1098,7 +1303,7 @@ SHOWN = {
     "struck out": Case("a reader takes it for deleted", styled("struck"), code="unclear_rows", says=("struck out",)),
     **{
         f"text {ink} on {fill or 'no fill'}": Case("a reader sees nothing", styled(ink=ink, fill=fill),
-                                                   code="unclear_rows", says=("show nothing", "(2, 3, 4, 5)"))
+                                                   code="unclear_rows", says=("do not show", "(2, 3, 4, 5)"))
         for ink, fill in (
             ('rgb="FFFFFFFF"', ""), ('rgb="FFFAFAFA"', ""), ('theme="0"', ""), ('indexed="9"', ""),
             ('indexed="65"', ""),
@@ -1115,15 +1320,39 @@ SHOWN = {
     },
     **{
         f"shown by {code}": Case("a reader sees nothing", styled(code), code="unclear_rows",
-                                 says=("show nothing", "(2, 3, 4, 5)"))
-        for code in (";;;", ";;", ";-0.0")
+                                 says=("do not show", "(2, 3, 4, 5)"))
+        for code in (";;;", ";;", ";-0.0", "\\-;-0.0", "&quot;+&quot;")
     },
     **{
         f"shown by {code}": Case("a reader sees it", styled(code), rates=ALL)
-        for code in ("0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0")
+        for code in (
+            "0.0;", "0.0;;", "0.0;-0.0;;@", "0.0;[Red]-0.0",
+            "_-* #,##0.0_-;\\-* #,##0.0_-;_-* &quot;-&quot;??_-;_-@_-",
+            "#,##0.0_);(#,##0.0)", "0.0;[Red]0.0", "0.00E-00", "0.0&quot; s-1&quot;", "+0.0;-0.0;0.0",
+        )
     },
+    **{
+        f"negative rates shown by {code}": Case("a reader sees other numbers", styled(code, value="<v>-1</v>"),
+                                                code="no_number", says=("'-1 (shown without its sign in Excel)'",))
+        for code in ("0.0;0.0", "0.0;0.0;0", "0.0_-;0.0_-", "0.0;&quot;+&quot;0.0")
+    },
+    **{
+        f"rates shown by {code}": Case("a reader sees other numbers", styled(code), code="no_number", says=(what,))
+        for code, what in (
+            ("-0.0", "with another sign in Excel"), ("(0.0);-0.0", "with another sign in Excel"),
+            ("0.0-", "with another sign in Excel"), ("\\-0.0", "with another sign in Excel"),
+            ("&quot;1&quot;0.0", "shown as 1 in Excel"), ("[&lt;10]0.0;0", "by conditions"),
+            ("#,##0.00 [$€-407]", "€"), ("&quot;£&quot;0.0", "£"), ("$0.0", "$"), ("0.0\\ ¥", "¥"),
+        )
+    },
+    "rates shown as a currency": Case("a format that Excel has built in", styled(number=44), code="no_number",
+                                      says=("a currency",)),
+    "percent, with the header's unit": Case(
+        "40 % are stored as 0.4", styled("0%", header="rate (%)"), code="no_number",
+        says=("a percentage in Excel", "cell format General"),
+    ),
     "a zero that is not shown": Case(
-        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("show nothing",)
+        "nothing, or zero?", styled("0.0;-0.0;;@", value="<v>0</v>"), code="unclear_rows", says=("do not show",)
     ),
     "merged cells": Case("one cell in two rows", styled(after='<mergeCells><mergeCell ref="A2:A3"/></mergeCells>'),
                          code="merged_cells", says=("A2:A3", "unmerge")),
@@ -1132,11 +1361,11 @@ SHOWN = {
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
-    "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="no_number",
-                            says=("logical",)),
-    "MATLAB, a matrix": Case("its shape is said", mat(position_mm=POSITIONS, rate=np.ones((4, 2))), code="no_number",
-                             says=("4 × 2",)),
-    "MATLAB, complex": Case("said", mat(position_mm=POSITIONS, rate=THESE + 1j), code="no_number",
+    "MATLAB, logical": Case("true is no rate", mat(position_mm=POSITIONS, rate=THESE > 5), code="not_understood",
+                            says=("column rate", "logical")),
+    "MATLAB, a matrix": Case("its shape is said", mat(position_mm=POSITIONS, rate=np.ones((4, 2))),
+                             code="not_understood", says=("4 × 2",)),
+    "MATLAB, complex": Case("said", mat(position_mm=POSITIONS, rate=THESE + 1j), code="not_understood",
                             says=("complex",)),
     "MATLAB, version 4": Case("it says what it is", lambda folder: (
         scipy.io.savemat(folder / "a.mat", {"position_mm": POSITIONS, "rate": THESE}, format="4"),
@@ -1150,7 +1379,7 @@ SHOWN = {
 
 CASES = (
     UNOBSERVED | PRESENT | UNITS | NUMBERS | ROWS | CLOCKED | IDENTITIES | KINDS | LEVELS | DOUBLES | UNKNOWN_UNITS
-    | NO_PULSES_THERE | SHOWN
+    | NO_PULSES_THERE | SHOWN | ORDERS
 )  # fmt: skip
 
 
