@@ -32,9 +32,9 @@ class _Option(NamedTuple):
             return []
         if value is True:
             return [self.name]
+        before = f"{self.name}=" if self.name else ""
         values = value if isinstance(value, list | tuple) else [value]
-        name = [self.name] if self.name else []
-        return [word for one in values for word in (*name, f"{one:.12g}" if isinstance(one, float) else str(one))]
+        return [f"{before}{one:.12g}" if isinstance(one, float) else f"{before}{one}" for one in values]
 
 
 def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., None]]:
