@@ -1,6 +1,5 @@
 """`rig compare`: runs against the model and against recorded profiles."""
 
-import shlex
 import time
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
@@ -15,6 +14,7 @@ from rig.cli.compare_group import GroupInput, compare_group, named_group, read_g
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
+from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
 from rig.compare.comparison_rows import answers_as_json, fingers_as_json
 from rig.compare.comparison_rows import as_json as comparison_as_json
@@ -56,11 +56,13 @@ from sim.models.interpolation import HOW_MADE
 _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Output"
 
 
-def command(
-    context: typer.Context,
+@dataclass(frozen=True)
+class CompareRequest:
+    """What `rig compare` is asked for."""
+
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")
-    ] = None,
+    ] = None
     example: Annotated[
         str | None,
         typer.Option(
@@ -68,7 +70,7 @@ def command(
             help="Shipped recording to rehearse: bar3.",
             rich_help_panel=_RECORDING,
         ),
-    ] = None,
+    ] = None
     recorded: Annotated[
         list[str] | None,
         typer.Option(
@@ -76,7 +78,7 @@ def command(
             help="Recording (may be repeated), or a table or folder of several afferents.",
             rich_help_panel=_RECORDING,
         ),
-    ] = None,
+    ] = None
     columns: Annotated[
         list[str] | None,
         typer.Option(
@@ -84,15 +86,15 @@ def command(
             help="Columns of the recordings, e.g. position=x:um,rate=FR.",
             rich_help_panel=_RECORDING,
         ),
-    ] = None,
+    ] = None
     mirror: Annotated[
         list[str] | None,
         typer.Option(metavar="SHAPE", help="Indentor whose positions to negate.", rich_help_panel=_RECORDING),
-    ] = None,
+    ] = None
     normalize: Annotated[
         bool,
         typer.Option("--normalize", help="Divide rates by the largest of their family.", rich_help_panel=_RECORDING),
-    ] = False,
+    ] = False
     window_s: Annotated[
         str,
         typer.Option(
@@ -100,11 +102,11 @@ def command(
             help="Window in which spikes count: BEGIN,END, in s from the start of the hold.",
             rich_help_panel=_RECORDING,
         ),
-    ] = "0,1",
+    ] = "0,1"
     field_centre_mm: Annotated[
         float,
         typer.Option(metavar="X", help="x of the receptive field for spikes, in mm.", rich_help_panel=_RECORDING),
-    ] = 0.0,
+    ] = 0.0
     deflection: Annotated[
         Path | None,
         typer.Option(
@@ -112,39 +114,39 @@ def command(
             help="Measured skin deflection (docs/comparison.md).",
             rich_help_panel=_RECORDING,
         ),
-    ] = None,
+    ] = None
     receptor_x_mm: Annotated[
         str | None,
         typer.Option(metavar="X,X…", help="Receptor x, in mm. Default: ten receptors.", rich_help_panel=_RECEPTORS),
-    ] = None,
+    ] = None
     receptor_depth_mm: Annotated[
         float,
         typer.Option(metavar="D", help="Depth of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS),
-    ] = DEFAULT_DEPTH_MM,
+    ] = DEFAULT_DEPTH_MM
     fingers: Annotated[
         Path | None,
         typer.Option(metavar="TOML", help="Ranges of the finger (docs/comparison.md).", rich_help_panel=_MODEL),
-    ] = None,
+    ] = None
     saturating: Annotated[
         bool,
         typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
-    ] = False,
+    ] = False
     silent_at_rest: Annotated[
         bool,
         typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL),
-    ] = False,
+    ] = False
     friction: Annotated[
         float,
         typer.Option(
             metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_MODEL, show_default=False
         ),
-    ] = 0.0,
+    ] = 0.0
     place: Annotated[
         bool,
         typer.Option(
             "--place", help="Fit the receptor location too: x and depth with intervals.", rich_help_panel=_RECEPTORS
         ),
-    ] = False,
+    ] = False
     depth_range_mm: Annotated[
         str | None,
         typer.Option(
@@ -152,7 +154,7 @@ def command(
             help="Depths below the skin that --place searches, in mm. Default: 0.1 to 0.7 mm below the epidermis.",
             rich_help_panel=_RECEPTORS,
         ),
-    ] = None,
+    ] = None
     offset_mm: Annotated[
         str | None,
         typer.Option(
@@ -160,7 +162,7 @@ def command(
             help="Offset range of the field center to fit with --place, in mm. Default: no offset.",
             rich_help_panel=_RECEPTORS,
         ),
-    ] = None,
+    ] = None
     out_file: Annotated[
         Path | None,
         typer.Option(
@@ -169,165 +171,140 @@ def command(
             help="Report. Default: comparison.html in the first run.",
             rich_help_panel=_OUTPUT,
         ),
-    ] = None,
-    exact: ExactOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    exact: ExactOption = False
+    as_json: JsonOption = False
+
+
+_RULES = (
+    Needs("--depth-range-mm", "--place"),
+    Needs("--offset-mm", "--place"),
+    Needs("--place", "--recorded"),
+    Excludes("--friction", ("--place", "--fingers"), code="friction_with"),
+)
+_WITH_EXAMPLE = ("--example", "--out", "--json")
+_WITH_GROUPS = (
+    *("RUNS", "--recorded", "--columns", "--mirror", "--window-s", "--field-centre-mm", "--receptor-x-mm"),
+    *("--receptor-depth-mm", "--friction", "--out", "--json"),
+)
+"""Options that apply to several afferents too."""
+
+
+@takes(CompareRequest)
+def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
-    with one_line_errors(as_json=as_json):
+    with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
-        if example is not None:
-            _refuse_with_example(context, example)
-            compare_example(out_file or Path(f"{example}.html"), as_json=as_json)
+        if request.example is not None:
+            _refuse_with_example(request, request.example)
+            compare_example(request.out_file or Path(f"{request.example}.html"), as_json=request.as_json)
             return
-        if not runs:
+        if not request.runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-        receptors = Receptors(
-            numbers("--receptor-x-mm", receptor_x_mm) if receptor_x_mm else DEFAULT_X_MM, receptor_depth_mm
-        )
-        if checked_friction(friction) and (place or fingers):
-            option = "--place" if place else "--fingers"
-            raise BadInputError(f"--friction and {option} cannot be combined; remove one", "friction_with")
-        reading = Reading(_window(window_s), field_centre_mm, column_map(columns or []))
-        if out_file is not None:
-            checked_file("--out", out_file, *HTML)
-        report = out_file or runs[0] / "comparison.html"
+        checked_friction(request.friction)
+        refuse(request, _RULES)
+        reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
+        if request.out_file is not None:
+            checked_file("--out", request.out_file, *HTML)
+        report = request.out_file or request.runs[0] / "comparison.html"
         with busy("reading the runs …", quick=True):
-            found = _without_copies([recorded_run(path) for path in runs])
-            if recorded:
-                _refuse_other_fingers(found)
+            runs = _without_copies([recorded_run(path) for path in request.runs])
+            if request.recorded:
+                _refuse_other_fingers(runs)
         checked_file("--out", report)
-        if (group := named_group(recorded or [])) is not None:
-            refuse_options(
-                group,
-                {
-                    "--normalize": normalize,
-                    "--saturating": saturating,
-                    "--silent-at-rest": silent_at_rest,
-                    "--place": place,
-                    "--fingers": fingers is not None,
-                    "--depth-range-mm": depth_range_mm is not None,
-                    "--offset-mm": offset_mm is not None,
-                    "--deflection": deflection is not None,
-                    "--exact": exact,
-                },
-            )
-            read = read_group(group, mirror or [], found, _pressed(found, receptors), reading)
-            solved = [one for some in _answered(found, receptors, friction, as_json=as_json) for one in some.stimuli]
-            made_by = {
-                "--recorded": recorded or [],
-                "--columns": columns or [],
-                "--mirror": mirror or [],
-                **_unusual(
-                    ("--window-s", window_s, "0,1"),
-                    ("--friction", f"{friction:g}", "0"),
-                    ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
-                    ("--receptor-x-mm", receptor_x_mm, None),
-                    ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
-                ),
-            }
-            asked = GroupInput(read, found, solved, _remade_by(runs, made_by, {}))
-            compare_group(asked, report, as_json=as_json)
-            write_sidecar(report, time.perf_counter() - began)
-            return
-        plausible = None if fingers is None else read_plausible(fingers)
-        with busy("reading the recordings …", quick=True):
-            recordings = read_recordings(recorded or [], mirror or [], found, reading)
-            refuse_unused_options(recordings.values(), reading)
-            compare(_pressed(found, receptors), recordings, normalize=normalize)
-            measured = [] if deflection is None else _measured_deflection(found, deflection)
-        if place and not recordings:
-            raise BadInputError("--place requires recordings; add --recorded", "needs_option")
-        where = _sought(found, receptors, place, depth_range_mm, offset_mm)
-        if where is not None:
-            refuse_uncovered(found, recordings, where, normalize=normalize)
-        answered = _answered(found, receptors, friction, as_json=as_json)
-        with busy("skin along the finger: computing its deflection …", quick=True):
-            beside = _along_the_finger(answered, measured, deflection)
-        comparison = _compared(answered, recordings, normalize, plausible, exact=exact, as_json=as_json)
-        if any(left_out(overlay).any() for overlay in comparison.overlays):
-            with busy("positions left out: checking how far a run may reach …", as_json=as_json):
-                by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
-                comparison = with_wider_runs(comparison, by_run)
-        form = Form(saturating, silent_at_rest)
-        with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
-            verdicts = answers(comparison, form)
-        timed = any(one.spikes for one in recordings.values())
-        with busy(THE_CLOCK, as_json=as_json) if timed else nullcontext():
-            shift = clock_shift(
-                recordings,
-                lambda shifted: outcome_of(answers(_on(comparison, shifted, normalize, plausible), form)),
-            )
-        with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
-            at = places(found, recordings, where, form, normalize=normalize) if where else []
-        options = {
-            "--recorded": recorded or [],
-            "--columns": columns or [],
-            "--mirror": mirror or [],
-            "--deflection": [] if deflection is None else [str(deflection)],
-            "--fingers": [] if fingers is None else [str(fingers)],
-            **_unusual(
-                ("--window-s", window_s, "0,1"),
-                ("--friction", f"{friction:g}", "0"),
-                ("--field-centre-mm", f"{field_centre_mm:g}", "0"),
-                ("--receptor-x-mm", receptor_x_mm, None),
-                ("--receptor-depth-mm", f"{receptor_depth_mm:g}", "0.76"),
-                ("--depth-range-mm", depth_range_mm, None),
-                ("--offset-mm", offset_mm, None),
-            ),
-        }
-        flags = {
-            "--normalize": normalize,
-            "--saturating": saturating,
-            "--silent-at-rest": silent_at_rest,
-            "--place": place,
-        }
-        with busy(THE_MAPS, as_json=as_json):
-            maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
-        with busy("writing the report …", as_json=as_json):
-            write_comparison(
-                report,
-                comparison,
-                found,
-                answered[0].finger,
-                _remade_by(runs, options, flags | {"--exact": exact}),
-                [
-                    *spikes_sections({"": recordings}, shift),
-                    *map(place_section, at),
-                    *fingers_sections(comparison),
-                    *beside,
-                ],
-                maps=maps,
-                answers=verdicts,
-            )
-        write_sidecar(report, time.perf_counter() - began)
-        if as_json:
-            rows = comparison_as_json(comparison, str(report))
-            rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-            rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
-            rows |= recordings_as_json({"": recordings}, shift)
-            print_json(rows | fingers_as_json(comparison))
+        if (group := named_group(request.recorded or [])) is not None:
+            _compare_group(request, group, runs, reading, report)
         else:
-            _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
-            if comparison.interpolated:
-                out.print(
-                    f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a "
-                    "full model of each"
-                )
+            _compare_afferents(request, runs, reading, report)
+        write_sidecar(report, time.perf_counter() - began)
 
 
-_BESIDE_EXAMPLE = ("example", "out_file", "as_json")
+def _compare_group(request: CompareRequest, group: Path, runs: list[Run], reading: Reading, report: Path) -> None:
+    """Compare a table or folder of several afferents."""
+    refuse_options(given_options(request, without=_WITH_GROUPS))
+    receptors = _receptors(request)
+    recordings = read_group(group, request.mirror or [], runs, _pressed(runs, receptors), reading)
+    answered = _answered(runs, receptors, request.friction, as_json=request.as_json)
+    solved = [stimulus for one in answered for stimulus in one.stimuli]
+    made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
+    compare_group(GroupInput(recordings, runs, solved, made_by), report, as_json=request.as_json)
 
 
-def _refuse_with_example(context: typer.Context, example: str) -> None:
+def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Reading, report: Path) -> None:
+    """Compare recordings of one afferent for each shape, or only simulate."""
+    as_json = request.as_json
+    plausible = None if request.fingers is None else read_plausible(request.fingers)
+    with busy("reading the recordings …", quick=True):
+        recordings = read_recordings(request.recorded or [], request.mirror or [], runs, reading)
+        refuse_unused_options(recordings.values(), reading)
+        compare(_pressed(runs, _receptors(request)), recordings, normalize=request.normalize)
+        measured = [] if request.deflection is None else _measured_deflection(runs, request.deflection)
+    where = _sought(request, runs)
+    if where is not None:
+        refuse_uncovered(runs, recordings, where, normalize=request.normalize)
+    answered = _answered(runs, _receptors(request), request.friction, as_json=as_json)
+    with busy("skin along the finger: computing its deflection …", quick=True):
+        beside = _along_the_finger(answered, measured, request.deflection)
+    comparison = _compared(request, answered, recordings, plausible)
+    if any(left_out(overlay).any() for overlay in comparison.overlays):
+        with busy("positions left out: checking how far a run may reach …", as_json=as_json):
+            by_run = {one.run.folder.path.name: (one.run, one.finger) for one in answered}
+            comparison = with_wider_runs(comparison, by_run)
+    form = Form(request.saturating, request.silent_at_rest)
+    with busy("comparing every measure with the recordings …", as_json=as_json) if recordings else nullcontext():
+        verdicts = answers(comparison, form)
+
+    def outcome(shifted: Mapping[str, Recording]) -> object:
+        again = compare(comparison.stimuli, shifted, normalize=request.normalize, plausible=plausible)
+        return outcome_of(answers(again, form))
+
+    timed = any(one.spikes for one in recordings.values())
+    with busy(THE_CLOCK, as_json=as_json) if timed else nullcontext():
+        shift = clock_shift(recordings, outcome)
+    with busy(THE_PLACES, as_json=as_json) if where else nullcontext():
+        at = places(runs, recordings, where, form, normalize=request.normalize) if where else []
+    with busy(THE_MAPS, as_json=as_json):
+        maps = [m for one in answered for m in stimulus_maps(one.run, one.finger, one.stimuli)]
+    with busy("writing the report …", as_json=as_json):
+        write_comparison(
+            report,
+            comparison,
+            runs,
+            answered[0].finger,
+            repeats("compare", request, without=_NOT_OF_THE_REPORT),
+            [
+                *spikes_sections({"": recordings}, shift),
+                *map(place_section, at),
+                *fingers_sections(comparison),
+                *beside,
+            ],
+            maps=maps,
+            answers=verdicts,
+        )
+    if as_json:
+        rows = comparison_as_json(comparison, str(report))
+        rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
+        rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
+        rows |= recordings_as_json({"": recordings}, shift)
+        print_json(rows | fingers_as_json(comparison))
+    else:
+        _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
+        if comparison.interpolated:
+            out.print(
+                f"simulated responses of the plausible fingers were {HOW_MADE}; --exact builds a full model of each"
+            )
+
+
+_NOT_OF_THE_REPORT = ("--out", "--json")
+
+
+def _refuse_with_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
-    for one in context.command.params:
-        source = context.get_parameter_source(str(one.name))
-        if one.name not in _BESIDE_EXAMPLE and source is not None and source.name == "COMMANDLINE":
-            raise BadInputError(
-                f"--example {example} brings its own rehearsal and recording; remove {one.opts[0]}", "example_alone"
-            )
+    for option in given_options(request, without=_WITH_EXAMPLE):
+        raise BadInputError(
+            f"--example {example} brings its own rehearsal and recording; remove {option}", "example_alone"
+        )
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
@@ -340,6 +317,11 @@ class Receptors(NamedTuple):
 
     x_mm: tuple[float, ...]
     depth_mm: float
+
+
+def _receptors(request: CompareRequest) -> Receptors:
+    x_mm = numbers("--receptor-x-mm", request.receptor_x_mm) if request.receptor_x_mm else DEFAULT_X_MM
+    return Receptors(x_mm, request.receptor_depth_mm)
 
 
 @dataclass(frozen=True)
@@ -370,22 +352,21 @@ def _answered(runs: list[Run], receptors: Receptors, friction: float, *, as_json
 
 
 def _compared(
+    request: CompareRequest,
     answered: list[Answered],
     recordings: dict[str, Recording],
-    normalize: bool,
     plausible: PlausibleFingers | None,
-    *,
-    exact: bool,
-    as_json: bool,
 ) -> Comparison:
     """Compare, with the responses of every plausible finger if ranges are set; reject incompatible input first."""
-    comparison = compare([s for one in answered for s in one.stimuli], recordings, normalize=normalize)
+    comparison = compare([s for one in answered for s in one.stimuli], recordings, normalize=request.normalize)
     if plausible is None:
         return comparison
-    with busy("plausible fingers: reading their responses from the cache, or computing them …", as_json=as_json):
-        found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=exact) for a in answered]
+    with busy(
+        "plausible fingers: reading their responses from the cache, or computing them …", as_json=request.as_json
+    ):
+        found = [on_plausible_fingers(a.run, a.stimuli, a.finger, plausible, exact=request.exact) for a in answered]
         on_all = [stimulus for some in found for stimulus in some]
-    return compare(on_all, recordings, normalize=normalize, plausible=plausible)
+    return compare(on_all, recordings, normalize=request.normalize, plausible=plausible)
 
 
 def _without_copies(runs: Sequence[Run]) -> list[Run]:
@@ -403,13 +384,6 @@ def _without_copies(runs: Sequence[Run]) -> list[Run]:
 
 def _events(run: Run) -> int:
     return sum(map(len, run.events.values()))
-
-
-def _on(
-    comparison: Comparison, recordings: Mapping[str, Recording], normalize: bool, plausible: PlausibleFingers | None
-) -> Comparison:
-    """Return a comparison of the same responses with other recordings."""
-    return compare(comparison.stimuli, recordings, normalize=normalize, plausible=plausible)
 
 
 def _of_the_clock(recordings: Mapping[str, Recording], shift: ClockShift | None) -> list[str]:
@@ -479,18 +453,14 @@ def _leaves(tree: Mapping[str, Any], under: str = "") -> dict[str, object]:
     return found
 
 
-def _sought(
-    runs: list[Run], receptors: Receptors, place: bool, depth_mm: str | None, offset_mm: str | None
-) -> PlaceRange | None:
+def _sought(request: CompareRequest, runs: list[Run]) -> PlaceRange | None:
     """Return the range of receptor locations to search, or None without --place."""
-    ranges = {"--depth-range-mm": depth_mm, "--offset-mm": offset_mm}
-    if not place:
-        name_of_range = next((name for name, text in ranges.items() if text is not None), None)
-        if name_of_range:
-            raise BadInputError(f"{name_of_range} {ranges[name_of_range]} requires --place; add it", "needs_option")
+    if not request.place:
         return None
+    ranges = {"--depth-range-mm": request.depth_range_mm, "--offset-mm": request.offset_mm}
     depth, offset = (None if text is None else _two(name, text, "LOW,HIGH") for name, text in ranges.items())
-    return common_range(runs, RequestedRanges((min(receptors.x_mm), max(receptors.x_mm)), depth, offset))
+    x_mm = _receptors(request).x_mm
+    return common_range(runs, RequestedRanges((min(x_mm), max(x_mm)), depth, offset))
 
 
 def _window(text: str) -> tuple[float, float]:
@@ -502,17 +472,6 @@ def _two(option: str, text: str, named: str) -> tuple[float, float]:
     if len(ends) != 2:
         raise BadInputError(f"{option} {text!r}: must be two numbers, {named}", "wrong_count")
     return ends[0], ends[1]
-
-
-def _unusual(*options: tuple[str, str | None, str | None]) -> dict[str, list[str]]:
-    return {name: [given] for name, given, default in options if given not in (None, default)}
-
-
-def _remade_by(runs: list[Path], options: dict[str, list[str]], flags: dict[str, bool]) -> str:
-    """Return the command that reproduces the report, without its output file."""
-    words = ["rig", "compare", *map(str, runs)]
-    words += [word for name, values in options.items() for value in values for word in (name, value)]
-    return shlex.join([*words, *(name for name, given in flags.items() if given)])
 
 
 def _print(

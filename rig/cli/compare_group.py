@@ -52,15 +52,14 @@ def read_group(
     return found
 
 
-def refuse_options(path: Path, given: Mapping[str, bool]) -> None:
+def refuse_options(options: Sequence[str]) -> None:
     """Refuse options that apply to the recordings of one afferent only."""
-    for option, is_given in given.items():
-        if is_given:
-            raise BadInputError(
-                f"{option} does not apply to several afferents; remove it, or compare one afferent with "
-                "--recorded SHAPE=FILE",
-                "not_for_groups",
-            )
+    for option in options:
+        raise BadInputError(
+            f"{option} does not apply to several afferents; remove it, or compare one afferent with "
+            "--recorded SHAPE=FILE",
+            "not_for_groups",
+        )
 
 
 _SHIFTS_S = (0.1, 0.5)

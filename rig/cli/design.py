@@ -1,8 +1,8 @@
 """`rig design`: choose presses that distinguish candidate measures within a session."""
 
-import shlex
 import time
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
 
@@ -19,6 +19,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
+from rig.cli.request import Excludes, refuse, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
@@ -50,139 +51,145 @@ T = TypeVar("T")
 _FIBER, _TIME = "The fiber", "Time"
 
 
-def command(
-    context: typer.Context,
+@dataclass(frozen=True)
+class DesignOptions:
+    """What `rig design` is asked for."""
+
     candidates: Annotated[
         str | None,
         typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
-    ] = None,
-    shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3",
-    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0,
+    ] = None
+    shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3"
+    minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0
     depths_mm: Annotated[
         str | None, typer.Option(metavar="D,D", help="Depths to choose from, in mm. Default: 0.25,0.5,0.75,1.")
-    ] = None,
+    ] = None
     forces_gwt: Annotated[
         str | None, typer.Option(metavar="F,F", help="Forces to choose from, in gwt, instead of depths.")
-    ] = None,
-    config: FingerConfigOption = None,
-    finger_file: FingerFileOption = None,
-    force: ForceFingerOption = False,
-    fingers: Annotated[
-        Path | None, typer.Option(metavar="TOML", help="Plausible fingers, as in rig compare.")
-    ] = None,
-    to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py"),
+    ] = None
+    config: FingerConfigOption = None
+    finger_file: FingerFileOption = None
+    force: ForceFingerOption = False
+    fingers: Annotated[Path | None, typer.Option(metavar="TOML", help="Plausible fingers, as in rig compare.")] = None
+    to: Annotated[Path, typer.Option(metavar="PY", help="Protocol script to write.")] = Path("designed.py")
     out_file: Annotated[
         Path | None, typer.Option("--out", metavar="HTML", help="HTML page to write. Default: beside the script.")
-    ] = None,
+    ] = None
     counts: Annotated[
         Path | None,
         typer.Option(metavar="CSV", help="Spike counts of the session to evaluate, instead of designing one."),
-    ] = None,
-    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1,
-    quick: Annotated[
-        bool, typer.Option("--quick", help="Use a coarser search, which takes a sixth of the time.")
-    ] = False,
-    power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False,
+    ] = None
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the choice and the order.")] = 1
+    quick: Annotated[bool, typer.Option("--quick", help="Use a coarser search, which takes a sixth of the time.")] = (
+        False
+    )
+    power: Annotated[bool, typer.Option("--power", help="Print how many fibers reach 80 % power.")] = False
     rate_per_s: Annotated[
         str,
         typer.Option(metavar="LOW,HIGH", help="Rate at the strongest press, in spikes/s.", rich_help_panel=_FIBER),
-    ] = "20,100",
+    ] = "20,100"
     threshold: Annotated[
         str,
         typer.Option(
             metavar="LOW,HIGH", help="Threshold ε₀, in % of ε at the strongest press.", rich_help_panel=_FIBER
         ),
-    ] = "0,50",
+    ] = "0,50"
     receptor_x_mm: Annotated[
         str, typer.Option(metavar="LOW,HIGH", help="Receptor x, in mm.", rich_help_panel=_FIBER)
-    ] = "-0.5,0.5",
+    ] = "-0.5,0.5"
     receptor_below_mm: Annotated[
         str, typer.Option(metavar="LOW,HIGH", help="Depth below the epidermis, in mm.", rich_help_panel=_FIBER)
-    ] = "0.1,0.7",
+    ] = "0.1,0.7"
     dispersion: Annotated[
         str,
         typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER),
-    ] = "1.5",
+    ] = "1.5"
     drift: Annotated[
         float,
         typer.Option(metavar="PERCENT", help="Drift of the gain in ten minutes, sd in %.", rich_help_panel=_FIBER),
-    ] = 10.0,
+    ] = 10.0
     hold_s: Annotated[
         float, typer.Option(metavar="S", help="Hold, in which spikes are counted, in s.", rich_help_panel=_TIME)
-    ] = 1.0,
+    ] = 1.0
     rest_s: Annotated[
         float, typer.Option(metavar="S", help="Rest after each press, the washout, in s.", rich_help_panel=_TIME)
-    ] = 2.0,
+    ] = 2.0
     change_s: Annotated[
         float, typer.Option(metavar="S", help="Time to change the indentor, in s.", rich_help_panel=_TIME)
-    ] = 60.0,
-    as_json: JsonOption = False,
-) -> None:
+    ] = 60.0
+    as_json: JsonOption = False
+
+
+@takes(DesignOptions)
+def command(request: DesignOptions) -> None:
     """Choose presses, check them, and write a protocol script and a page."""
-    with one_line_errors(as_json=as_json):
+    with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
-        page_file = to.with_suffix(".html") if out_file is None else out_file
-        checked_file("--to", to, ".py")
+        page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
+        checked_file("--to", request.to, ".py")
         checked_file("--out", page_file, *HTML)
-        if depths_mm is not None and forces_gwt is not None:
-            raise BadInputError("--depths-mm and --forces-gwt cannot be combined; remove one", "cannot_combine")
-        option, targets = ("--depths-mm", depths_mm) if forces_gwt is None else ("--forces-gwt", forces_gwt)
-        request = DesignRequest(
-            shapes=_names(shapes),
-            minutes=_between("--minutes", minutes, 1, 240),
-            kind="doi_mm" if forces_gwt is None else "force_gwt",
+        refuse(request, [Excludes("--depths-mm", ["--forces-gwt"])])
+        option, targets = "--depths-mm", request.depths_mm
+        if request.forces_gwt is not None:
+            option, targets = "--forces-gwt", request.forces_gwt
+        wanted = DesignRequest(
+            shapes=_names(request.shapes),
+            minutes=_between("--minutes", request.minutes, 1, 240),
+            kind="doi_mm" if request.forces_gwt is None else "force_gwt",
             unknowns=Unknowns(
-                _range("--rate-per-s", rate_per_s, 0.1, 1000),
-                _percent(_range("--threshold", threshold, 0, 95)),
-                _range("--receptor-x-mm", receptor_x_mm, -5, 5),
-                _range("--receptor-below-mm", receptor_below_mm, 0.02, 3),
-                _range("--dispersion", dispersion, 0.05, 20),
-                _between("--drift", drift, 0, 100) / 100,
+                _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
+                _percent(_range("--threshold", request.threshold, 0, 95)),
+                _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
+                _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
+                _range("--dispersion", request.dispersion, 0.05, 20),
+                _between("--drift", request.drift, 0, 100) / 100,
             ),
-            hold_s=_between("--hold-s", hold_s, 0.05, 60),
-            rest_s=_between("--rest-s", rest_s, 0, 3600),
-            change_s=_between("--change-s", change_s, 0, 3600),
-            seed=seed,
-            quick=quick,
-            candidates=MEASURES if candidates is None else _names(candidates),
+            hold_s=_between("--hold-s", request.hold_s, 0.05, 60),
+            rest_s=_between("--rest-s", request.rest_s, 0, 3600),
+            change_s=_between("--change-s", request.change_s, 0, 3600),
+            seed=request.seed,
+            quick=request.quick,
+            candidates=MEASURES if request.candidates is None else _names(request.candidates),
             targets=DEPTHS_MM if targets is None else tuple(sorted(set(numbers(option, targets)))),
         )
-        request.refuse()
-        settings = with_finger(load_config(config), finger_file, force=force)
-        plausible = None if fingers is None else read_plausible(fingers)
-        with busy(THE_FINGER, as_json=as_json):
-            finger = finger_of(request, settings.finger)
-        with ShownProgress(as_json=as_json) as shown:
-            if counts is not None:
-                verdict = judged(request, counts, settings, finger, plausible, shown.count, shown.progress)
+        wanted.refuse()
+        settings = with_finger(load_config(request.config), request.finger_file, force=request.force)
+        plausible = None if request.fingers is None else read_plausible(request.fingers)
+        with busy(THE_FINGER, as_json=request.as_json):
+            finger = finger_of(wanted, settings.finger)
+        with ShownProgress(as_json=request.as_json) as shown:
+            if request.counts is not None:
+                verdict = judged(wanted, request.counts, settings, finger, plausible, shown.count, shown.progress)
             else:
-                found = design(request, settings, finger, plausible, shown.count, shown.progress)
-        if counts is not None:
-            _print_verdict(verdict, as_json=as_json)
+                found = design(wanted, settings, finger, plausible, shown.count, shown.progress)
+        if request.counts is not None:
+            _print_verdict(verdict, as_json=request.as_json)
             return
-        words = _command(context, to)
-        with busy("checking and rehearsing the script …", as_json=as_json):
+        words = repeats("design", request, without=("--json",))
+        with busy("checking and rehearsing the script …", as_json=request.as_json):
             script = checked_script(found, settings, finger, plausible, words)
         found = script.design
         with busy("computing the power …", quick=True):
-            rows = power_rows([found.at("designed", m) for m in found.durations], seed) if power else []
-        with busy("writing the script and the page …", as_json=as_json):
-            replace_text(to, script.text)
-            write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))
-        if as_json:
-            files = {"script": str(to), "report": str(page_file), "duration_s": script.duration_s}
+            designs = [found.at("designed", m) for m in found.durations] if request.power else []
+            rows = power_rows(designs, request.seed)
+        with busy("writing the script and the page …", as_json=request.as_json):
+            replace_text(request.to, script.text)
+            write_design_page(page_file, DesignPage(found, str(request.to), script.duration_s, rows, words))
+        if request.as_json:
+            files = {"script": str(request.to), "report": str(page_file), "duration_s": script.duration_s}
             print_json(files | design_as_json(found, rows) | {"wall_s": time.perf_counter() - began})
             return
         kept = percent(*share_and_error(found.outcome.kept))
+        how = "predicted" if request.quick else "rehearsed"
         lines: dict[str, Any] = {
             "design": headline(found),
             "truth": f"in the set in {kept}",
             "pairs": separation_line(found),
-            "power": power_lines(rows) if power else [],
+            "power": power_lines(rows) if request.power else [],
             "quick": quick_line(found) or [],
             "presses": about_the_design(found),
-            "duration": f"{script.duration_s:.0f} s, {'predicted' if quick else 'rehearsed'}, with changes of shape",
-            "script": str(to),
+            "duration": f"{script.duration_s:.0f} s, {how}, with changes of shape",
+            "script": str(request.to),
             "report": str(page_file),
         }
         for about, words_of in lines.items():
@@ -257,15 +264,3 @@ def _range(option: str, text: str, low: float, high: float) -> tuple[float, floa
 
 def _percent(ends: tuple[float, float]) -> tuple[float, float]:
     return ends[0] / 100, ends[1] / 100
-
-
-def _command(context: typer.Context, to: Path) -> str:
-    """Return the command line that makes the same design."""
-    words = ["rig", "design"]
-    for one in context.command.params:
-        source = context.get_parameter_source(str(one.name))
-        if source is None or source.name != "COMMANDLINE" or one.name == "as_json":
-            continue
-        value = context.params[str(one.name)]
-        words += [one.opts[0]] if value is True else [f"{one.opts[0]}={value}"]
-    return shlex.join(words)
