@@ -177,10 +177,10 @@ class CompareRequest:
 
 
 _RULES = (
+    Excludes("--friction", ("--place", "--fingers"), code="friction_with"),
     Needs("--depth-range-mm", "--place"),
     Needs("--offset-mm", "--place"),
     Needs("--place", "--recorded"),
-    Excludes("--friction", ("--place", "--fingers"), code="friction_with"),
 )
 _WITH_EXAMPLE = ("--example", "--out", "--json")
 _WITH_GROUPS = (
@@ -202,6 +202,9 @@ def command(request: CompareRequest) -> None:
         if not request.runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
         checked_friction(request.friction)
+        group = named_group(request.recorded or [])
+        if group is not None:
+            refuse_options(given_options(request, without=_WITH_GROUPS))
         refuse(request, _RULES)
         reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
         if request.out_file is not None:
@@ -212,7 +215,7 @@ def command(request: CompareRequest) -> None:
             if request.recorded:
                 _refuse_other_fingers(runs)
         checked_file("--out", report)
-        if (group := named_group(request.recorded or [])) is not None:
+        if group is not None:
             _compare_group(request, group, runs, reading, report)
         else:
             _compare_afferents(request, runs, reading, report)
@@ -221,7 +224,6 @@ def command(request: CompareRequest) -> None:
 
 def _compare_group(request: CompareRequest, group: Path, runs: list[Run], reading: Reading, report: Path) -> None:
     """Compare a table or folder of several afferents."""
-    refuse_options(given_options(request, without=_WITH_GROUPS))
     receptors = _receptors(request)
     recordings = read_group(group, request.mirror or [], runs, _pressed(runs, receptors), reading)
     answered = _answered(runs, receptors, request.friction, as_json=request.as_json)
