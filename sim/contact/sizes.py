@@ -20,13 +20,13 @@ def wrong_size(width_mm: float, relief_mm: float, of: str = "x_mm") -> tuple[str
     if not NARROWEST_MM - _ROUNDED_MM <= width_mm <= WIDEST_MM + _ROUNDED_MM:
         small = width_mm < NARROWEST_MM
         return (
-            f"{of} spans {width_mm:.3g} mm; must be {NARROWEST_MM:g}, an element of the finest mesh, to "
+            f"{of} spans {width_mm:.4g} mm; must be {NARROWEST_MM:g}, an element of the finest mesh, to "
             f"{WIDEST_MM:g} mm; {_unit(small)}"
         ), "too_narrow" if small else "too_wide"
     if _FLAT_MM < relief_mm < FLATTEST_MM - _ROUNDED_MM or relief_mm > TALLEST_MM + _ROUNDED_MM:
         small = relief_mm < FLATTEST_MM
         return (
-            f"the heights span {relief_mm:.3g} mm; must be 0, or {FLATTEST_MM:g}, a 20th of an element of the finest "
+            f"the heights span {relief_mm:.4g} mm; must be 0, or {FLATTEST_MM:g}, a 20th of an element of the finest "
             f"mesh, to {TALLEST_MM:g} mm, beyond which nothing touches; {_unit(small)}"
         ), "too_flat" if small else "too_tall"
     return None
