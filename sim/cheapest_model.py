@@ -19,7 +19,7 @@ from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
 from sim.contact.shapes import parse_shape
-from sim.errors import ModelRangeError, refuse_unless_one
+from sim.errors import ModelRangeError, refuse_unless_numbers, refuse_unless_one
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import NOWHERE, ReceptorPlaces
 from sim.models.cache import keep_tops
@@ -280,6 +280,7 @@ class Aim:
             raise ModelRangeError(
                 f"{', '.join(self.quantities)}: must be one or more of {', '.join(QUANTITIES)}", "unknown_quantity"
             )
+        refuse_unless_numbers(tolerance=self.tolerance)
         if not 0 < self.tolerance < 1:
             raise ModelRangeError(
                 f"tolerance {self.tolerance:g}: must be a fraction between 0 and 1", "bad_tolerance"

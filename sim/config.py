@@ -96,7 +96,7 @@ def check_sections(sections: Sequence[Row], length_mm: float) -> None:
             raise ValueError(f"{name} = {values[k]:g} at z_mm = {z[k]:g}: must be more than 0 mm")
     if np.median(half_width / height) > _WIDEST_SHAPE:
         raise ValueError(
-            f"half_width_mm is {np.median(half_width / height):.1f} times height_mm (median); a finger's is at most "
+            f"half_width_mm is {np.median(half_width / height):.2f} times height_mm (median); a finger's is at most "
             f"{_WIDEST_SHAPE:g} times: check that it is half of the width"
         )
 

@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from rig_shared.errors import CodedError
 
 
@@ -30,19 +32,27 @@ class ForceOutOfReachError(ModelRangeError):
     default_code = "force_out_of_reach"
 
 
+def is_plain_number(value: object) -> bool:
+    """Return whether a value is an int or a float, of Python or numpy, without a unit; True and False are none."""
+    if isinstance(value, np.generic):
+        return value.dtype.kind in "iuf"
+    return isinstance(value, int | float) and not isinstance(value, bool) and not has_unit(value)
+
+
+def has_unit(value: object) -> bool:
+    """Return whether a value is a quantity, as of `quantities`, `pint`, `astropy` or `unyt`."""
+    return any(hasattr(value, name) for name in ("units", "unit", "dimensionality"))
+
+
 def refuse_unless_numbers(**arguments: object) -> None:
-    """Raise ArgumentError for arguments that are not one number each; True and False are none."""
+    """Raise ArgumentError for arguments that are not one number each; True, False and quantities are none."""
     for name, value in arguments.items():
-        if not isinstance(value, (str, bytes, bool)) and str(getattr(value, "dtype", "")) != "bool":
-            try:
-                float(value)  # type: ignore[arg-type]
-                continue
-            except (TypeError, ValueError):
-                pass
-        raise ArgumentError(
-            f"{name}: must be one number, not {type(value).__name__}; indent_many takes arrays and lists",
-            "not_a_number",
-        )
+        if not is_plain_number(value):
+            raise ArgumentError(
+                f"{name}: must be one number, an int or a float in the unit of the name, not {type(value).__name__}; "
+                "indent_many takes arrays and lists",
+                "not_a_number",
+            )
 
 
 def refuse_unless_one(doi_mm: float | None, force_gwt: float | None) -> None:

@@ -3,7 +3,7 @@
 import csv
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol
@@ -12,22 +12,47 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
-from sim.errors import ArgumentError, SimError
+from sim.errors import ArgumentError, SimError, has_unit, is_plain_number
 
 # --- arguments ---
 
 
 def numbers_of(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    """Return the array of an argument. Raises ArgumentError for text, True and False, and lists of unequal length."""
-    try:
-        each = values if isinstance(values, np.ndarray) and values.dtype != object else np.asarray(values, object)
-        kinds = [type(one) for one in each.flat] if each.dtype == object else [each.dtype.type]
-        wrong = next((kind for kind in kinds if issubclass(kind, (bool, np.bool_, str, bytes))), None)
-        if wrong is None:
+    """Return the array of an argument, with nan for None.
+
+    Raises ArgumentError for everything else that is no number: text, True and False, quantities, masked values, and
+    lists of unequal length.
+    """
+    wrong = _no_number_in(values)
+    if wrong is None:
+        try:
             return np.asarray(values, dtype=float)
-    except (TypeError, ValueError):
-        wrong = type(values)
-    raise ArgumentError(f"{name}: must be numbers, not {wrong.__name__}", "not_numbers")
+        except (TypeError, ValueError):
+            wrong = type(values).__name__
+    raise ArgumentError(
+        f"{name}: must be numbers, ints or floats in the unit of the name, not {wrong}", "not_numbers"
+    )
+
+
+def _no_number_in(values: object) -> str | None:
+    """Return in words what in an argument is no number, or None."""
+    if isinstance(values, np.ndarray | np.generic):
+        if np.ma.is_masked(values):
+            return "masked values; fill them with nan (values.filled(numpy.nan)) or leave them out"
+        if has_unit(values):
+            return f"{type(values).__name__}, which has a unit"
+        if values.dtype != object:
+            return None if values.dtype.kind in "iuf" else values.dtype.type.__name__
+        each: Iterable[object] = values.flat
+    elif isinstance(values, list | tuple | range):
+        each = values
+    elif values is None or is_plain_number(values):
+        return None
+    elif hasattr(values, "__array__") and not has_unit(values):  # as of pandas
+        return _no_number_in(np.asarray(values))
+    else:
+        return type(values).__name__
+    return next((found for one in each if (found := _no_number_in(one)) is not None), None)
 
 
 def broadcast(**arguments: NDArray[Any]) -> list[NDArray[Any]]:

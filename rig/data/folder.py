@@ -26,6 +26,8 @@ _DIGITS = 64
 _READ_S, _AGAIN_S = 0.5, 0.005
 _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
+PLAN = "plan.jsonl"
+"""Name of the steps that a run planned when it began."""
 SHAPE_COPY = "shape_"
 """Prefix of the copies of shape files."""
 
@@ -136,7 +138,7 @@ class RunFolder:
         with contextlib.suppress(OSError, ValueError):  # the provenance itself is one of them
             about = json.loads(read_text(self.provenance))
         beside = about.get("beside", ()) if isinstance(about, dict) else ()
-        return [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY) or name in beside)]
+        return [*_COPIES, *(name for name in known if name.startswith(SHAPE_COPY) or name in (PLAN, *beside))]
 
     @property
     def busy(self) -> bool:

@@ -5,10 +5,12 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any, TypeVar
 
 from rig.data import Run
+from rig.data.folder import PLAN
 from rig.engine.limits import CONTACT_EXPONENT, RampBound, SampleAge, pressure_limit_gwt
 from rig.errors import BadInputError
 from rig.plan.config import Config
@@ -16,6 +18,7 @@ from rig.plan.finger_model import FingerModel, Predictions, copy_name, named_fil
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.handlers import Patience, ResumeHandler, SilentScriptError, impatient
+from rig.protocol.same_steps import Asked, SamePlan, planned_step, read_plan
 from rig.protocol.script import Script, script_error
 from rig.protocol.steps import ExpectedPresses, ExpectedTouch, Mount, Step
 from rig.records import PlannedIndentation, Purpose
@@ -54,6 +57,7 @@ class Plan:
     first_soft_trip_n: float | None = None
     differences: list[str] = field(default_factory=list)
     steps: list[tuple[Step[Any, Any], Any]] = field(default_factory=list)  # with the predicted answers
+    asked: list[Asked] = field(default_factory=list)  # what a run stores of its steps
     shape_files: dict[str, bytes] = field(default_factory=dict)  # content, by the names of their copies
     mounts: list[str] = field(default_factory=list)  # indentors to be mounted by hand, in order
     speeds_mm_s: list[tuple[float, PlannedIndentation]] = field(default_factory=list)  # speed of each press
@@ -96,27 +100,35 @@ def make_plan(
     """Plan a protocol. Raises BadInputError at the first step that cannot be done, FingerLostError.
 
     before: run to resume; finished steps are answered by its journal, not planned. folder: folder of that run, whose
-    copies of shape files are used. on_step: called with the number of steps so far. known: predictions that are not
-    solved again; further ones are added. least_trip_n: soft trip (N) of the presses that an adaptive run may choose.
+    copies of shape files are used, and whose plan must be the same. on_step: called with the number of steps so far.
+    known: predictions that are not solved again; further ones are added. least_trip_n: soft trip (N) of the presses
+    that an adaptive run may choose.
     """
     if inspect.iscoroutinefunction(script.run):
         raise BadInputError(
             f"protocol {script.path}: run(rig) is asynchronous; define it with `def`, not `async def`", "asynchronous"
         )
     first_soft_trip_n = None if before is None else before.start.get("soft_trip_n")
-    if before is not None and first_soft_trip_n is not None and not before.is_checked:
-        whole = make_plan(script, config, finger, folder=folder, on_step=on_step, known=known)
-        _refuse_other_trip(before, max(whole.soft_trip_n, least_trip_n))
     plan = Plan(first_soft_trip_n=first_soft_trip_n, predictions={} if known is None else known)
+    same = None if folder is None else read_plan(folder / PLAN)
+    if before is not None and first_soft_trip_n is not None and (same is not None or not before.is_checked):
+        whole = make_plan(script, config, finger, folder=folder, on_step=on_step, known=plan.predictions)
+        plan.differences = whole.differences
+        if not before.is_checked:
+            _refuse_other_trip(before, max(whole.soft_trip_n, least_trip_n))
+        same = None
     where = partial(_kept, plan, script.path.parent) if folder is None else partial(with_stored_file, folder)
     walk = Walk(config, FingerModel(finger, plan.predictions, where, config.identified))
-    planner: Handler = Planner(walk, plan)
+    compared: list[SamePlan | ResumeHandler] = [] if same is None else [same]
+    planner: Handler = Planner(walk, plan, same)
     if before is not None and first_soft_trip_n is not None:
         planner = ResumeHandler(before, planner, config.habits.press_speed_mm_s)
-        plan.differences = planner.differences
+        compared.append(planner)
     try:
         with impatient():
             script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
+        if same is not None:
+            same.end()
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:
@@ -128,6 +140,7 @@ def make_plan(
         )
     refuse_unseen(plan, config)
     refuse_fast_ramps(plan, config)
+    plan.differences = list(dict.fromkeys(chain(plan.differences, *(one.differences for one in compared))))
     return plan
 
 
@@ -199,13 +212,21 @@ def _kept(plan: Plan, folder: Path, indentor: str) -> str:
 
 
 class Planner:
-    """Handler that predicts each step with the model and adds its presses to the plan."""
+    """Handler that predicts each step with the model and adds its presses to the plan.
 
-    def __init__(self, walk: Walk, plan: Plan) -> None:
-        self._walk, self._plan = walk, plan
+    same: plan of the run when it began, with which each step is compared.
+    """
+
+    def __init__(self, walk: Walk, plan: Plan, same: SamePlan | None = None) -> None:
+        self._walk, self._plan, self._same = walk, plan, same
 
     def handle(self, step: Step[E, A], spot: Spot) -> A:
-        """Return the predicted answer."""
+        """Return the predicted answer. Raises BadInputError for another step than that of the run's plan."""
+        asked = planned_step(step, spot, self._walk.settings.habits.press_speed_mm_s)
+        if asked is not None:
+            self._plan.asked.append(asked)
+            if self._same is not None:
+                self._same.compare(asked)
         expected = step.expect(spot, self._walk)
         if isinstance(expected, ExpectedPresses):
             for press in expected.ids:

@@ -14,7 +14,7 @@ from rig.errors import BadInputError
 from rig.protocol.api import Handler
 from rig.protocol.check import Spot
 from rig.protocol.same_steps import SameSteps
-from rig.protocol.steps import Journalled, Mount, Owed, Step
+from rig.protocol.steps import Journalled, Mount, Owed, Step, Zero
 from rig.protocol.turns import script_under_way
 
 E = TypeVar("E")
@@ -50,8 +50,11 @@ class ResumeHandler:
         if step.verb == Mount.verb:
             self._drop(Owed.LAST_OF_INDENTOR)
         if step.owed in (Owed.LAST, Owed.LAST_OF_INDENTOR, Owed.LAST_IF_NEXT):
-            self._owed.pop(step.verb, None)
-            self._owed[step.verb] = step, spot
+            # Owed presses need the zero before them; one after them is owed beside it.
+            pressing = any(one.owed is Owed.LAST_OF_INDENTOR for one, _ in self._owed.values())
+            key = f"{step.verb} after presses" if step.verb == Zero.verb and pressing else step.verb
+            self._owed.pop(key, None)
+            self._owed[key] = step, spot
         return None  # type: ignore[return-value]
 
     @property

@@ -1,14 +1,20 @@
 """Comparison of the steps of a resumed run with those in its journal: another order is another run."""
 
+import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from numbers import Integral, Real
+from pathlib import Path
 from typing import Any
 
 from rig.errors import BadInputError
 from rig.protocol.check import Spot
 from rig.protocol.steps import (
+    Checkpoint,
     Indent,
     Journalled,
+    Mount,
+    MoveTo,
     Note,
     Precondition,
     PressStep,
@@ -18,6 +24,7 @@ from rig.protocol.steps import (
     Step,
 )
 from rig.records import PressId, Purpose
+from rig_shared.user_files import json_of, read_bytes
 
 Asked = Mapping[str, Any]
 """What a step asks for: verb, indentor, position, target, motion, and place in the schedule."""
@@ -25,6 +32,8 @@ Asked = Mapping[str, Any]
 _ALIKE = 1e-3
 """Largest difference of equal numbers (mm, gwt, s): a script may compute with answers, which the journal rounds."""
 _NOT_ASKED = ("index", "t_s", "contact_height_mm", "predicted_doi_mm", "predicted_force_gwt")
+_REPORTED = (Note.verb, Rest.verb)
+"""Verbs of steps that may differ, which is reported."""
 _STARTS: dict[Purpose, str] = {
     "data": "indentation_start",
     "precondition": "precondition_indentation_start",
@@ -50,14 +59,83 @@ class SameSteps:
         for press in spot.ids:
             recorded = self._recorded.get((press.purpose, press.index))
             if recorded is not None:
-                _refuse_other(recorded, asked_of(step, spot, press, press_mm_s), press)
+                _refuse_other(recorded, asked_of(step, spot, press, press_mm_s), _press(press.purpose, press.index))
         if isinstance(step, Note) and self._notes:
             was = self._notes.pop(0)
             if was != step.text:
-                self.differences.append(f"note: {step.text!r}, where the run has {was!r}")
+                self.differences.append(_other(step.verb, step.text, was))
         known_s = self._rests_s or [getattr(step, "seconds", 0.0)]
         if isinstance(step, Rest) and not any(_equal(step.seconds, was_s) for was_s in known_s):
-            self.differences.append(f"rest: {step.seconds:g} s, where the run has {known_s[0]:g} s")
+            self.differences.append(_other(step.verb, step.seconds, known_s[0]))
+
+
+class SamePlan:
+    """Steps that were planned when a run began, to be compared with those that its script plans now.
+
+    Both plans give the script the predicted answers, so that only the script, or what it reads, can differ.
+    """
+
+    def __init__(self, planned: Sequence[Asked]) -> None:
+        self._planned = [one for one in planned if one.get("verb") not in _REPORTED]
+        self._reported = {
+            verb: iter([one["what"] for one in planned if one.get("verb") == verb]) for verb in _REPORTED
+        }
+        self._n = 0
+        self.differences: list[str] = []
+
+    def compare(self, asked: Asked) -> None:
+        """Compare the next step; raise BadInputError for another one, and list another note or rest."""
+        if asked.get("verb") in self._reported:
+            was = next(self._reported[asked["verb"]], "none")
+            if not _equal(was, asked["what"]):
+                self.differences.append(_other(asked["verb"], asked["what"], was))
+            return
+        if self._n == len(self._planned):
+            raise _another_run(_name(asked), _in_words(asked, [*asked]), "no further step")
+        recorded, self._n = self._planned[self._n], self._n + 1
+        if _name(asked) != _name(recorded):
+            raise _another_run(f"step {self._n}", _name(asked), _name(recorded))
+        _refuse_other(recorded, asked, _name(recorded))
+
+    def end(self) -> None:
+        """Raise BadInputError if steps that were planned are missing."""
+        if self._n < len(self._planned):
+            left = self._planned[self._n]
+            raise _another_run(_name(left), "no further step", _in_words(left, [*left]))
+
+
+def planned_step(step: Step[Any, Any], spot: Spot, press_mm_s: float) -> Asked | None:
+    """Return what is stored of a planned step, in types of JSON: all that moves or labels a press.
+
+    A press has its indentor and place, so that `mount` and `move_to` are not stored.
+    """
+    if isinstance(step, Mount | MoveTo | Checkpoint):
+        return None
+    if spot.ids:
+        first, presses = spot.ids[0], len(spot.ids)
+        asked = asked_of(step, spot, first, press_mm_s)
+        numbers = {"press": first.purpose, "index": first.index, "presses": presses}
+        return {**numbers, **{key: _plain(value) for key, value in asked.items()}}
+    if isinstance(step, Note | Rest):
+        return {"verb": step.verb, "what": step.text if isinstance(step, Note) else _plain(step.seconds)}
+    return {"verb": step.verb}
+
+
+def as_lines(steps: Iterable[Asked]) -> bytes:
+    """Return planned steps as lines of JSON."""
+    return "".join(f"{json.dumps(step)}\n" for step in steps).encode("ascii")
+
+
+def read_plan(path: Path) -> SamePlan | None:
+    """Return the plan that a run stored when it began; None for a run of an earlier version. Raises BadInputError."""
+    try:
+        return SamePlan([dict(json_of(line)) for line in read_bytes(path).splitlines()])
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise BadInputError(
+            f"{path}: not a plan of a run: {error}; put back an undamaged copy, or start a new run", "bad_plan"
+        ) from None
 
 
 def asked_of(step: Step[Any, Any], spot: Spot, press: PressId, press_mm_s: float) -> Asked:
@@ -90,25 +168,51 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
             yield (purpose, event["index"]), asked
 
 
-def _refuse_other(recorded: Asked, asked: Asked, press: PressId) -> None:
+def _other(verb: str, now: Any, was: Any) -> str:
+    """Return in words how a note or a rest differs from that of the run."""
+    one, other = (repr(what) if isinstance(what, str) else f"{what:g} s" for what in (now, was))
+    return f"{verb}: {one}, where the run has {other}"
+
+
+def _refuse_other(recorded: Asked, asked: Asked, name: str) -> None:
     # Earlier versions recorded the place in the schedule only in part.
     marks = ("block", "repeat", "condition") if "hold_s" in recorded else ()
     shared = [key for key in recorded if key in asked]
     keys = [key for key in dict.fromkeys((*shared, *marks)) if not _equal(recorded.get(key), asked.get(key))]
-    if not keys:
-        return
-    raise BadInputError(
-        f"{press.purpose} press index {press.index}: the script now asks for {_in_words(asked, keys)}, where the "
-        f"run has {_in_words(recorded, keys)}, so it would be another run; seed what is random "
-        "(random.Random(7).shuffle), sort what is a set, and start a new run",
+    if keys:
+        raise _another_run(name, _in_words(asked, keys), _in_words(recorded, keys))
+
+
+def _another_run(name: str, asked: str, recorded: str) -> BadInputError:
+    return BadInputError(
+        f"{name}: the script now asks for {asked}, where the run has {recorded}, so it would be another run; restore "
+        "the environment variables, files and modules that the script reads, or start a new run of a script that "
+        "seeds what is random (random.Random(7).shuffle) and sorts what is a set",
         "another_press",
     )
+
+
+def _name(step: Asked) -> str:
+    return _press(step["press"], step["index"]) if "press" in step else f"{step['verb']}()"
+
+
+def _press(purpose: str, index: int) -> str:
+    return f"{purpose} press index {index}"
 
 
 def _equal(one: Any, other: Any) -> bool:
     if isinstance(one, int | float) and isinstance(other, int | float):
         return math.isclose(one, other, rel_tol=_ALIKE, abs_tol=_ALIKE)
     return bool(one == other)
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of any type as an int or a float; a position that no step has set is None."""
+    if isinstance(value, Integral):
+        return int(value)
+    if isinstance(value, Real):
+        return None if math.isnan(value) else float(value)
+    return value
 
 
 def _in_words(asked: Asked, keys: list[str]) -> str:

@@ -18,7 +18,7 @@ from rig.control.stop import OwnedStage
 from rig.data import Run, RunError, RunFolder, export_run, new_run_folder, read_run
 from rig.data.documents import last_document
 from rig.data.events import STREAMS, streams_with
-from rig.data.folder import UnwritableError
+from rig.data.folder import PLAN, UnwritableError
 from rig.data.journal import ByteLog, Watch, add_to_end
 from rig.data.run_status import RunStatus
 from rig.data.tables import foreign_in_one_line
@@ -33,6 +33,7 @@ from rig.plan.plan import Plan, predicted_bands
 from rig.protocol.api import Handler, Rig
 from rig.protocol.check import Walk
 from rig.protocol.handlers import Patience, ResumeHandler
+from rig.protocol.same_steps import as_lines
 from rig.protocol.script import Script
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
@@ -301,7 +302,9 @@ def _folder(session: Session, now: datetime, *, virtual: bool) -> RunFolder:
     if isinstance(into, StoppedRun):
         return into.folder
     about = provenance(script, config, session.finger, now, virtual=virtual, subject=into.subject) | _choose(session)
-    files = {**script.beside, **session.plan.shape_files}
+    # The presses of an adaptive run are not planned.
+    plan = {PLAN: as_lines(session.plan.asked)} if session.chooses is None else {}
+    files = {**script.beside, **session.plan.shape_files, **plan}
     return new_run_folder(into.out, script.name, now, script.path, config.as_toml(), about, files)
 
 

@@ -7,8 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.contact.indentor import BOTH, Indentor, Surface, turn_suffix
+from sim.contact.indentor import BOTH, Indentor, Surface, refuse_turn, turn_suffix
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
+from sim.contact.sizes import wrong_size
 from sim.errors import ArgumentError, SimError
 from sim.tables import numbers_of
 
@@ -120,6 +121,7 @@ class HeightMap(Indentor):
             If `raised` is missing, there are too few or too many points, the spacing is uneven, a height is not a
             number, or the surface has a wall.
         """
+        refuse_turn(turn_deg)
         named = {"x_mm": x_mm, "z_mm": z_mm, "height_mm": height_mm}
         x, z, height = (np.array(numbers_of(name, values)) for name, values in named.items())
         if height.shape != (z.size, x.size) or x.ndim != 1 or z.ndim != 1:
@@ -140,6 +142,10 @@ class HeightMap(Indentor):
                 "missing_height",
             )
         refuse_far(name, "height", height)
+        for axis, positions in (("x", x), ("z", z)):
+            wrong = wrong_size(float(np.ptp(positions)), float(np.ptp(height)), axis)
+            if wrong is not None:
+                raise HeightMapError(f"{name}: {wrong[0]}", wrong[1])
         height = height * away_from_skin(name, raised, 'raised="{}"')
         found = cls(name + turn_suffix(turn_deg), x, z, height, turn_deg)
         found._refuse_walls()
@@ -184,6 +190,7 @@ class HeightMap(Indentor):
         ArgumentError
             If it is turned already.
         """
+        refuse_turn(turn_deg)
         if self.turn_deg:
             raise ArgumentError("it is turned already", "turned_already")
         return replace(self, name=self.name + turn_suffix(turn_deg), turn_deg=turn_deg)

@@ -12,13 +12,15 @@ from numpy.typing import NDArray
 
 from sim.contact.patch import X, Z
 from sim.contact.profiles import IndentorProfile, measured_radius_mm
-from sim.errors import ArgumentError, SimError
+from sim.errors import ArgumentError, SimError, refuse_unless_numbers
 
 Array = NDArray[np.float64]
 
 ALONG: tuple[int, ...] = (X,)
 ACROSS: tuple[int, ...] = (Z,)
 BOTH: tuple[int, ...] = (X, Z)
+
+MOST_TURN_DEG = 360.0
 
 SHARP_RADIUS_MM = 0.5
 RADIUS_TOLERANCE = 0.1
@@ -256,6 +258,7 @@ class Prismatic(_OfProfile):
 
     def turned(self, turn_deg: float) -> "Prismatic":
         """Turn a shape that lies along the finger. Raises ArgumentError for any other, and for a plane."""
+        refuse_turn(turn_deg)
         if not self.placed_by:
             raise ArgumentError("it is the same everywhere and cannot be turned", "same_everywhere")
         if self.axes != ALONG or self.direction != (1.0,):
@@ -309,6 +312,15 @@ class Revolved(_OfProfile):
         from sim.contact.compiled import profile_curves
 
         return Surface(height, *profile_curves.revolved(s, direction, slope, curvature))
+
+
+def refuse_turn(turn_deg: float) -> None:
+    """Raise ArgumentError unless a turn is one number within a full turn."""
+    refuse_unless_numbers(turn_deg=turn_deg)
+    if not abs(turn_deg) <= MOST_TURN_DEG:
+        raise ArgumentError(
+            f"turn_deg = {turn_deg}: must be an angle within ± {MOST_TURN_DEG:g} degrees", "turn_out_of_range"
+        )
 
 
 def turn_suffix(turn_deg: float) -> str:

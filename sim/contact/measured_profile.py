@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rig_shared.user_files import MOST_TABLE_BYTES, lines_of
 from sim.contact.profiles import STEEPEST_SLOPE, arc_tangent
+from sim.contact.sizes import wrong_size
 from sim.errors import SimError
 from sim.tables import is_number, numbers_of
 
@@ -22,8 +23,6 @@ COLUMNS = ("x_mm", "height_mm")
 LINEAR = ",linear"
 _SHOWN = 60
 _FILLET_MM = 0.02
-WIDEST_MM = 200.0
-"""Width of the widest profile; a wider one is in another unit."""
 
 
 class ProfileError(SimError, ValueError):
@@ -119,13 +118,10 @@ class MeasuredProfile:
                 f"profile {path}: x_mm must rise; it does not after {float(points[backwards[0], 0]):g} mm",
                 "x_not_rising",
             )
-        width_mm = float(points[-1, 0] - points[0, 0])
-        if width_mm > WIDEST_MM:
-            raise ProfileError(
-                f"profile {path}: x_mm spans {width_mm:g} mm; lengths are in mm, and at most {WIDEST_MM:g} mm wide",
-                "too_wide",
-            )
         heights = points[:, 1] - points[:, 1].min()
+        wrong = wrong_size(float(points[-1, 0] - points[0, 0]), float(heights.max()))
+        if wrong is not None:
+            raise ProfileError(f"profile {path}: {wrong[0]}", wrong[1])
         return cls(path, tuple(points[:, 0].tolist()), tuple(heights.tolist()), linear)
 
     def __getstate__(self) -> dict[str, object]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig_shared.user_files import sha256_of
 from sim.contact.height_map import HeightMapError
-from sim.contact.indentor import ACROSS, Indentor, Prismatic, Revolved
+from sim.contact.indentor import ACROSS, MOST_TURN_DEG, Indentor, Prismatic, Revolved
 from sim.contact.map_files import raised_in_words, read_height_map
 from sim.contact.measured_profile import LINEAR, ProfileError, read_profile
 from sim.contact.profiles import STEP_HALF_WAVELENGTH_MM, Bar, Cylinder, Grating, Plane, SinusoidalStep, Wedge
@@ -188,9 +188,10 @@ def _turned(text: str, shape: str, turn: str | None) -> Indentor:
         turn_deg = 90.0 if turn is None else float(turn)
     except ValueError:
         turn_deg = float("nan")
-    if not abs(turn_deg) <= 360.0:
+    if not abs(turn_deg) <= MOST_TURN_DEG:
         raise ShapeError(
-            f"shape {text!r}: turn_deg = {turn}: must be an angle within ± 360 degrees", "turn_out_of_range"
+            f"shape {text!r}: turn_deg = {turn}: must be an angle within ± {MOST_TURN_DEG:g} degrees",
+            "turn_out_of_range",
         )
     try:
         return parse_shape(shape).turned(turn_deg)

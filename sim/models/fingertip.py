@@ -40,6 +40,7 @@ from sim.models.result import IndentationResult, PointLoadResult
 from sim.models.sources import ByRecipe, HalfWidths, MeshKey, ModelSource, OnDisk, Recipe, half_widths, larger
 from sim.models.stiffening import Under, refuse_stiffening, thickness_mm
 from sim.models.strain_at_points import Anywhere, StrainAtAnyPoint
+from sim.tables import numbers_of
 from sim.units import GWT_N
 
 if TYPE_CHECKING:
@@ -452,6 +453,7 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
         """
         shape, plane_mm = _indentor(indentor), self.config.receptor_plane_mm
         self._refuse_doi(doi_mm)
+        x_mm = numbers_of("x_mm", x_mm).tolist()
         for x in x_mm:
             refuse_beside_the_finger(self.config, x, None)
         rubbed = self._rubbed(shape, self.friction, TARGET_RESIDUAL, increment_mm)
@@ -574,6 +576,8 @@ class Fingertip(ByRecipe, StrainAtAnyPoint):
             finger = self._with_all_axes[shape.axes] = with_all_axes(self.recipe, shape.axes)
             self.build_s += finger.build_s
             self.from_cache = self.from_cache and finger.from_cache
+        if increment_mm is not None:
+            refuse_unless_numbers(increment_mm=increment_mm)
         increment = INCREMENT_MM if increment_mm is None else positive(increment_mm)
         how = PathOptions(friction, self.config.contact.between_nodes, target, increment)
         return Rubbed(finger, shape, how, plane_strain)

@@ -108,10 +108,10 @@ def indent_many(
     """
     if doi_mm is None and force_gwt is None:
         raise ArgumentError("give a depth (doi_mm) or a force (force_gwt)", "no_target")
-    if cores is not None and cores < 1:
-        raise ArgumentError(f"cores = {cores}: must be 1 or more, or None for all", "no_cores")
     if cores is not None:
         refuse_unless_numbers(cores=cores)
+        if cores < 1:
+            raise ArgumentError(f"cores = {cores}: must be 1 or more, or None for all", "no_cores")
     requests = _rows(shapes, x_mm=x_mm, z_mm=z_mm, doi_mm=doi_mm, force_gwt=force_gwt)
     if friction is not None:
         finger = finger.with_friction(friction)

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim.errors import ArgumentError
+from sim.errors import ArgumentError, refuse_unless_numbers
+from sim.tables import numbers_of
 
 Array = NDArray[np.float64]
 
@@ -50,13 +51,16 @@ class Stimulus:
         corner_s: float = CORNER_S,
         vibrations: Sequence[Vibration] = (),
     ) -> None:
-        self.times_s, self.depths_mm = np.array(times_s, dtype=float), np.array(depths_mm, dtype=float)
+        refuse_unless_numbers(corner_s=corner_s)
+        self.times_s = np.array(numbers_of("times_s", times_s))
+        self.depths_mm = np.array(numbers_of("depths_mm", depths_mm))
         self.corner_s, self.vibrations = corner_s, tuple(vibrations)
         if not (len(self.times_s) == len(self.depths_mm) > 0 and np.isfinite(self.depths_mm).all()):
             raise ArgumentError("a stimulus needs as many finite depths as times", "bad_stimulus")
         if not (np.isfinite(self.times_s).all() and (np.diff(self.times_s) > 0).all() and corner_s > 0):
             raise ArgumentError("the times of a stimulus must ascend", "bad_stimulus")
         for one in self.vibrations:
+            refuse_unless_numbers(**vars(one))
             if not (0 < one.frequency_hz < np.inf and 0 <= one.amplitude_um < np.inf and 0 < one.lasts_s < np.inf):
                 raise ArgumentError(
                     f"a vibration of {one.frequency_hz:g} Hz, {one.amplitude_um:g} µm for {one.lasts_s:g} s: "
@@ -100,6 +104,7 @@ class Stimulus:
         Stimulus
             The stimulus.
         """
+        refuse_unless_numbers(doi_mm=doi_mm, speed_mm_s=speed_mm_s, hold_s=hold_s, begins_s=begins_s, away_mm=away_mm)
         down_s, away_s = doi_mm / speed_mm_s, away_mm / speed_mm_s
         times = np.cumsum([begins_s - away_s, away_s + down_s, hold_s, down_s + away_s])
         return cls(times.tolist(), [-away_mm, doi_mm, doi_mm, -away_mm], corner_s=corner_s, vibrations=vibrations)

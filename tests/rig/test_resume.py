@@ -155,6 +155,39 @@ def test_a_run_goes_on_with_the_second_indentor_and_presses_no_more_with_the_fir
     assert [len(run.stream(f"{kind}_indentation_start")) for kind in ("reference", "precondition")] == [1, 1]
 
 
+ZEROED_AGAIN = """\
+from rig.protocol import Rig
+
+
+def run(rig: Rig) -> None:
+    rig.mount("bar:3.0")
+    rig.home()
+    rig.zero()
+    rig.move_to(x_mm=0.0)
+    rig.precondition(presses=1, doi_mm=0.2, hold_s=0.1)
+    rig.indent(doi_mm=0.2, hold_s=0.1)
+    rig.zero()
+    rig.indent(doi_mm=0.3, hold_s=0.1)
+"""
+
+
+def test_a_resumed_run_zeroes_before_it_settles_the_skin_and_again_before_the_press(
+    finger: Fingertip, tmp_path: Path
+) -> None:
+    (tmp_path / "zeroed.py").write_text(ZEROED_AGAIN, encoding="utf-8")
+    script = load_script(str(tmp_path / "zeroed.py"), [])
+    folder = dry_run(_session(script, Config(), finger, NewRun(tmp_path / "runs"))).folder.path
+    lines = (folder / "events.jsonl").read_bytes().splitlines(keepends=True)
+    last = _at("indentation_start", index=1)
+    end = next(n for n, line in enumerate(lines) if last(json.loads(line)))
+    (folder / "events.jsonl").write_bytes(b"".join(lines[:end]))
+    zeros = len(read_run(folder).stream("zero"))
+    done = _resume(folder, finger)
+    run = read_run(folder)
+    assert (done.problem, done.complete, run.missing, run.repeated) == (None, True, 0, 0)
+    assert len(run.stream("zero")) == zeros + 2
+
+
 @pytest.mark.quick(rows=lambda after: after not in ("start", "move", "between"))
 @pytest.mark.parametrize("after", CUT)
 def test_exactly_what_is_missing_is_done(finger: Fingertip, whole: Path, cut: Make, after: str) -> None:

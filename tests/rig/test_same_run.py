@@ -9,9 +9,11 @@ from typing import Any
 import pytest
 
 from rig.data import read_run
+from rig.data.folder import PLAN
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
+from rig.protocol.same_steps import as_lines
 from rig.protocol.script import load_script
 from rig.session.resume import read_stopped
 from rig.session.session import NewRun, Session, dry_run
@@ -67,14 +69,35 @@ def run(rig):
         rig.indent(doi_mm=0.2, hold_s=0.1)
     rig.move_to(x_mm=either("x", 0.0, 0.3))
     rig.indent(doi_mm=0.2, hold_s=0.1)
-    rig.move_to(x_mm=0.5)
-    rig.indent(doi_mm=0.2, hold_s=0.1)
+    rig.rest(either("later rest", 0.5, 3.0))
+    rig.note(either("later note", "the last", "another"))
+    rig.move_to(x_mm=either("later x", 0.5, 0.51))
+    for _ in range(either("no later retract", 1, 0)):
+        rig.retract()
+    rig.mark({"block": 2, **either("later condition", {}, {"condition": "b"})})
+    for _ in range(either("fewer presses", 1, 0)):
+        rig.indent(
+            doi_mm=float(os.environ.get("WALK", "0.2")), hold_s=either("later hold", 0.1, 0.3),
+            speed_mm_s=either("later speed", None, 0.2),
+        )
+    for _ in range(either("more presses", 0, 1)):
+        rig.indent(doi_mm=0.2, hold_s=0.1)
 """
 OTHER = (
     *("x", "order of places", "shape", "depth", "depth or force", "own or usual speed", "increments", "hold"),
     *("verb", "block", "condition or none", "preconditioning", "reference", "touch"),
 )
 """What the script does otherwise in its second pass, in a press that the journal has."""
+LATER = {
+    "later x": ("data press index 6: ", "x_mm = 0.51, ", "x_mm = 0.5, "),
+    "later condition": ("data press index 6: ", "condition = b, ", "condition = None, "),
+    "later hold": ("data press index 6: ", "hold_s = 0.3, ", "hold_s = 0.1, "),
+    "later speed": ("data press index 6: ", "speed_mm_s = 0.2, "),
+    "no later retract": ("asks for data press index 6, ", "the run has retract()"),
+    "fewer presses": ("data press index 6: ", "asks for no further step, ", "x_mm = 0.5, "),
+    "more presses": ("data press index 7: ", "x_mm = 0.5, ", "the run has no further step"),
+}
+"""What it does otherwise later, and words of the refusal."""
 
 
 @pytest.fixture
@@ -118,7 +141,84 @@ def test_a_script_that_asks_for_another_press_is_not_resumed(
     assert (folder / "events.jsonl").read_bytes() == before
 
 
-@pytest.mark.parametrize("what", ["nothing", "note", "rest"])
+@pytest.mark.parametrize("what", LATER)
+def test_a_script_that_plans_another_press_later_is_not_resumed(
+    program: Program, stopped: Callable[[str], Path], what: str
+) -> None:
+    """The journal has none of these presses yet; the run stored what it planned."""
+    folder = stopped(what)
+    before = (folder / "events.jsonl").read_bytes()
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "another_press"), ended.err
+    assert all(
+        words in ended.json["error_text"] for words in (*LATER[what], "environment variables, files and modules")
+    )
+    assert (folder / "events.jsonl").read_bytes() == before
+
+
+def test_a_changed_environment_is_no_other_run_if_it_is_restored(
+    program: Program, stopped: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = stopped("nothing")
+    monkeypatch.setenv("WALK", "0.19")
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "another_press"), ended.err
+    assert "value = 0.19, where the run has value = 0.2" in ended.json["error_text"]
+    monkeypatch.delenv("WALK")
+    assert program("resume", folder).code == 0
+
+
+def test_a_run_that_journalled_nothing_is_resumed_only_with_its_plan(
+    program: Program, stopped: Callable[[str], Path]
+) -> None:
+    folder = stopped("later x")
+    (folder / "events.jsonl").write_bytes(b"")
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, "another_press"), ended.err
+
+
+def test_a_run_that_stored_no_plan_is_compared_with_its_journal_alone(
+    program: Program, stopped: Callable[[str], Path]
+) -> None:
+    """Runs of 0.2 and earlier journals of 0.3 have none."""
+    folder = stopped("later x")
+    _without_plan(folder)
+    assert program("resume", folder).code == 0
+
+
+@pytest.mark.parametrize(("content", "code"), [(None, "no_run_folder"), (b"{}\n", "changed_since")])
+def test_a_plan_that_is_lost_or_changed_is_not_passed_over(
+    program: Program, stopped: Callable[[str], Path], content: bytes | None, code: str
+) -> None:
+    folder = stopped("nothing")
+    if content is None:
+        (folder / PLAN).unlink()
+    else:
+        (folder / PLAN).write_bytes(content)
+    ended = program("resume", folder, "--json")
+    assert (ended.code, ended.json["code"]) == (2, code), ended.err
+    assert PLAN in ended.json["error_text"]
+
+
+def test_the_plan_of_a_long_script_is_small(finger: Fingertip, tmp_path: Path) -> None:
+    path = tmp_path / "script.py"
+    path.write_text(
+        BEFORE + "    for n in range(4990):\n        rig.mark({'block': n // 100, 'repeat': n, 'condition': 'light'})"
+        "\n        rig.indent(doi_mm=0.2, hold_s=0.0); rig.rest(1.0)\n",
+        encoding="utf-8",
+    )
+    plan = make_plan(load_script(str(path)), CONFIG, finger)
+    assert len(as_lines(plan.asked)) < 2e6
+
+
+def _without_plan(folder: Path) -> None:
+    (folder / PLAN).unlink()
+    sums = folder / "SHA256SUMS"
+    lines = sums.read_text("utf-8").splitlines(keepends=True)
+    sums.write_text("".join(line for line in lines if PLAN not in line), encoding="utf-8")
+
+
+@pytest.mark.parametrize("what", ["nothing", "note", "rest", "later note", "later rest"])
 def test_a_script_that_asks_for_the_same_presses_is_resumed_and_another_note_or_rest_is_reported(
     program: Program, stopped: Callable[[str], Path], what: str
 ) -> None:
@@ -128,8 +228,9 @@ def test_a_script_that_asks_for_the_same_presses_is_resumed_and_another_note_or_
     assert ended.code == 0, ended.err
     run = read_run(folder)
     assert (run.missing, run.repeated) == (0, 0)
-    assert (f"the script differs from the resumed run: {what}: " in ended.err) is (what != "nothing")
-    assert ("differs" in ended.err) is (what != "nothing")
+    verb = what.removeprefix("later ")
+    assert ended.err.count(f"the script differs from the resumed run: {verb}: ") == (what != "nothing")
+    assert ended.err.count("differs") == (what != "nothing")
 
 
 @pytest.mark.parametrize(("what", "code"), [("order of places", "another_press"), ("nothing", None)])
@@ -146,6 +247,7 @@ def test_a_run_of_0_2_is_compared_in_what_its_journal_has(
         return dict(document)
 
     folder = stopped(what)
+    _without_plan(folder)
     events = folder / "events.jsonl"
     lines = [json.dumps(older(line)) + "\n" for line in events.read_bytes().splitlines()]
     events.write_text("".join(lines), encoding="ascii")

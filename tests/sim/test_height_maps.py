@@ -338,6 +338,11 @@ REFUSED_ARRAYS = [
     (EVEN, [0, 0.1, 0.2, 0.35, 0.4, 0.5], grid(), "uneven_spacing"),
     (EVEN, EVEN, with_one(9.0), "too_steep"),
     (EVEN, EVEN, with_one(0.5), "swings_below"),
+    (1e-3 * EVEN, EVEN, grid(), "too_narrow"),
+    (EVEN, 1e-3 * EVEN, grid(), "too_narrow"),
+    (1e3 * EVEN, EVEN, grid(), "too_wide"),
+    (EVEN, EVEN, with_one(0.0005), "too_flat"),
+    (EVEN, EVEN, with_one(500.0), "too_tall"),
 ]
 
 

@@ -273,7 +273,10 @@ def test_a_wide_profile_is_pressed(finger: Fingertip) -> None:
         (OWN_X, OWN_HEIGHT[:-1], "heights_unlike_x", {"heights": (4,), "x": (5,)}),
         ([0.0, 1.0, NAN], [0.0, np.inf, 1.0], "point_of_no_numbers", {"point": 1, "x_mm": 1.0, "height_mm": np.inf}),
         ([0.0, 1.0, 1.0], [0.0, 1.0, 2.0], "x_not_rising", {"x_mm": 1.0}),
-        ([-4000.0, 0.0, 4000.0], [0.0, 1.0, 2.0], "too_wide", {"width_mm": 8000.0}),
+        ([-4000.0, 0.0, 4000.0], [0.0, 1.0, 2.0], "too_wide", {"width_mm": 8000.0, "unit": "micrometers"}),
+        ([-0.002, 0.0, 0.002], [0.002, 0.0, 0.002], "too_narrow", {"width_mm": 0.004, "unit": "multiply meters"}),
+        ([-2.0, 0.0, 2.0], [0.0005, 0.0, 0.0005], "too_flat", {"relief_mm": 0.0005, "unit": "multiply meters"}),
+        ([-2.0, 0.0, 2.0], [500.0, 0.0, 500.0], "too_tall", {"relief_mm": 500.0, "unit": "divide micrometers"}),
     ],
 )
 def test_what_is_no_profile_is_refused(

@@ -104,7 +104,8 @@ NO_PULP = [
 ]
 NO_FINGER = [
     (SECTIONS[:4], "4 sections"),
-    ([[z, 2 * half, height, lean] for z, half, height, lean in SECTIONS], "half_width_mm is 2.0 times"),
+    ([[z, 2 * half, height, lean] for z, half, height, lean in SECTIONS], "half_width_mm is 2.00 times"),
+    ([[z, 1.82 * height, height, lean] for z, _, height, lean in SECTIONS], "half_width_mm is 1.82 times"),
     ([*SECTIONS[:2], *SECTIONS[1:]], "z_mm = 3 after 3"),
     ((np.array(SECTIONS) / 1000).tolist(), "z_mm ends at 0.01275 mm"),
     ([*SECTIONS, [13.0, 0.9, 0.9, 0.0]], "z_mm spans 0 to 13 mm"),

@@ -1,6 +1,8 @@
 """Numbers and files that the library takes: what is no number has one line, not the error of a package."""
 
 from collections.abc import Callable
+from decimal import Decimal
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -8,62 +10,182 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sim import Fingertip, HeightMap, MeasuredProfile, ShapeError, choose, indent_many, load, parse_shape
+from sim import Aim, Fingertip, HeightMap, MeasuredProfile, ShapeError, choose, indent_many, load, parse_shape
 from sim.contact.shapes import shape_size
 from sim.errors import ArgumentError
+from sim.nerve.stimulus import Stimulus, Vibration
 from tests.error_codes import raises
 
 
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
-        ("doi_mm", lambda one: one.indent("bar:3.0", 0.0, doi_mm=True)),
-        ("doi_mm", lambda one: one.indent("bar:3.0", 0.0, doi_mm=np.True_)),
-        ("force_gwt", lambda one: one.indent("bar:3.0", 0.0, force_gwt=True)),
-        ("x_mm", lambda one: one.indent("bar:3.0", True, doi_mm=0.2)),
-        ("z_mm", lambda one: one.indent("sphere:4", z_mm=True, doi_mm=0.2)),
-        ("doi_mm", lambda _: choose("bar:3.0", doi_mm=True)),
-        ("friction", lambda one: one.indent("sphere:4", doi_mm=0.2, friction=True)),
-        ("friction", lambda one: one.with_friction(True)),
-        ("friction", lambda one: one.with_friction("0.5")),
-        ("increment_mm", lambda one: one.indent("sphere:4", doi_mm=0.2, increment_mm=True)),
-        ("target", lambda one: one.indent("sphere:4", doi_mm=0.2, target=True)),
-        ("doi_mm", lambda one: one.with_friction(0.5).drag("sphere:4", [0.0, 0.1], True)),
-        ("x_mm", lambda one: one.with_friction(0.5).drag("sphere:4", [0.0, True], 0.2)),
-        ("x_mm", lambda one: one.point_load(True, 1.0)),
-        ("force_gwt", lambda one: one.point_load(0.0, True)),
-        ("x_mm", lambda one: one.touch_height_mm("sphere:4", True)),
-        ("cores", lambda one: indent_many(one, "sphere:4", doi_mm=0.2, cores=True)),
-    ],
-)
-def test_true_is_no_number(halfspace: Fingertip, name: str, call: Callable[[Fingertip], Any]) -> None:
-    """True is 1 to Python, so a flag at the place of a depth was pressed at 1 mm."""
-    with raises(ArgumentError, "not_a_number", name=name):
-        call(halfspace)
+class Quantity(np.ndarray):
+    """Array with a unit, made here; as of `quantities` or `astropy`, float() and asarray pass over the unit."""
+
+    units = "um"
+    dimensionality = "length"
 
 
-@pytest.mark.parametrize(
-    "value", [True, [0.0, True], np.array([True, False]), "0,1", ["0", "1"], [[0.0], [0.0, 1.0]]]
-)
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
-        ("receptor_x_mm", lambda _, value: load("halfspace", receptor_x_mm=value)),
-        ("receptor_depth_mm", lambda _, value: load("halfspace", receptor_depth_mm=value)),
-        ("x_mm", lambda one, value: indent_many(one, "sphere:4", value, doi_mm=0.2)),
-        ("doi_mm", lambda one, value: indent_many(one, "sphere:4", doi_mm=value)),
-        ("force_gwt", lambda one, value: indent_many(one, "sphere:4", force_gwt=value)),
-        ("points_mm", lambda one, value: one.fields(one.indent("sphere:4", doi_mm=0.2), value)),
-        ("depth_mm", lambda one, value: one.points_below(0.0, value)),
-        ("height_mm", lambda _, value: HeightMap.from_arrays([0, 1], [0, 1], value, raised="up")),
-        ("height_mm", lambda _, value: MeasuredProfile.from_arrays([0, 1], value)),
-    ],
-)
-def test_an_array_has_numbers(
-    halfspace: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], value: Any
+def quantity(values: Any) -> Quantity:
+    """Return numbers in micrometers."""
+    return np.asarray(values, dtype=float).view(Quantity)
+
+
+class Pint:
+    """Number with a unit that is no array, made here; as of `pint`."""
+
+    units = dimensionality = "um"
+
+    def __init__(self, value: Any = 0.2) -> None:
+        self.value = value
+
+    def __float__(self) -> float:
+        return float(self.value)
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        return np.asarray(self.value, dtype=float)
+
+
+class FloatWithUnit(float):
+    unit = "um"
+
+
+DOME = -0.1 * np.linspace(-1.0, 1.0, 5) ** 2 * np.ones((5, 1))
+GRID = np.linspace(-1.0, 1.0, 5)
+
+ONE_NUMBER: list[tuple[str, Callable[[Fingertip, Any], Any]]] = [
+    ("doi_mm", lambda one, value: one.indent("bar:3.0", 0.0, doi_mm=value)),
+    ("force_gwt", lambda one, value: one.indent("bar:3.0", 0.0, force_gwt=value)),
+    ("x_mm", lambda one, value: one.indent("bar:3.0", value, doi_mm=0.2)),
+    ("z_mm", lambda one, value: one.indent("sphere:4", z_mm=value, doi_mm=0.2)),
+    ("friction", lambda one, value: one.indent("sphere:4", doi_mm=0.2, friction=value)),
+    ("increment_mm", lambda one, value: one.indent("sphere:4", doi_mm=0.2, increment_mm=value)),
+    ("target", lambda one, value: one.indent("sphere:4", doi_mm=0.2, target=value)),
+    ("friction", lambda one, value: one.with_friction(value)),
+    ("doi_mm", lambda one, value: one.with_friction(0.5).drag("sphere:4", [0.0, 0.1], value)),
+    ("increment_mm", lambda one, value: one.with_friction(0.5).drag("sphere:4", [0.0, 0.1], 0.2, value)),
+    ("x_mm", lambda one, value: one.point_load(value, 1.0)),
+    ("force_gwt", lambda one, value: one.point_load(0.0, value)),
+    ("z_mm", lambda one, value: one.point_load(0.0, 1.0, z_mm=value)),
+    ("x_mm", lambda one, value: one.touch_height_mm("sphere:4", value)),
+    ("z_mm", lambda one, value: one.touch_height_mm("sphere:4", z_mm=value, x_mm=0.0)),
+    ("cores", lambda one, value: indent_many(one, "sphere:4", doi_mm=0.2, cores=value)),
+    ("friction", lambda one, value: indent_many(one, "sphere:4", doi_mm=0.2, friction=value)),
+    ("x_mm", lambda _, value: choose("bar:3.0", value, doi_mm=0.2)),
+    ("z_mm", lambda _, value: choose("sphere:4", z_mm=value, doi_mm=0.2)),
+    ("doi_mm", lambda _, value: choose("bar:3.0", doi_mm=value)),
+    ("force_gwt", lambda _, value: choose("bar:3.0", force_gwt=value)),
+    ("tolerance", lambda _, value: Aim(("force",), value)),
+    ("turn_deg", lambda _, value: parse_shape("bar:3.0").turned(value)),
+    ("turn_deg", lambda _, value: HeightMap.from_arrays(GRID, GRID, DOME, raised="high", turn_deg=value)),
+    ("turn_deg", lambda _, value: HeightMap.from_arrays(GRID, GRID, DOME, raised="high").turned(value)),
+    ("corner_s", lambda _, value: Stimulus([0.0], [0.1], corner_s=value)),
+    ("amplitude_um", lambda _, value: Stimulus([0.0], [0.1], vibrations=[Vibration(10.0, value, 0.0, 1.0)])),
+    ("doi_mm", lambda _, value: Stimulus.ramp(value, 1.0, 1.0)),
+    ("speed_mm_s", lambda _, value: Stimulus.ramp(0.1, value, 1.0)),
+]
+"""Every argument of the library that is one number."""
+
+NO_NUMBER = {
+    "true": True,
+    "numpy's true": np.True_,
+    "text": "0.2",
+    "a decimal": Decimal("0.2"),
+    "a fraction": Fraction(1, 5),
+    "a complex number": 0.2 + 0j,
+    "a duration": np.timedelta64(1, "s"),
+    "an array": np.array(0.2),
+    "an array of one": np.array([0.2]),
+    "a masked value": np.ma.masked,
+    "a quantity": quantity(0.2),
+    "a quantity that is no array": Pint(),
+    "a float with a unit": FloatWithUnit(0.2),
+}
+
+
+@pytest.mark.parametrize("what", NO_NUMBER)
+@pytest.mark.parametrize(("name", "call"), ONE_NUMBER)
+def test_one_number_is_an_int_or_a_float(
+    halfspace: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], what: str
 ) -> None:
+    """True is 1 to Python, and a quantity in µm was pressed as mm."""
+    with raises(ArgumentError, "not_a_number", name=name):
+        call(halfspace, NO_NUMBER[what])
+
+
+@pytest.mark.parametrize("value", [np.float32(0.25), np.float64(0.25), 0.25])
+def test_numbers_of_numpy_are_numbers(halfspace: Fingertip, value: Any) -> None:
+    expected = halfspace.indent("sphere:4", doi_mm=0.25).force_gwt
+    assert halfspace.indent("sphere:4", doi_mm=value).force_gwt == pytest.approx(expected, rel=1e-5)
+
+
+ARRAY: list[tuple[str, Callable[[Fingertip, Any], Any]]] = [
+    ("receptor_x_mm", lambda _, value: load("halfspace", receptor_x_mm=value)),
+    ("receptor_depth_mm", lambda _, value: load("halfspace", receptor_depth_mm=value)),
+    ("receptor_z_mm", lambda _, value: load("halfspace", receptor_z_mm=value)),
+    ("receptor_x_mm", lambda _, value: Fingertip.load(receptor_x_mm=value)),
+    ("x_mm", lambda one, value: indent_many(one, "sphere:4", value, doi_mm=0.2)),
+    ("z_mm", lambda one, value: indent_many(one, "sphere:4", z_mm=value, doi_mm=0.2)),
+    ("doi_mm", lambda one, value: indent_many(one, "sphere:4", doi_mm=value)),
+    ("force_gwt", lambda one, value: indent_many(one, "sphere:4", force_gwt=value)),
+    ("x_mm", lambda one, value: one.with_friction(0.5).drag("sphere:4", value, 0.2)),
+    ("points_mm", lambda one, value: one.fields(one.indent("sphere:4", doi_mm=0.2), value)),
+    ("x_mm", lambda one, value: one.points_below(value, 0.7)),
+    ("depth_mm", lambda one, value: one.points_below(0.0, value)),
+    ("z_mm", lambda one, value: one.points_below(0.0, 0.7, value)),
+    ("x_mm", lambda _, value: HeightMap.from_arrays(value, [0, 1], [0, 1], raised="up")),
+    ("z_mm", lambda _, value: HeightMap.from_arrays([0, 1], value, [0, 1], raised="up")),
+    ("height_mm", lambda _, value: HeightMap.from_arrays([0, 1], [0, 1], value, raised="up")),
+    ("x_mm", lambda _, value: MeasuredProfile.from_arrays(value, [0, 1])),
+    ("height_mm", lambda _, value: MeasuredProfile.from_arrays([0, 1], value)),
+    ("times_s", lambda _, value: Stimulus(value, [0.0, 0.1])),
+    ("depths_mm", lambda _, value: Stimulus([0.0, 0.1], value)),
+]
+"""Every argument of the library that is an array of numbers."""
+
+NO_NUMBERS = {
+    "true": True,
+    "true in a list": [0.0, True],
+    "flags": np.array([True, False]),
+    "text": "0,1",
+    "texts": ["0", "1"],
+    "texts of numpy": np.array(["0", "1"]),
+    "lists of unequal length": [[0.0], [0.0, 1.0]],
+    "decimals": [Decimal("0.1"), Decimal("0.2")],
+    "a fraction": [0.0, Fraction(1, 5)],
+    "complex numbers": np.array([0.1 + 0j, 0.2]),
+    "times of day": np.array(["2026-01-01", "2026-01-02"], dtype="datetime64[s]"),
+    "masked values": np.ma.array([0.1, 0.2], mask=[0, 1]),
+    "a list with a masked value": [0.1, np.ma.masked],
+    "quantities": quantity([0.1, 0.2]),
+    "a list of quantities": [quantity(0.1), quantity(0.2)],
+    "quantities that are no array": Pint([0.1, 0.2]),
+    "a list of these": [0.1, Pint()],
+    "floats with a unit": [FloatWithUnit(0.1), 0.2],
+    "a dictionary": {0.1: 0.2},
+}
+
+
+@pytest.mark.parametrize("what", NO_NUMBERS)
+@pytest.mark.parametrize(("name", "call"), ARRAY)
+def test_an_array_has_numbers(
+    halfspace: Fingertip, name: str, call: Callable[[Fingertip, Any], Any], what: str
+) -> None:
+    """Masked values were answered as what lies under the mask, and quantities in µm as mm."""
     with raises(ArgumentError, "not_numbers", name=name):
-        call(halfspace, value)
+        call(halfspace, NO_NUMBERS[what])
+
+
+@pytest.mark.parametrize(
+    "values",
+    [(0.0, 0.1), range(2), np.array([0.0, 0.1], dtype=np.float32), np.ma.array([0.0, 0.1]), [0.0, np.array(0.1)],
+     np.array(0.1), np.array([0, 1], dtype=object), [0, None]],
+)  # fmt: skip
+def test_what_has_numbers_is_an_array(halfspace: Fingertip, values: Any) -> None:
+    plain = np.atleast_1d(np.asarray([0.0 if one is None else float(one) for one in np.atleast_1d(values)]))
+    found = indent_many(halfspace, "sphere:4", values, doi_mm=0.2)
+    assert [one if one is None else one.force_gwt for one in found] == [
+        None if one is None else halfspace.indent("sphere:4", x, doi_mm=0.2).force_gwt
+        for one, x in zip(found, plain.tolist(), strict=True)
+    ]
 
 
 @pytest.mark.parametrize(
