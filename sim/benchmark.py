@@ -13,13 +13,14 @@ from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
+from rig_shared.outputs import Name, Output, Ratio, listed
 from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, Prismatic
 from sim.fem.dissection import DissectionFactor
@@ -41,6 +42,7 @@ _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 LEVELS = ("coarse", "default", "fine")
 """Mesh levels from cheap to expensive."""
+Level = Annotated[str, listed(LEVELS)]
 
 SHARES = (0.65, 1.0)
 """Fractions of the default patch's half-widths; few of them, so that scenes share models."""
@@ -167,6 +169,7 @@ QUICK_SCENES = tuple(scene for scene in SCENES if scene.x_mm in (0.0, -1.63))
 Array = NDArray[np.float64]
 
 QUANTITIES = ("force", "width", "sed", "ep1")
+Quantity = Annotated[str, listed(QUANTITIES)]
 _FEW = 5  # repetitions of the Cholesky timing, of which the fastest counts
 
 
@@ -407,6 +410,22 @@ WHOLE = (
     Candidate("finger", "default, axial 0.17", MeshSpec(axial_spacing_mm=0.17)),
     Candidate("finger", "fine", MeshSpec(level="fine")),
 )
+
+
+class BenchmarkRowJson(Output):
+    """Error and cost of a model. build_s: of the model and its first answer."""
+
+    model: ModelName
+    element: Literal["analytic", "bbar", "full", "incompatible", "quadratic"]
+    refinement: Name
+    nodes: int
+    scene: Name
+    family: Annotated[str, listed(FAMILIES)]
+    quantity: Quantity
+    error: Ratio
+    total_s: float
+    contact_s: float
+    memory_mb: float
 
 
 def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:

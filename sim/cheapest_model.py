@@ -8,12 +8,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NotRequired
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.benchmark import QUANTITIES, SHARES, of_level
+from rig_shared.outputs import Output, Range, Ratio, Settings
+from sim.benchmark import QUANTITIES, SHARES, Level, of_level
 from sim.config import FingertipConfig, Geometry, MeshSpec, finger_config
 from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
@@ -38,6 +39,38 @@ _AXES = {ALONG: "along", ACROSS: "across", BOTH: "both"}
 _GRID_MM = 0.1
 _TOUCHED = 0.9  # contact width / width over which the indentor lies below the undeformed skin
 _MARGIN_MM = (0.3, 0.5)  # one and a half rows of nodes, across and along
+
+
+class ExpectedErrorsJson(Output):
+    """Largest measured relative error of each requested quantity."""
+
+    force: NotRequired[Ratio]
+    width: NotRequired[Ratio]
+    sed: NotRequired[Ratio]
+    ep1: NotRequired[Ratio]
+
+
+class ExpectedCostJson(Output):
+    """Measured cost."""
+
+    from_nothing_s: float
+    press_s: float
+    memory_mb: float
+
+
+class ChoiceJson(Output):
+    """Choice of the model; a model named on the command line has only the first three keys."""
+
+    level: Level | None
+    promised_error: Ratio | None
+    why_text: str
+    tolerance: NotRequired[Ratio]
+    outputs: NotRequired[list[Literal["force", "contact", "receptors"]]]
+    mesh: NotRequired[Settings]
+    """Table [finger.mesh] of the configuration."""
+    patch_mm: NotRequired[Range]
+    expected_error: NotRequired[ExpectedErrorsJson]
+    expected_cost: NotRequired[ExpectedCostJson]
 
 
 def family_of(indentor: Indentor) -> str:

@@ -5,7 +5,7 @@ import os
 import re
 from collections.abc import Iterator
 from contextlib import closing
-from typing import Any
+from typing import Any, NotRequired
 
 import tomlkit
 
@@ -15,12 +15,53 @@ from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import KnownContact, contact_at
+from rig.engine.contact import ContactJson, KnownContact, contact_at
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import refuse_place
 from rig.transport import PortOwner, TransportError, first_owner, port_owner
+from rig_shared.outputs import Code, CommandLine, Name, Output, Port, Time
+
+
+class DeviceLookJson(Output):
+    """A device: who owns its port, or its state, or the problem and its code."""
+
+    kind: Name
+    ports: list[Port]
+    owner: NotRequired[int | None]
+    """Process that owns the port; null if the system does not report it."""
+    owner_text: NotRequired[str]
+    does_text: NotRequired[str]
+    since_utc: NotRequired[Time]
+    stop: NotRequired[CommandLine]
+    identity: NotRequired[Name]
+    problem_text: NotRequired[str]
+    code: NotRequired[Code]
+
+
+class StageLookJson(DeviceLookJson):
+    """State of the stage, with its position in machine coordinates."""
+
+    state: NotRequired[Name]
+    x_mm: NotRequired[float]
+    y_mm: NotRequired[float]
+    z_mm: NotRequired[float]
+
+
+class ForceLookJson(DeviceLookJson):
+    """State of the force sensor."""
+
+    force_n: NotRequired[float]
+    stable: NotRequired[bool]
+
+
+class StatusJson(Output):
+    """Both devices, and contact: measured now where both can be relied on, else as recorded."""
+
+    stage: StageLookJson
+    force: ForceLookJson
+    contact: ContactJson
 
 
 def bench_problems(config: Config) -> list[str]:

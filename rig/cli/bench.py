@@ -17,7 +17,7 @@ from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import KnownContact
+from rig.engine.contact import ContactJson, KnownContact
 from rig.engine.sensing import Sensing
 from rig.manual import home_and_zero
 from rig.manual.home_and_zero import at_hand, feel, no_force_readings
@@ -26,6 +26,23 @@ from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
 from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
+from rig_shared.outputs import Name, Output
+
+
+class HomedJson(ContactJson):
+    """Position after homing, in machine coordinates, and contact."""
+
+    state: Name
+    x_mm: float
+    y_mm: float
+    z_mm: float
+
+
+class ZeroedJson(Output):
+    """Force sensor after zeroing."""
+
+    identity: Name
+    force_n: float
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import io
 import statistics
 from contextlib import closing
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -29,12 +29,23 @@ from rig.protocol.check import refuse_approach, refuse_place
 from rig.session.hardware_stop import key_interrupting
 from rig.session.script_run import stopped_at_once
 from rig.units import GWT_N, unit_of_key
+from rig_shared.outputs import Output, Toml
 
 _READINGS = 20
 # Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
 ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
+
+
+class CalibrationJson(Output):
+    """A calibration; `toml` is for the configuration."""
+
+    name: Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
+    value: float
+    sd: float | None
+    unit: Literal["steps/mm", "1", "mm/N"]
+    toml: Toml
 
 
 def steps(

@@ -5,6 +5,24 @@ from typing import Any
 
 from rig.data import Run
 from rig.data.choices import WHY_ENDED, verdict_of
+from rig_shared.outputs import Code, Name, Output, Ratio
+
+
+class ProbableCandidateJson(Output):
+    """A candidate after the counts of an adaptive run."""
+
+    name: Name
+    probability: Ratio
+    in_set: bool
+
+
+class AdaptiveVerdictJson(Output):
+    """Verdict of an adaptive run; `truth`: that of a virtual nerve, `planned_from`: press where counts stopped."""
+
+    candidates: list[ProbableCandidateJson]
+    ended: Code | None
+    truth: Name | None
+    planned_from: int | None
 
 
 def choice_as_json(run: Run) -> dict[str, Any] | None:

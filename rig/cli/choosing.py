@@ -13,6 +13,7 @@ from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
 from rig.session.resume import StoppedRun
+from rig_shared.outputs import Output
 from sim.finger_process import Finger
 
 if TYPE_CHECKING:
@@ -37,6 +38,15 @@ CountWithinOption = Annotated[
     ),
 ]
 _MOST_WITHIN_S = 3600.0
+
+
+class PossiblePressesJson(Output):
+    """All presses that an adaptive run may choose."""
+
+    presses: int
+    peak_force_gwt: float
+    peak_pressure_kpa: float
+    soft_trip_n: float
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from rig.cli.options import HTML, checked_file
 from rig.cli.output import THE_FINGER, busy, out, print_json
@@ -27,10 +27,36 @@ from rig.compare.verdict import six_digits
 from rig.data.folder import replace_text
 from rig.report.comparison_report import write_comparison
 from rig.report.example_page import example_sections, lead_sentences, read_levels
+from rig_shared.outputs import Name, Output, Ratio
 from sim.models.fingertip import Fingertip
 
 EXAMPLES = ("bar3",)
 _TITLE = "Which measure explains a recorded afferent under a bar?"
+
+
+class PhaseCandidateJson(Output):
+    """Measure, rate of a measure or control at one receptor, against one phase of the example."""
+
+    candidate: Name
+    receptor_mm: float | None
+    control: bool
+    r: Ratio | None
+    held_out: Ratio | None
+    p_fit: Ratio | None
+    p_set: Ratio | None
+    held_out_interval: list[Ratio | None]
+    in_set: bool
+
+
+class PhaseJson(Output):
+    """One phase of the recorded example; candidates by the share of held-out deviance they predict."""
+
+    phase: Literal["static", "dynamic"]
+    positions: int
+    positions_recorded: int
+    sed_r: Ratio | None
+    monotone_bound: Ratio | None
+    rows: list[PhaseCandidateJson]
 
 
 def compare_example(report: Path, *, as_json: bool) -> None:

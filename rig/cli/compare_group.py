@@ -6,25 +6,59 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rig.cli.output import busy, out, print_json
-from rig.compare.comparison import compare, left_out_rows
+from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
 from rig.compare.group import group_verdict
-from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
+from rig.compare.group_text import (
+    AfferentAnswerJson,
+    GroupVerdictJson,
+    afferents_as_json,
+    group_as_json,
+    in_short,
+    sentence_of_group,
+    sentences_of_group,
+)
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import CandidatePool, afferents, answers, candidate_pool
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading, refuse_unused_options
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.table_cells import file_and_sheet
-from rig.compare.spike_clock import clock_shift, columns_sentences, recording_sentences, recordings_as_json
+from rig.compare.spike_clock import (
+    ClockShiftJson,
+    RecordingJson,
+    clock_shift,
+    columns_sentences,
+    recording_sentences,
+    recordings_as_json,
+)
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.report.group_page import GroupPage, write_group_page
+from rig_shared.outputs import File, Name, Output
 
 _SILENT = "it hardly fired"
 _TOO_FEW = "the runs cover too few of its positions"
+
+
+class LeftOutOfAfferentJson(LeftOutOfRecordingJson):
+    """Positions of a recording of an afferent that are left out."""
+
+    afferent: Name
+
+
+class GroupJson(Output):
+    """Several afferents. group: null below two afferents with enough positions."""
+
+    group: GroupVerdictJson | None
+    afferents: list[AfferentAnswerJson]
+    afferents_left_out: list[Name]
+    left_out: list[LeftOutOfAfferentJson]
+    report: File
+    recordings: list[RecordingJson]
+    clock_shift: ClockShiftJson | None
 
 
 def named_group(recorded: Sequence[str]) -> Path | None:

@@ -31,14 +31,15 @@ from rig.cli.output import busy, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.printable import either
+from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
-from sim.coding.operators import OPERATORS, ForwardOperator
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.operators import OPERATORS, ForwardOperator, OperatorName
 from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
-from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
-from sim.coding.shape_class import classify_solid
+from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
+from sim.coding.shape_class import SolidClass, classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
 from sim.coding.task import (
     DECODERS,
@@ -57,6 +58,66 @@ _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9
 LEAST_MM, MOST_MM = 0.3, 10.0
 """Shortest and longest half-length of a contact along the finger (mm)."""
+
+
+class DecodingErrorsJson(Output):
+    """Errors against the true pressures."""
+
+    eq_6_8: Ratio
+    relative_l2: Ratio
+    rmse_over_peak: Ratio
+
+
+class ReadingNoiseJson(Output):
+    """Noise of the readings, and the SED that the pressures leave unexplained."""
+
+    sd: list[float] | None
+    unit: ReadingUnit
+    known_text: str | None
+    left_of_sed_pseudo: float
+
+
+class PressureBandJson(Output):
+    """90 % band of the pressures."""
+
+    low_pseudo: list[float]
+    high_pseudo: list[float]
+
+
+class ShapeEstimateJson(Output):
+    """Estimated shape of the indentor. size_mm: diameter, half a wavelength of a step, or width of a bar."""
+
+    shape_class: SolidClass
+    size_mm: float
+    extent_mm: Range
+
+
+class DecodeJson(Output):
+    """Pressures from readings."""
+
+    decoder: DecoderName
+    operator: OperatorName
+    energy: Energy
+    place_mm: Places
+    pressure_pseudo: list[float]
+    pa_per_pseudo: float
+    sd_pseudo: list[float] | None
+    band_90: PressureBandJson | None
+    true_pseudo: list[float] | None
+    errors: DecodingErrorsJson | None
+    receptor_mm: Places
+    reading: list[float]
+    reading_unit: ReadingUnit
+    explained_sed_pseudo: list[float]
+    samples: int
+    noise: ReadingNoiseJson
+    range_pseudo: Range | None
+    moves: int
+    converged: bool
+    problems_text: list[str]
+    felt: ShapeEstimateJson | None
+    axial: Shape | None
+    search_ms: float
 
 
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:

@@ -20,11 +20,17 @@ from rig.cli.options import (
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.compare.plausible_fingers import read_plausible
+from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
 from rig.design.design import DEPTHS_MM, DesignRequest, design, finger_of, judged
 from rig.design.design_text import (
+    ConfusionJson,
+    DesignedPressJson,
+    DesignOutcomeJson,
+    NotSeparatedJson,
+    SampleSizeJson,
     about_the_design,
     headline,
     percent,
@@ -43,11 +49,59 @@ from rig.design.recorded_counts import SessionVerdict
 from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
+from rig_shared.outputs import File, Output, Ratio, Shape
 from sim.measures.measures import MEASURES
 
 T = TypeVar("T")
 
 _FIBER, _TIME = "The fiber", "Time"
+
+
+class DesignJson(Output):
+    """A design of presses, its script and its page."""
+
+    script: File
+    report: File
+    duration_s: float
+    candidates: list[Candidate]
+    shapes: list[Shape]
+    session_s: float
+    seed: int
+    quick: bool
+    possible_presses: int
+    refused_presses: int
+    fingers: int
+    presses: list[DesignedPressJson]
+    information_bits: float
+    effective_draws: Ratio
+    """Effective number of draws behind the evidence of the true candidate; nine of ten experiments have more."""
+    outcomes: list[DesignOutcomeJson]
+    confusion: ConfusionJson
+    not_separated: list[NotSeparatedJson]
+    separated_from: Ratio
+    dependence: Ratio
+    carried_over: Ratio | None
+    power: list[SampleSizeJson]
+    wall_s: float
+
+
+class JudgedCandidateJson(Output):
+    """A candidate after the counts of a session."""
+
+    name: Candidate
+    probability: Ratio
+    in_set: bool
+    p_fit: Ratio
+    """Probability of a worse fit if this candidate is the truth."""
+
+
+class SessionJson(Output):
+    """Verdict on the counts of a designed session, with --counts; most probable first."""
+
+    candidates: list[JudgedCandidateJson]
+    presses: int
+    different_presses: int
+    effective_draws: Ratio
 
 
 def command(

@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Any, Literal
 
 from rig.devices import registry
 from rig.devices.measured import DeviceTimes, Spread, measured
 from rig.devices.registry import Evidence, KindError, find
+from rig_shared.outputs import Name, Output
 
 TESTED = {
     "manual": "bytes from the manual",
@@ -24,6 +25,53 @@ age: of a reading at a trip decision, or of a position (median / p99 / worst)
 stop: worst time from its call to its bytes, and to rest from 5 mm/s
 Times are those of the virtual device. Details: --markdown, --json.
 """
+
+
+class DeviceKindJson(Output):
+    """A kind of device. package: where it comes from; null if built in."""
+
+    kind: Name
+    role: Literal["stage", "force"]
+    package: Name | None
+
+
+class SpreadJson(Output):
+    """Median, 99th percentile and worst of several times."""
+
+    median_s: float
+    p99_s: float
+    worst_s: float
+
+
+class MeasuredJson(Output):
+    """Measurements of one kind of device on one wire of its virtual twin."""
+
+    wire: Name
+    samples: int
+    rate_hz: float
+    age: SpreadJson
+    """Age of a reading when the program decides about a trip, or largest age of a position."""
+    stops: int
+    to_bytes: SpreadJson | None
+    """Time from the call of a stop to its bytes; null for a force sensor."""
+    to_rest: SpreadJson | None
+
+
+class CataloguedDeviceJson(DeviceKindJson):
+    """Kind of device and the evidence of its tests; a text without evidence is null."""
+
+    device_text: str
+    manual_text: str | None
+    client_text: str | None
+    firmware_text: str | None
+    hardware_text: str | None
+    measured: list[MeasuredJson]
+
+
+class DeviceCatalogueJson(Output):
+    """Every kind of device, with --devices."""
+
+    devices: list[CataloguedDeviceJson]
 
 
 def kinds() -> list[dict[str, Any]]:

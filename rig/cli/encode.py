@@ -1,7 +1,7 @@
 """`rig encode`, `rig impulse` and `rig shift-invariance`: from pressure on the skin to receptor responses."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -28,8 +28,17 @@ from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
-from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
+from rig_shared.outputs import Output, Ratio
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.operators import (
+    NAMES,
+    OPERATORS,
+    ImpulseResponses,
+    OperatorName,
+    ShiftErrors,
+    impulse_responses,
+    shift_errors,
+)
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
 from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, cached_sites
@@ -37,8 +46,177 @@ from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, 
 from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.small_strain_error import SmallStrainJson
 
 _ROWS = 25
+
+
+class SkinPressureJson(Output):
+    """Pressure at places along the skin."""
+
+    place_mm: list[float]
+    pseudo: list[float]
+
+
+class AgainstFiniteElementsJson(Output):
+    """Difference of the operator's SED from that of finite elements."""
+
+    relative_l2: Ratio
+    peak: Ratio
+    lateral_share: Ratio
+
+
+class EncodeJson(Output):
+    """Receptor readings. Without a receptor, `rate` is the noisy SED."""
+
+    operator: OperatorName
+    energy: Energy
+    pressure: SkinPressureJson
+    receptor_mm: list[float]
+    sed_pseudo: list[float]
+    rate: list[float]
+    rate_unit: ReadingUnit
+    samples: int
+    noise_sd: float
+    noise_sd_unit: ReadingUnit
+    noise_share_of_peak: Ratio
+    against_finite_elements: AgainstFiniteElementsJson | None
+    small_strain: SmallStrainJson | None
+
+
+class SpectraJson(Output):
+    """Amplitudes of h, g and f."""
+
+    cycles_per_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+
+
+class OppositeJson(Output):
+    """Difference between −g and h."""
+
+    relative_l2: Ratio
+    largest: Ratio
+    correlation: Ratio
+
+
+class TailsJson(Output):
+    """Amplitude at the ends over the peak."""
+
+    h: Ratio
+    g: Ratio
+    f: Ratio
+
+
+class ShiftErrorsJson(Output):
+    """Relative L2 error of shifting the responses."""
+
+    place_mm: list[float]
+    e11: list[Ratio]
+    e22: list[Ratio]
+    e12: list[Ratio]
+    sed: list[Ratio]
+
+
+class ImpulseResponsesJson(Output):
+    """Strains under one pseudo-unit on one sample."""
+
+    place_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+    spectra: SpectraJson
+    g_is_minus_h: OppositeJson
+    tails_over_peak: TailsJson
+    shift_errors_relative_l2: ShiftErrorsJson
+
+
+class ImpulseJson(Output):
+    """Impulse responses in the skin's axes and in Cartesian ones."""
+
+    energy: Energy
+    skin: ImpulseResponsesJson
+    cartesian: ImpulseResponsesJson
+
+
+class SampledSitesJson(Output):
+    """Loads and receptor locations."""
+
+    spacing_mm: float
+    half_width_mm: float
+    depth_mm: float
+    force_gwt: float
+
+
+class PowerLawJson(Output):
+    """SED = A / r^m, r in mm. `a_pseudo`: SED at 1 mm."""
+
+    a_pseudo: float
+    m: Ratio
+    r: Ratio
+    r2: Ratio
+
+
+class PrintedLawJson(Output):
+    """Power law printed in the source, which does not state the unit of A."""
+
+    a: Ratio
+    m: Ratio
+    r2: Ratio
+
+
+class SiteJson(Output):
+    """A site under a point load."""
+
+    number: int
+    x_mm: float
+    z_mm: float
+    on_pulp: bool
+    receptors: int
+    linear: PowerLawJson
+    logarithmic: PowerLawJson
+    by_azimuth: list[Ratio | None]
+    moved_response_relative_l2: Ratio
+    printed: PrintedLawJson
+
+
+class MeanLawJson(Output):
+    """Means over sites, and standard deviations over the means."""
+
+    a_pseudo: float
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanPrintedLawJson(Output):
+    """Means of the printed laws."""
+
+    a: Ratio
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanLawsJson(Output):
+    """Laws over the sites."""
+
+    linear: MeanLawJson
+    logarithmic: MeanLawJson
+    printed: MeanPrintedLawJson
+
+
+class ShiftInvarianceJson(Output):
+    """Decay of SED around point loads. common_factor: from `a_pseudo` to the printed A."""
+
+    sampled: SampledSitesJson
+    common_factor: Ratio
+    sites: list[SiteJson]
+    pulp: MeanLawsJson
+    all: MeanLawsJson
 
 
 def encode_command(

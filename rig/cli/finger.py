@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, NotRequired
 
 import numpy as np
 import typer
@@ -11,6 +11,7 @@ from rig.cli.options import FingertipOption, JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.outputs import Output, Ratio, listed
 from sim.config import Contact, FingertipConfig
 from sim.contact.indentor import Indentor, Prismatic
 from sim.contact.shapes import parse_shape
@@ -21,6 +22,57 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from sim.models.condensed import young_ratios
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
+
+
+class SkinJson(Output):
+    """Fitted skin."""
+
+    source: Literal["points", "published points", "sections"]
+    count: int
+    residual_rms_mm: float
+    residual_max_mm: float
+    worst_point_mm: NotRequired[list[float]]
+
+
+class ApexJson(Output):
+    """Highest point of the skin."""
+
+    position_mm: list[float]
+    lateral_radius_mm: float
+    axial_radius_mm: float | None
+
+
+class LayerJson(Output):
+    """A layer under the apex; E over that of the epidermis."""
+
+    name: Annotated[str, listed(LAYERS)]
+    thickness_mm: float
+    elements: int
+    e_ratio: Ratio
+
+
+class MeshQualityJson(Output):
+    """Quality of the mesh and where it is worst."""
+
+    folded: int
+    poor: int
+    smallest_scaled_jacobian: Ratio
+    smallest_scaled_jacobian_at_mm: list[float]
+    largest_aspect_ratio: Ratio
+    largest_aspect_ratio_at_mm: list[float]
+
+
+class FingerJson(Output):
+    """Finger of a configuration."""
+
+    skin: SkinJson
+    apex: ApexJson
+    layers: list[LayerJson]
+    nodes: int
+    elements: int
+    patch_nodes: int
+    receptor_plane_mm: float
+    quality: MeshQualityJson
 
 
 def finger_command(

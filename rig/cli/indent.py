@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, Literal, NotRequired, get_args
 
 import numpy as np
 import typer
@@ -15,9 +15,10 @@ from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors
 from rig.compare.recordings.deflection import SkinDeflection, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.outputs import Code, Output, Range
 from rig_shared.plural import number_of
 from sim.benchmark import QUANTITIES
-from sim.cheapest_model import Aim, Choice, choose
+from sim.cheapest_model import Aim, Choice, ChoiceJson, choose
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
@@ -25,16 +26,51 @@ from sim.contact.shapes import EXPECTED, parse_shape, with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
-from sim.models.friction import FrictionResult
+from sim.models.friction import FrictionJson, FrictionResult
 from sim.models.halfspace import modulus_of
-from sim.models.pictures import ModelOutline
-from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.pictures import ModelOutline, ReceptorsJson
+from sim.models.result import IndentationResult, LoadingPathJson, PointLoadResult, PressureProfileJson, SolverJson
+from sim.models.small_strain_error import SmallStrainJson
 from sim.units import GWT_N
 
 TOLERANCE, QUANTITY = "2%", "force"
 """Tolerance and quantity of `auto` by default."""
 
 _LONGEST_MM = 50.0
+
+
+class DeflectionJson(Output):
+    """Measured skin deflection beside the model's."""
+
+    points: int
+    beside_the_patch: int
+    mean_mm: float | None
+    rms_mm: float | None
+    x_mm: list[float]
+    z_mm: list[float]
+    measured_mm: list[float]
+    model_mm: list[float | None]
+
+
+class IndentJson(Output):
+    """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
+
+    force_n: float | None
+    force_gwt: float | None
+    force_n_per_mm: NotRequired[float]
+    effective_length_mm: NotRequired[float | None]
+    doi_mm: float | None
+    peak_pressure_kpa: float | None
+    small_strain: NotRequired[SmallStrainJson]
+    path: NotRequired[LoadingPathJson]
+    contact_regions_mm: list[Range]
+    pressure: PressureProfileJson
+    receptors: ReceptorsJson
+    solver: SolverJson
+    choice: ChoiceJson
+    friction: NotRequired[FrictionJson]
+    deflection: NotRequired[DeflectionJson]
+    code: NotRequired[Code]
 
 
 @dataclass(frozen=True)

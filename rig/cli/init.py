@@ -13,7 +13,7 @@ import typer
 from pydantic import ValidationError
 
 from rig.bench.checks import refuse_bench, today
-from rig.bench.find_devices import PortFound, find_devices, serial_ports
+from rig.bench.find_devices import PortFound, PortFoundJson, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
@@ -25,6 +25,7 @@ from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.printable import either
 from rig.units import GWT_N
+from rig_shared.outputs import CommandLine, File, Name, Output, Port
 from rig_shared.user_files import toml_of
 
 _DEVICES, _ANSWERS = "Devices", "Answers"
@@ -38,6 +39,25 @@ NOMINAL_DAYS = 30
 """Days for which steps per mm that were entered, not measured, may be used."""
 
 Tables = dict[str, dict[str, Any]]
+
+
+class DeviceWrittenJson(Output):
+    """A device in the new configuration; identity is null if it did not answer."""
+
+    kind: Name
+    port: Port
+    identity: Name | None
+
+
+class InitJson(Output):
+    """A new configuration file."""
+
+    config: File
+    ports: list[PortFoundJson]
+    stage: DeviceWrittenJson
+    force: DeviceWrittenJson
+    next: CommandLine
+    """Command to enter next."""
 
 
 def init_command(

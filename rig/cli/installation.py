@@ -10,12 +10,14 @@ from difflib import get_close_matches
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
 import typer
 from serial.tools import list_ports
 
 from rig.bench.checks import (
+    ForceLookJson,
+    StageLookJson,
     as_words,
     bench_problems,
     expired_calibrations,
@@ -24,11 +26,15 @@ from rig.bench.checks import (
     today,
 )
 from rig.cli import device_catalogue
+from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
+from rig.data.folder import FileSizeJson
+from rig.data.run import PackageJson
 from rig.devices import registry
+from rig.engine.contact import ContactJson
 from rig.errors import BadInputError
 from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config
 from rig.printable import either
@@ -36,9 +42,22 @@ from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
 from rig.units import unit_of_key
+from rig_shared.outputs import Day, File, Name, Output, Port, Setting, Settings, Time, Unit, listed
 from rig_shared.plural import number_of
 from sim import benchmark
-from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
+from sim.benchmark import (
+    QUANTITIES,
+    QUICK,
+    QUICK_SCENES,
+    SCENES,
+    WHOLE,
+    BenchmarkRowJson,
+    Measured,
+    measure,
+    reference_s,
+    rows,
+    stored,
+)
 from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
 
 HEAD = """# Configuration reference
@@ -47,6 +66,122 @@ Every table and key of a configuration file. `rig config --markdown` writes this
 a configuration file to start from, and `rig config KEY` prints one key or table. With `--config rig.toml`, it shows
 the values of that file. An unknown key is an error. A key without a default is absent unless you set it.
 """
+
+
+class BenchmarkJson(Output):
+    """All models on this machine."""
+
+    rows: list[BenchmarkRowJson]
+    page: File
+    reference_s: float
+
+
+class CacheEntryJson(Output):
+    """A cached result."""
+
+    name: Name
+    kind: Annotated[str, listed(KINDS)]
+    bytes: int
+    read_utc: Time
+
+
+class CacheJson(Output):
+    """Cached results."""
+
+    folder: File
+    entries: list[CacheEntryJson]
+    bytes: int
+    limit_gb: float
+    removed: int
+    removed_bytes: int
+
+
+class ConfigKeyJson(Output):
+    """A key of the configuration; value and default are null where it is not set."""
+
+    key: Name
+    value: Setting
+    default: Setting
+    unit: Unit
+    allowed_text: str
+    what_text: str
+
+
+class ConfigurationJson(Output):
+    """Keys of the configuration."""
+
+    keys: list[ConfigKeyJson]
+
+
+class SerialPortJson(Output):
+    """A serial port of this machine."""
+
+    port: Port
+    description_text: str
+
+
+class ConfiguredJson(Output):
+    """A configured device."""
+
+    kind: Name
+    ports: list[Port]
+
+
+class ConfiguredDevicesJson(Output):
+    """Configured devices."""
+
+    stage: ConfiguredJson
+    force: ConfiguredJson
+
+
+class CalibrationOnRecordJson(Output):
+    """A calibration of the configuration."""
+
+    name: Name
+    value: float
+    unit: Unit
+    expires: Day
+    expired: bool
+
+
+class CacheSizeJson(Output):
+    """Size of the cache."""
+
+    folder: File
+    models: int
+    answers: int
+    bytes: int
+
+
+class DoctorJson(Output):
+    """Installation; with --config also the devices that answer on the ports."""
+
+    python: Name
+    system: Name
+    machine: Name
+    cores: int
+    versions: list[PackageJson]
+    ports: list[SerialPortJson]
+    configured: ConfiguredDevicesJson
+    devices: list[DeviceKindJson]
+    limits: Settings
+    """Table [limits] of the configuration."""
+    cache: CacheSizeJson
+    protocols: list[Name]
+    problems_text: NotRequired[list[str]]
+    stage: NotRequired[StageLookJson]
+    force: NotRequired[ForceLookJson]
+    calibrated: NotRequired[list[CalibrationOnRecordJson]]
+    contact: NotRequired[ContactJson]
+    last_run_text: NotRequired[str]
+
+
+class BugReportJson(Output):
+    """A file for a bug report."""
+
+    bundle: File
+    holds: list[FileSizeJson]
+    left_out_text: list[str]
 
 
 def config_command(

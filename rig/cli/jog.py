@@ -1,12 +1,12 @@
 """`rig jog`: move an axis while a key is held, or by a distance."""
 
 from collections.abc import Callable
-from typing import Annotated, get_args
+from typing import Annotated, NotRequired, get_args
 
 import typer
 
 from rig.bench.checks import position
-from rig.cli.bench import by_hand, live_line, print_entries
+from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
@@ -17,6 +17,7 @@ from rig.errors import BadInputError, LimitError
 from rig.manual.jog import FASTEST_MM_S, ByHand, HeldDirection, Moved
 from rig.plan.config import load_config
 from rig.settings import SLOWEST_MM_S
+from rig_shared.outputs import Code
 
 _FARTHEST_MM = 1000.0
 KEYS = {
@@ -28,6 +29,14 @@ _QUIT = ord("q")
 # Held keys repeat about 30 times a second, after a pause that a tap must not outlast.
 RELEASED_S = 0.15
 _IDLE_LOOK_S, _KEY_LOOK_S = 0.02, 0.005
+
+
+class JoggedJson(HomedJson):
+    """Position after a manual move."""
+
+    ended_by_text: str | None
+    """Cause of the stop."""
+    code: NotRequired[Code]
 
 
 def command(

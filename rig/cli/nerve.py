@@ -12,6 +12,7 @@ from rig.data.run import Run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig_shared.outputs import File, Name, Output, Ratio
 from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
@@ -28,6 +29,47 @@ AFFERENTS_HELP = (
     "or a density such as 'monkey fingertip'."
 )
 MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
+
+
+class FiringSpeedJson(Output):
+    """Slowest press at which the most sensitive afferent of a class fires; null if at none."""
+
+    model: Name
+    afferents: int
+    sensitivity: Ratio
+    firing_speed_mm_s: float | None
+    doi_mm: float
+    press_speed_mm_s: float
+    silent: bool
+
+
+class SimulatedAfferentJson(Output):
+    """An afferent of the finger model, and how many spikes it fired."""
+
+    afferent: Name
+    model: Name
+    """Class: SA1, RA or PC."""
+    x_mm: float
+    along_mm: float
+    """Place along the finger, from the receptor plane."""
+    depth_mm: float
+    sensitivity: Ratio
+    delay_s: float
+    """Delay from a spike at the receptor to the same spike at the electrode."""
+    spikes: int
+
+
+class NerveJson(Output):
+    """Spikes of simulated afferents, which are not data."""
+
+    run: File
+    seed: int
+    electrode_text: str
+    afferents: list[SimulatedAfferentJson]
+    left_out: int
+    """Number of presses without a contact height."""
+    files: list[File]
+    report: File
 
 
 def nerve_command(

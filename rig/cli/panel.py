@@ -25,12 +25,21 @@ from rig.manual.owner_process import ManualOwner
 from rig.manual.status import ManualLog
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton
+from rig_shared.outputs import Output, Uri
 
 if TYPE_CHECKING:
     from rig.panel.app import Panel
 
 
 _LOWEST_PORT = 1024
+
+
+class PanelJson(Output):
+    """Address of the panel."""
+
+    url: Uri
+    port: int
+    pid: int
 
 
 def panel_command(

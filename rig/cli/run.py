@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NotRequired
 
 import typer
 from rich.table import Table
@@ -18,6 +18,7 @@ from rig.cli.choosing import (
     WITHIN_S,
     ChooseOption,
     CountWithinOption,
+    PossiblePressesJson,
     adaptive_run,
     possible_presses_as_json,
     refuse_choose,
@@ -32,7 +33,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import print_firing, spike_request
+from rig.cli.nerve import FiringSpeedJson, print_firing, spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -69,13 +70,15 @@ from rig.plan.config import Config, load_config, with_finger
 from rig.plan.fresh_passes import find_difference
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
+from rig.session.rehearsal_summary import MarginsJson, PlannedStepJson, in_both_units, preflight, press_speed_in_words
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
 from rig.session.session import dry_run, real_run
 from rig.transport import TransportError
+from rig_shared.outputs import Name, Output
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
+from sim.models.small_strain_error import SmallStrainJson
 
 AfferentsOption = Annotated[
     str | None,
@@ -100,6 +103,32 @@ _COLUMNS = {
     "peak_pressure_kpa": "peak (kPa)",
     "overshoot_gwt": "overshoot at a trip (gwt)",
 }
+
+
+class CheckJson(Output):
+    """A protocol against the limits."""
+
+    protocol: Name
+    indentations: int
+    other_presses: int
+    duration_s: float
+    contact_s: float
+    peak_force_n: float
+    peak_force_gwt: float
+    small_strain: SmallStrainJson
+    repeats: bool
+    peak_pressure_kpa: float
+    soft_trip_n: float
+    hard_trip_n: float
+    margins: MarginsJson
+    sample_age_s: float
+    press_speed_mm_s: float
+    rise_gwt: float
+    stop_distance_mm: float
+    overshoot_gwt: float
+    steps: list[PlannedStepJson]
+    possible: NotRequired[PossiblePressesJson]
+    firing: NotRequired[list[FiringSpeedJson]]
 
 
 def check_command(

@@ -8,23 +8,25 @@ from datetime import date
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired
 
 import typer
 
-from rig.cli.choice_verdict import choice_as_json, choice_lines
+from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.data import dictionary
-from rig.data.folder import SCRIPT, replace_text
+from rig.data.ending import EndingJson
+from rig.data.folder import SCRIPT, FileSizeJson, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
-from rig.data.run import Run, RunError, provenance_of, read_provenance
+from rig.data.run import PackageJson, Run, RunError, provenance_of, read_provenance
 from rig.data.tables import (
     ENDED_EARLY,
     HOLD_COLUMNS,
     RUN_COLUMNS,
     STATES,
+    State,
     Summary,
     alive,
     foreign_in_one_line,
@@ -34,6 +36,7 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
+from rig_shared.outputs import File, Name, Output, Settings, Shape, Time, Unit
 from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
 
@@ -41,6 +44,121 @@ if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
 
 _DAY = "a day such as 2026-03-01"
+
+
+class RunSummaryJson(Output):
+    """A run."""
+
+    name: Name
+    date_utc: Time
+    protocol: Name
+    title: Name
+    subject: Name
+    shapes: list[Shape]
+    state: State
+    virtual: bool
+    planned: int
+    done: int
+    duration_s: float
+
+
+class UnreadableJson(Output):
+    """A folder that cannot be read."""
+
+    name: Name
+    problem_text: str
+
+
+class RunsJson(Output):
+    """All runs of a folder."""
+
+    runs: list[RunSummaryJson]
+    unreadable: list[UnreadableJson]
+    table: NotRequired[File]
+    holds: NotRequired[int]
+
+
+class PressesJson(Output):
+    """Holds with one indentor to one target."""
+
+    indentor: Shape
+    target_doi_mm: float | None
+    target_force_gwt: float | None
+    increment: bool
+    """Whether the presses went on to a further target after these holds."""
+    holds: int
+    from_x_mm: float
+    to_x_mm: float
+    mean_force_gwt: float
+    mean_doi_mm: float
+    peak_gwt: float
+
+
+class RunDevicesJson(Output):
+    """Devices of a run, and the identities that they reported."""
+
+    stage: NotRequired[Name]
+    force: NotRequired[Name]
+    controller: NotRequired[Name]
+    sensor: NotRequired[Name]
+
+
+class RunModelJson(Output):
+    """Finger model of a run."""
+
+    nodes: NotRequired[int]
+    e_epidermis_mpa: NotRequired[float]
+    from_cache: NotRequired[bool]
+
+
+class ShowJson(Output):
+    """A run."""
+
+    run: File
+    title: Name
+    protocol: Name
+    source_text: str
+    parameters: Settings
+    """Parameters of the protocol by their names."""
+    subject: Name | None
+    began_utc: Time
+    duration_s: float
+    virtual: bool
+    state: State
+    planned: int
+    done: int
+    ending: EndingJson | None
+    presses: list[PressesJson]
+    choice: NotRequired[AdaptiveVerdictJson]
+    limits: Settings
+    """Table [limits] of the configuration, and the soft trip of the plan."""
+    devices: RunDevicesJson
+    versions: list[PackageJson]
+    model: RunModelJson | None
+    files: list[FileSizeJson]
+
+
+class ColumnJson(Output):
+    """A column of a run's tables."""
+
+    table: Name
+    name: Name
+    unit: Unit
+    dtype: Literal["bool", "text (UTF-8)", "float64"]
+    what_text: str
+
+
+class ColumnsJson(Output):
+    """Columns of all tables."""
+
+    columns: list[ColumnJson]
+
+
+class ExportJson(Output):
+    """Files that were written."""
+
+    run: File
+    files: list[File]
 
 
 def runs_command(

@@ -7,13 +7,13 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, NotRequired
 
 import filelock
 import typer
 
 from rig.bench.checks import checked_subject
-from rig.cli.choice_verdict import choice_as_json, choice_lines
+from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.nerve import add_spikes, print_firing, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
@@ -25,6 +25,7 @@ from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunError, RunFolder, export_run
 from rig.data.deviation import deviations, warning_of
+from rig.data.ending import EndingJson
 from rig.data.folder import may_write_below
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
@@ -45,6 +46,7 @@ from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, Made, NewRun, NoAttendant, Session, record_after, record_before
 from rig_shared.errors import code_of
+from rig_shared.outputs import Code, File, Output
 from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -56,6 +58,25 @@ if TYPE_CHECKING:
 
 
 Phase = Literal["planning", "running", "reporting"]
+
+
+class FinishedRunJson(Output):
+    """A run that was carried out or resumed."""
+
+    run: File
+    complete: bool
+    indentations: int
+    duration_s: float
+    wall_s: float
+    report: File | None
+    choice: NotRequired[AdaptiveVerdictJson]
+    missing: NotRequired[int]
+    repeated: NotRequired[int]
+    restarted: NotRequired[int]
+    code: NotRequired[Code]
+    ending: NotRequired[EndingJson]
+    deviation_text: NotRequired[str]
+    files_text: NotRequired[str]
 
 
 class RunOwner:

@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
 import typer
 
@@ -28,10 +28,39 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from rig.printable import either
 from rig.units import unit_of_key
-from sim.identification.prior import named, plain
+from rig_shared.outputs import Output, Port, Unit
+from sim.identification.prior import ParameterName, named, plain
 from sim.serve.prefetch import PressStatistics
 
 _DEVICES, _FINGER = "Devices", "Finger"
+
+
+class ServedPortsJson(Output):
+    """Ports of the virtual devices."""
+
+    stage: NotRequired[Port]
+    force: NotRequired[Port]
+    x_port: NotRequired[Port]
+    """Second port of a stage with a controller for each axis."""
+    http_port: NotRequired[int]
+    """TCP port of the web page of a Net F/T."""
+
+
+class TrueParameterJson(Output):
+    """A parameter of a random finger, beside its 90 % band in a finger file."""
+
+    name: ParameterName
+    unit: Unit
+    truth: float
+    low: NotRequired[float]
+    high: NotRequired[float]
+    inside: NotRequired[bool]
+
+
+class RandomFingerJson(Output):
+    """Parameters of a random finger."""
+
+    parameters: list[TrueParameterJson]
 
 
 def serve_command(

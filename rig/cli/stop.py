@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import Any
+from typing import Annotated, Any, NotRequired
 
 import typer
 
@@ -11,6 +11,27 @@ from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import STOP_SIGNAL
 from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
 from rig.printable import printable
+from rig_shared.outputs import Code, Keywords, Name, Output, Port
+
+
+class StoppedJson(Output):
+    """A stop that was sent. state: as the controller names it; null where it has not answered."""
+
+    stopped: list[Port]
+    owner: int | None
+    sent: bool
+    state: Name | None
+
+
+class NotStoppedJson(Output):
+    """A stop that was not sent, or not confirmed."""
+
+    error_text: str
+    code: Code
+    exit_code: Annotated[int, Keywords(enum=[1, 2])]
+    owner: NotRequired[int | None]
+    sent: bool
+    state: NotRequired[Name | None]
 
 
 def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:

@@ -15,11 +15,25 @@ from rig.cli.progress import counted
 from rig.data.folder import replace_text
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
+from rig_shared.outputs import File, Output
 from rig_shared.plural import number_of
 from sim.config import FingertipConfig
 from sim.models.default_finger import is_default_finger
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
 from sim.models.small_strain_error import small_strain
+
+
+class StudyJson(Output):
+    """A parameter study."""
+
+    table: File
+    cases: int
+    rows: int
+    problems: int
+    small_strain_text: str | None
+    interpolated: int
+    interpolation_text: str | None
+    wall_s: float
 
 
 def command(

@@ -14,14 +14,35 @@ from rig.cli.recorded_run import recorded_run
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.documents import Document
+from rig.data.ending import EndingJson
 from rig.data.folder import RunFolder
 from rig.data.run import Following, followed
 from rig.data.run_state import RunFollower, as_clock
-from rig.data.tables import RUNNING, alive, foreign_in_one_line, summary_of
+from rig.data.tables import RUNNING, State, alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
+from rig.records import Phase
+from rig_shared.outputs import File, Output
 from rig_shared.plural import number_of
 
 LOOK_S = 0.2
+
+
+class WatchJson(Output):
+    """Current state of a run."""
+
+    run: File
+    state: State
+    done: int
+    planned: int
+    force_gwt: float | None
+    doi_mm: float | None
+    x_mm: float | None
+    height_mm: float | None
+    phase: Phase | None
+    now_text: str | None
+    next_text: str | None
+    left_s: float | None
+    ending: EndingJson | None
 
 
 class RunScreen(RunFollower):

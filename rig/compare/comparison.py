@@ -17,6 +17,7 @@ from rig.compare.profile_shape_test import THRESHOLD, shape_flags
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import FAMILIES, StimulusRow
 from rig_shared.natural_order import natural_order
+from rig_shared.outputs import CommandLine, File, Name, Output, Range, Shape
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain
 
@@ -32,6 +33,27 @@ COLLINEAR = 0.98
 
 NEAR_CENTRE_MM = 0.25
 """Largest distance from x = 0 (mm) of a receptor at which bars must pass."""
+
+
+class MissingPositionsJson(Output):
+    """Positions that one receptor does not cover."""
+
+    receptor_mm: float
+    positions_mm: list[float]
+
+
+class LeftOutOfRecordingJson(Output):
+    """Positions of a recording that are left out."""
+
+    shape: Shape
+    condition: Name
+    recording: File
+    positions: int
+    left_out: list[MissingPositionsJson]
+    range_needed_mm: Range
+    covered_receptor_x_mm: list[float]
+    command: CommandLine
+    covered_by_command: int
 
 
 @dataclass(frozen=True)

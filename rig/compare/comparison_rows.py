@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,262 @@ from rig.compare.make_verdict import joint_limits
 from rig.compare.plausible_fingers import PlausibleFingers, fit_all_with_finger
 from rig.compare.profile_shape_test import THRESHOLDS
 from rig.compare.stimuli import CONTROL_UNITS, StimulusRow
-from rig.compare.verdict import AfferentVerdict, Limits, PairRow, six_digits
+from rig.compare.verdict import AfferentVerdict, Candidate, Limits, Outcome, PairRow, six_digits
 from rig.compare.verdict_text import methods, sentence, sentences
 from rig.units import unit_of_key
-from sim.measures.measures import BY_NAME, MEASURES
+from rig_shared.outputs import File, Interval, Name, Output, Ratio, Shape, Unit
+from sim.measures.measures import BY_NAME, MEASURES, MeasureName
 from sim.models.interpolation import HOW_MADE
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
+
+
+class StimulusJson(Output):
+    """A stimulus, and the number that was commanded."""
+
+    stimulus: Name
+    shape: Shape
+    condition: Name
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+    run: File
+
+
+class ComparisonRowJson(Output):
+    """A measure at a receptor under a stimulus, R = k (ε − ε₀). unit: of ε; k is in impulses/s per unit."""
+
+    shape: Shape
+    condition: Name
+    measure: MeasureName
+    unit: Unit
+    receptor_mm: float
+    shape_test: bool | None
+    r: Ratio | None
+    positions: int | None
+    k: float | None
+    eps0: float | None
+    fires_unloaded: bool | None
+    run: File
+
+
+class MeasuresOfGroupJson(Output):
+    """Measures that pass the shape test under a group of stimuli."""
+
+    group: Name
+    measures: list[MeasureName]
+
+
+class CollinearInGroupJson(Output):
+    """Sets of measures that no recording of a group can distinguish."""
+
+    group: Name
+    sets: list[list[MeasureName]]
+
+
+class JointFitJson(Output):
+    """A measure fitted to several shapes, by least squares, with 95 % limits of the likelihood."""
+
+    shapes: list[Shape]
+    condition: Name
+    measure: MeasureName
+    unit: Unit
+    receptor_mm: float
+    k: float | None
+    k_interval: Interval | None
+    eps0: float | None
+    eps0_interval: Interval | None
+    fires_unloaded: bool
+    r2: Ratio | None
+
+
+class FitValuesJson(Output):
+    """Same fit on the run's own finger."""
+
+    unit: Unit
+    k: float | None
+    k_interval: Interval | None
+    eps0: float | None
+    eps0_interval: Interval | None
+    r2: Ratio | None
+
+
+class NamedValueJson(Output):
+    """A parameter of a finger, by its place in the configuration."""
+
+    name: Name
+    value: float
+    unit: Unit
+
+
+class NamedRangeJson(Output):
+    """Range of a parameter of a finger."""
+
+    name: Name
+    low: float
+    high: float
+    unit: Unit
+
+
+class FitWithFingerJson(Output):
+    """A measure with its best plausible finger."""
+
+    shapes: list[Shape]
+    condition: Name
+    measure: MeasureName
+    unit: Unit
+    receptor_mm: float
+    r2: Ratio | None
+    best_finger: list[NamedValueJson]
+    k: float | None
+    k_interval: Interval | None
+    eps0: float | None
+    eps0_interval: Interval | None
+    on_this_finger: FitValuesJson
+
+
+class PlausibleFingersJson(Output):
+    """Fits over plausible fingers."""
+
+    ranges: list[NamedRangeJson]
+    built: int
+    interpolation_text: str | None
+    joint: list[FitWithFingerJson]
+
+
+class ChanceJson(Output):
+    """Correlation that chance alone exceeds in one of twenty cases."""
+
+    shapes: list[Shape]
+    condition: Name
+    positions: int
+    positions_recorded: int
+    looked_at: int
+    chance_r: Ratio
+
+
+class PairJson(Output):
+    """A measure or control at a receptor; a constant rate has none."""
+
+    measure: Candidate
+    receptor_mm: float | None
+
+
+class LeftOutOfAnswerJson(Output):
+    """Positions of a stimulus that are not used."""
+
+    stimulus: Name
+    position_mm: list[float]
+
+
+class RecordingNoiseJson(Output):
+    """Noise of a recording. dispersion: of counts and of rates with an sd relative, of rates alone (impulses/s)²."""
+
+    kind: Literal["counts", "sd", "rates"]
+    source: Literal["repeats", "sd", "neighbours"]
+    dispersion: Ratio
+    freedom: Ratio | None
+
+
+class CeilingJson(Output):
+    """Share of the variance that a model can explain."""
+
+    share: Ratio | None
+    source: Literal["repeats", "monotone"]
+
+
+class SeparateFitJson(Output):
+    """Maximum-likelihood pair fitted to one stimulus."""
+
+    stimulus: Name
+    unit: Unit
+    k: float | None
+    eps0: float | None
+    left_out: Ratio | None
+
+
+class TogetherJson(Output):
+    """F test of separate fits against one fit of all stimuli."""
+
+    ratio: Ratio | None
+    p: Ratio | None
+    separate: list[SeparateFitJson]
+
+
+class MimicJson(Output):
+    """Pair that imitates a control best, and the probability that it would be rejected."""
+
+    control: PairJson
+    pair: PairJson
+    probability: Ratio
+
+
+class PowerJson(Output):
+    """Power of the fit test."""
+
+    detectable_misfit: Ratio | None
+    mimics: list[MimicJson]
+
+
+class IntervalJson(Output):
+    """Interval of k and ε₀ over the receptors of the set."""
+
+    measure: MeasureName
+    unit: Unit
+    k: Interval
+    eps0: Interval
+
+
+class PairRowJson(Output):
+    """A measure or control at a receptor, with its fit."""
+
+    measure: Candidate
+    control: bool
+    unit: Unit
+    receptor_mm: float | None
+    k: float | None
+    eps0: float | None
+    saturation: Ratio | None
+    r: Ratio | None
+    r2: Ratio | None
+    deviance: Ratio | None
+    lack_of_fit: Ratio | None
+    p_fit: Ratio | None
+    p_set: Ratio | None
+    left_out: Ratio | None
+    k_interval: Interval
+    eps0_interval: Interval
+    fits: bool
+    in_set: bool
+    fires_unloaded: bool
+    finger: list[NamedValueJson] | None
+
+
+class AnswerJson(Output):
+    """Verdict on one afferent; rows in order of descending likelihood."""
+
+    stimuli: list[Name]
+    recordings: list[File]
+    positions: int
+    positions_recorded: int
+    left_out: list[LeftOutOfAnswerJson]
+    noise: RecordingNoiseJson
+    outcome: Outcome
+    answer_text: str
+    besides_text: list[str]
+    set: list[PairJson]
+    controls_in_set: list[PairJson]
+    headline: PairJson | None
+    next: PairJson | None
+    next_is_worse_by: Ratio | None
+    ceiling: CeilingJson
+    together: TogetherJson | None
+    power: PowerJson
+    intervals: list[IntervalJson]
+    rows: list[PairRowJson]
+    fingers: int
+    methods_text: str
 
 
 def as_json(comparison: Comparison, report: str) -> dict[str, Any]:

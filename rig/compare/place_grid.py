@@ -4,15 +4,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import ComparisonError
 from rig.compare.verdict import LEVEL, six_digits
+from rig_shared.outputs import File, Interval, Name, Output, Ratio, Unit
 from sim.config import FingertipConfig
-from sim.measures.measures import BY_NAME
+from sim.measures.measures import BY_NAME, MeasureName
 from sim.models.fingertip import Fingertip
 
 if TYPE_CHECKING:
@@ -26,6 +27,40 @@ X_STEP_MM, DEPTH_STEP_MM = 0.125, 0.15
 
 BELOW_EPIDERMIS_MM = (0.1, 0.7)
 """Default range of depths below the epidermis (mm)."""
+
+
+class PlaceRowJson(Output):
+    """A measure at its maximum-likelihood place, with 95 % intervals."""
+
+    measure: MeasureName
+    unit: Unit
+    x_mm: float | None
+    depth_mm: float | None
+    offset_mm: float | None
+    k: float | None
+    eps0: float | None
+    deviance: Ratio | None
+    lack_of_fit: Ratio | None
+    p_fit: Ratio | None
+    x_interval_mm: Interval
+    depth_interval_mm: Interval
+    offset_interval_mm: Interval | None
+    fits: bool
+    at_bounds: list[Literal["x low", "x high", "depth low", "depth high", "offset low", "offset high"]]
+
+
+class PlaceJson(Output):
+    """Location of one afferent's receptor."""
+
+    stimuli: list[Name]
+    recordings: list[File]
+    positions: int
+    positions_recorded: int
+    x_range_mm: Range
+    depth_range_mm: Range
+    offset_range_mm: Range | None
+    frame_text: str
+    rows: list[PlaceRowJson]
 
 
 class PlaceRange(NamedTuple):

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.stimuli import StimulusRow
+from rig_shared.outputs import Name, Output, Ratio, Shape
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -28,6 +29,17 @@ THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.10, 0.15)
 
 _RECOVERED = 0.5
 _FEWEST_POSITIONS = 5
+
+
+class ShapeTestChanceJson(Output):
+    """Share of random profiles that pass the shape test."""
+
+    shape: Shape
+    condition: Name
+    positions: int
+    smooth_over_mm: float | None
+    passes_by_chance: Ratio | None
+    draws: int
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.recordings.recording import FromSpikes, Recording
-from rig.compare.recordings.spike_times import joined
+from rig.compare.recordings.spike_times import ClockSource, joined
 from rig.compare.verdict import AfferentVerdict, six_digits
 from rig.errors import RigError
+from rig_shared.outputs import File, Name, Output, Ratio, Shape
 from rig_shared.plural import number_of
 
 Recordings = Mapping[str, Recording]
@@ -18,6 +19,56 @@ Judge = Callable[[Recordings], object]
 
 SHIFTS_S = (0.02, 0.1, 0.5, 2.0)
 """Shifts of a clock that are tried, later and earlier."""
+
+
+class ClockJson(Output):
+    """Clock of the spike times; drift and the worst pulse are null without pulses."""
+
+    source: ClockSource
+    drift_ppm: Ratio | None
+    worst_ms: float | None
+    at_start_s: float | None
+    """Time of the file at the start of the run."""
+    clock_text: str
+
+
+class ClockShiftJson(Output):
+    """Smallest tried shift of the clock of the spike times that changes the answer; null if none does."""
+
+    later_s: float | None
+    earlier_s: float | None
+    tried_s: list[float]
+    shift_text: str
+
+
+class RecordedRateJson(Output):
+    """Rates at a recorded position: their mean, and those of the presses (repeats)."""
+
+    position_mm: float
+    rate: float
+    repeats: list[float]
+    unit: Name
+    """1/s, or the unit that the file states, such as a.u."""
+
+
+class RecordingJson(Output):
+    """A recording that was read. presses, observed_text, clock: null if it is a table of rates or counts."""
+
+    afferent: Name | None
+    """Null for the recordings of one afferent."""
+    shape: Shape
+    recording: File
+    positions: int
+    columns_text: str
+    """Columns that were read, and their units."""
+    window_s: float | None
+    """Window of the counts; null for rates."""
+    rates: list[RecordedRateJson]
+    presses: int | None
+    not_observed_mm: list[float]
+    """Positions of the presses at which the unit was not observed; they are left out."""
+    observed_text: str | None
+    clock: ClockJson | None
 
 
 class ClockShift(NamedTuple):

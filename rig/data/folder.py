@@ -19,6 +19,7 @@ import filelock
 
 from rig.clock import WallClock
 from rig.errors import BadInputError, RigError
+from rig_shared.outputs import Name, Output
 from rig_shared.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
@@ -28,6 +29,13 @@ _NOT_ALLOWED = (errno.EACCES, errno.EPERM, errno.EROFS)
 _COPIES = ("protocol.py", "config.toml", "provenance.json")
 SHAPE_COPY = "shape_"
 """Prefix of the copies of shape files."""
+
+
+class FileSizeJson(Output):
+    """A file."""
+
+    name: Name
+    bytes: int
 
 
 class FolderBusyError(RigError):

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 from rig.data.events import OF_THE_PRESS, PRESS_STREAMS, READING, WAITED_FOR, units_of
 from rig.data.folder import RunFolder
 from rig.data.presses import PressRow, presses_table
 from rig.data.run import Run, RunError, read_run
 from rig_shared.errors import CodedError
+from rig_shared.outputs import listed
 
 PRESSES, SUPERSEDED = "presses", "_superseded"
 _START = "indentation_start"
@@ -173,6 +174,7 @@ def _times(events: Iterable[TableRow], kind: str | None) -> Iterator[tuple[float
 
 RUNNING, KILLED, SHORT = "running", "killed", "incomplete"
 STATES = ("done", SHORT, "aborted", "tripped", "limited", "failed", KILLED, RUNNING)
+State = Annotated[str, listed(STATES)]
 """States of a run: those of its journal, and for others: incomplete, killed, running."""
 
 ENDED_EARLY = "the protocol ended before all planned indentations were done"

@@ -1,12 +1,14 @@
 """A design in words, for the terminal and the page, and as JSON."""
 
 import math
-from typing import Any
+from typing import Any, Literal
 
+from rig.compare.verdict import Candidate
 from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
 from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
 from rig.design.recorded_counts import FITS, SessionVerdict
+from rig_shared.outputs import Output, Ratio, Shape
 from rig_shared.plural import number_of
 
 SURE = 2.0
@@ -16,6 +18,63 @@ _DEPENDS = ((0.1, "hardly depend"), (0.3, "depend weakly"), (0.6, "depend modera
 """Words for the largest |correlation| of a press with the one before, up to each value."""
 
 FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
+
+
+class DesignedPressJson(Output):
+    """A press of a design, in order."""
+
+    shape: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+
+
+class DesignOutcomeJson(Output):
+    """Simulated experiments of a design; shares with their Monte Carlo errors.
+
+    An experiment fails if the truth is not in the 95 % set, or more than two candidates are.
+    """
+
+    design: Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
+    session_s: float
+    presses: int
+    experiments: int
+    failed: Ratio
+    failed_error: Ratio
+    truth_in_set: Ratio
+    truth_in_set_error: Ratio
+    right: Ratio
+    right_error: Ratio
+
+
+class ConfusionJson(Output):
+    """Share of experiments (row: true, column: most probable) and its Monte Carlo error."""
+
+    true: list[Candidate]
+    share: list[list[Ratio]]
+    error: list[list[Ratio]]
+
+
+class NotSeparatedJson(Output):
+    """Pair of candidates that all presses in an hour cannot separate."""
+
+    one: Candidate
+    other: Candidate
+    right: Ratio
+
+
+class SampleSizeJson(Output):
+    """Experiments with several fibers: share in which the set is the truth alone, or the truth and one other."""
+
+    session_s: float
+    presses: int
+    repeats: Ratio
+    fibers: int
+    few: Ratio
+    few_error: Ratio
+    one: Ratio
+    one_error: Ratio
 
 
 def headline(found: Design) -> str:

@@ -8,13 +8,14 @@ the state is that of its time, and unknown since.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from rig.devices.base import StageStatus
 from rig.engine.limits import AT_MM
+from rig.records import ContactKind
 from rig.settings import RigSettings
+from rig_shared.outputs import Output
 
-ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
 KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
 
 FRESH_S = 1.0
@@ -35,6 +36,20 @@ _TO_DO: Mapping[ContactKind, str | None] = {
     "touching": FREE_THE_FINGER,
     "unknown": FREE_THE_FINGER,
 }
+
+
+class ContactJson(Output):
+    """State of contact between indentor and finger; null where nothing is on record.
+
+    measured_unix_s: when force and position were measured; null where the force never was.
+    """
+
+    contact: ContactKind | None
+    may_touch: bool | None
+    force_gwt: float | None
+    measured_unix_s: float | None
+    where_text: str
+    to_do_text: str | None
 
 
 @dataclass(frozen=True)

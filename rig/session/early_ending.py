@@ -7,18 +7,18 @@ import math
 import shlex
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from rig.data import Run
+from rig.data.ending import Left
 from rig.data.folder import allowed, free_space, how_to_write
 from rig.data.tables import ENDED_EARLY
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
-from rig.engine.contact import ContactKind, KnownContact
+from rig.engine.contact import KnownContact
 from rig.engine.limits import AT_MM
 from rig.errors import CountError, LostRecordError
+from rig.records import ContactKind
 from sim.finger_process import FingerLostError
-
-Left = Literal["lifted", "raised", "held", "not moved"]
 
 _SEE_TO: tuple[tuple[type[Exception], str], ...] = (
     (RunAborted, "check that the finger is unharmed"),

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NotRequired
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
@@ -15,6 +15,7 @@ from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
+from rig_shared.outputs import Output, Range, Shape
 from rig_shared.plural import number_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import with_size
@@ -23,6 +24,45 @@ from sim.models.small_strain_error import SmallStrain, small_strain
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
+
+
+class MarginsJson(Output):
+    """Margins to the limits."""
+
+    force_gwt: float
+    doi_mm: float
+    mean_pressure_kpa: float
+    contact_s: float
+
+
+class PlannedStepJson(Output):
+    """A planned indentation; bands hold 90 % and are those of an identified finger."""
+
+    index: int
+    indentor: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+    increments: int
+    hold_s: float
+    doi_mm: float
+    force_gwt: float
+    force_band_gwt: NotRequired[Range]
+    doi_band_mm: NotRequired[Range]
+    highest_gwt: NotRequired[float]
+    contact_area_mm2: float
+    mean_pressure_kpa: float
+    peak_pressure_kpa: float
+    overshoot_gwt: float
+    ramp_mm_s: NotRequired[float]
+    """Speed of a ramp. The force limits below hold for the predicted stiffness."""
+    ramp_fastest_mm_s: NotRequired[float]
+    ramp_stop_mm: NotRequired[float]
+    """Stopping distance, with the delays of sensor, reading and controller."""
+    ramp_trip_gwt: NotRequired[float]
+    ramp_bound_gwt: NotRequired[float]
+    """Soft trip and overshoot of a press, which the ramp does not exceed either."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import Output, Ratio
 from sim.config import FingertipConfig
 from sim.contact.first_contact import FirstTouch
 from sim.contact.friction import MOST_FRICTION, FrictionState, at_rest, solve_increment
@@ -41,6 +42,20 @@ INCREMENT_MM = 0.05
 _HALVINGS = 6
 _FORCE_TOLERANCE = 1e-10
 _MOST_SECANTS = 40
+
+
+class FrictionJson(Output):
+    """Friction, and the errors of contact and of Coulomb's law."""
+
+    coefficient: Ratio
+    increments: int
+    sticking_share: Ratio
+    """Share of the normal force that sticking points carry."""
+    shear_x_n: float
+    shear_z_n: float
+    normal_residual: Ratio
+    cone_residual: Ratio
+    slip_residual: Ratio
 
 
 def checked_friction(friction: float) -> float:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import Output, Unit
 from sim.contact.patch import PatchNodes, X, Z
-from sim.measures.measures import BY_NAME, MEASURES, measures_in_layers
+from sim.measures.measures import BY_NAME, MEASURES, MeasureName, measures_in_layers
 from sim.measures.receptors import ReceptorSet
 
 if TYPE_CHECKING:
@@ -23,6 +24,33 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+
+class ReceptorsJson(Output):
+    """Measures at receptors, one item each; tension is positive. unit: of each measure."""
+
+    x_mm: list[float]
+    depth_mm: list[float]
+    z_mm: list[float]
+    unit: dict[MeasureName, Unit]
+    e11: list[float]
+    e22: list[float]
+    e33: list[float]
+    e12: list[float]
+    e23: list[float]
+    e13: list[float]
+    ep1: list[float]
+    ep2: list[float]
+    ep3: list[float]
+    s11: list[float]
+    s22: list[float]
+    s33: list[float]
+    sp1: list[float]
+    sp2: list[float]
+    sp3: list[float]
+    mean: list[float]
+    sed: list[float]
+    third: list[float]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import Name, Output, Ratio
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
@@ -27,6 +28,33 @@ REGION_GAP_MM = 0.3
 """Gap in mm above which contact regions are separate."""
 
 FILTER_SPACING_MM = 0.17
+
+
+class LoadingPathJson(Output):
+    """Dependence of the result on the loading path."""
+
+    may_depend: bool
+    spread: Ratio | None
+    others_over_force: list[Ratio]
+
+
+class PressureProfileJson(Output):
+    """Contact pressure in the receptor plane."""
+
+    x_mm: list[float]
+    kpa: list[float]
+
+
+class SolverJson(Output):
+    """Model and solution of its contact."""
+
+    model: Name
+    nodes: int
+    iterations: int
+    kkt_residual: Ratio
+    converged: bool
+    contact_s: float
+    build_s: float
 
 
 def median_of_four(x_mm: Array, pressure: Array) -> Array:

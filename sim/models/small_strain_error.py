@@ -11,10 +11,19 @@ from importlib.resources import files
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+from rig_shared.outputs import Ends, Output
 from sim.models.stiffening import FORCE_ERROR, SED_ERROR
 
 FILE = "small_strain.json"
 _LEAST_REPORTED = 0.01
+
+
+class SmallStrainJson(Output):
+    """Deviation of a linear result from finite strain: smallest and largest; null without a comparison."""
+
+    note_text: str
+    force: Ends | None
+    sed: Ends | None
 
 
 class DeviationRange(NamedTuple):
