@@ -58,8 +58,9 @@ FORMATS = ("name", "shape", "path", "port", "uri", "date-time", "date", "command
 class Output(TypedDict):
     """An object of which every key is listed."""
 
-    # A plain dictionary: a stop and the help do without pydantic, which reads it only for a schema.
-    __pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # type: ignore[misc]  # noqa: RUF012
+
+# A plain dictionary, since a stop and the help do without pydantic; outside of the class, where mypy sees keys alone.
+Output.__pydantic_config__ = {"extra": "forbid", "use_attribute_docstrings": True}  # type: ignore[attr-defined]
 
 
 class Keywords:

@@ -42,6 +42,7 @@ _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 LEVELS = ("coarse", "default", "fine")
 """Mesh levels from cheap to expensive."""
+ElementName = Literal["analytic", "bbar", "full", "incompatible", "quadratic"]
 Level = Annotated[str, listed(LEVELS)]
 
 SHARES = (0.65, 1.0)
@@ -64,7 +65,7 @@ class Candidate:
     mesh: MeshSpec = field(default_factory=MeshSpec)
 
     @property
-    def element(self) -> str:
+    def element(self) -> ElementName:
         """Element of the mesh; "analytic" for a half-space."""
         return "analytic" if self.model == "halfspace" else self.mesh.element
 
@@ -416,7 +417,7 @@ class BenchmarkRowJson(Output):
     """Error and cost of a model. build_s: of the model and its first answer."""
 
     model: ModelName
-    element: Literal["analytic", "bbar", "full", "incompatible", "quadratic"]
+    element: ElementName
     refinement: Name
     nodes: int
     scene: Name
@@ -428,7 +429,7 @@ class BenchmarkRowJson(Output):
     memory_mb: float
 
 
-def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:
+def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[BenchmarkRowJson]:
     """Yield the rows of `rig bench --json`, one for each scene and quantity; errors are relative."""
     for found in measured:
         for scene, answer in found.answers.items():

@@ -85,6 +85,17 @@ def _family(axes: tuple[int, ...], *, sharp: bool) -> str:
 FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (False, True))
 
 
+_EXPECTED: tuple[Literal["force", "width", "sed", "ep1"], ...] = ("force", "width", "sed", "ep1")
+
+
+def _expected(errors: Mapping[str, float]) -> ExpectedErrorsJson:
+    found: ExpectedErrorsJson = {}
+    for name in _EXPECTED:
+        if name in errors:
+            found[name] = errors[name]
+    return found
+
+
 @dataclass(frozen=True)
 class Situation:
     """Shape over a position, and its depth."""
@@ -444,7 +455,7 @@ class Choice:
         config = config.model_copy(update={"mesh": self.mesh})
         return load(self.model, config, slopes=self.axes, **locations.as_options())
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> ChoiceJson:
         """Return the object `choice` of `rig indent --json`.
 
         Returns
@@ -458,10 +469,10 @@ class Choice:
             "promised_error": self.promised,
             "why_text": self.why,
             "tolerance": self.aim.tolerance,
-            "outputs": ["force", "contact", *(["receptors"] if self.aim.receptors else [])],
+            "outputs": ["force", "contact", "receptors"] if self.aim.receptors else ["force", "contact"],
             "mesh": self.mesh.model_dump(mode="json", exclude_defaults=True),
-            "patch_mm": [x, z],
-            "expected_error": dict(self.errors),
+            "patch_mm": (x, z),
+            "expected_error": _expected(self.errors),
             "expected_cost": {
                 "from_nothing_s": self.seconds,
                 "press_s": self.cost.press_s,

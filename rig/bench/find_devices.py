@@ -68,7 +68,7 @@ class PortFound:
             return "no known device answers"
         return f"{self.kind.room} {self.kind.name}: {self.identity}"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PortFoundJson:
         """Return the finding as JSON."""
         return {
             "port": self.port,
@@ -82,8 +82,8 @@ class PortFound:
 
 
 def _does(owner: PortOwner) -> str:
-    does = None if owner.pid is None else activity_of(owner.pid).get("does_text")
-    return f" ({does})" if does else ""
+    activity = None if owner.pid is None else activity_of(owner.pid)
+    return "" if activity is None else f" ({activity['does_text']})"
 
 
 def serial_ports() -> list[str]:

@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,8 +12,8 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
+from rig.session.rehearsal_summary import PossiblePressesJson
 from rig.session.resume import StoppedRun
-from rig_shared.outputs import Output
 from sim.finger_process import Finger
 
 if TYPE_CHECKING:
@@ -38,15 +38,6 @@ CountWithinOption = Annotated[
     ),
 ]
 _MOST_WITHIN_S = 3600.0
-
-
-class PossiblePressesJson(Output):
-    """All presses that an adaptive run may choose."""
-
-    presses: int
-    peak_force_gwt: float
-    peak_pressure_kpa: float
-    soft_trip_n: float
 
 
 def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool) -> "Designed":
@@ -121,7 +112,7 @@ def _checked(
         return choosing, approved(choosing, finger, folder)
 
 
-def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> dict[str, Any]:
+def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> PossiblePressesJson:
     """Return how many presses an adaptive run may choose, their highest force and pressure, and its soft trip."""
     from rig.design.designed import Designed
 

@@ -6,54 +6,41 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, NotRequired
+from typing import Annotated, Any, NamedTuple
 
 import typer
 
-from rig.cli.compare_example import EXAMPLES, PhaseJson, compare_example, write_sidecar
+from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, refuse_options
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.compare.comparison import (
     Comparison,
-    LeftOutOfRecordingJson,
     compare,
     left_out,
     left_out_lines,
-    left_out_rows,
-)
-from rig.compare.comparison_rows import (
-    AnswerJson,
-    ChanceJson,
-    CollinearInGroupJson,
-    ComparisonRowJson,
-    JointFitJson,
-    MeasuresOfGroupJson,
-    PlausibleFingersJson,
-    StimulusJson,
-    answers_as_json,
-    fingers_as_json,
 )
 from rig.compare.comparison_rows import as_json as comparison_as_json
+from rig.compare.comparison_rows import (
+    fingers_as_json,
+)
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
-from rig.compare.place_grid import PlaceJson, PlaceRange, ReceptorLocation, place_lines, places_as_json
+from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
-from rig.compare.profile_shape_test import ShapeTestChanceJson, chance_rows
 from rig.compare.receptor_place import RequestedRanges, common_range, places
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, refuse_unused_options, sha256
 from rig.compare.recordings.recording import Recording
 from rig.compare.spike_clock import (
     ClockShift,
-    ClockShiftJson,
-    RecordingJson,
     clock_shift,
     columns_sentences,
     outcome_of,
     recording_sentences,
     recordings_as_json,
+    shift_as_json,
 )
 from rig.compare.stimuli import StimulusRow, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
@@ -66,37 +53,12 @@ from rig.report.comparison_report import fingers_sections, place_section, write_
 from rig.report.page_parts import Section
 from rig.report.recording_sections import deflection_section, read_deflections, simulated
 from rig.report.spikes_section import spikes_sections
-from rig_shared.outputs import File, Output
 from sim.contact.shapes import with_size
-from sim.measures.measures import MeasureName
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM
 from sim.models.fingertip import Fingertip
 from sim.models.interpolation import HOW_MADE
-from sim.models.small_strain_error import SmallStrainJson
 
 _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Output"
-
-
-class CompareJson(Output):
-    """Runs against recordings; k and ε₀ in the signs in which profiles are shown."""
-
-    stimuli: list[StimulusJson]
-    rows: list[ComparisonRowJson]
-    candidates: list[MeasureName]
-    candidates_by_condition: list[MeasuresOfGroupJson]
-    collinear: list[CollinearInGroupJson]
-    joint: list[JointFitJson]
-    chance: list[ChanceJson]
-    small_strain: SmallStrainJson
-    report: File
-    left_out: list[LeftOutOfRecordingJson]
-    shape_test: list[ShapeTestChanceJson]
-    answers: list[AnswerJson]
-    recordings: NotRequired[list[RecordingJson]]
-    clock_shift: NotRequired[ClockShiftJson | None]
-    places: list[PlaceJson]
-    fingers: NotRequired[PlausibleFingersJson]
-    phases: NotRequired[list[PhaseJson]]
 
 
 def command(
@@ -338,11 +300,11 @@ def command(
             )
         write_sidecar(report, time.perf_counter() - began)
         if as_json:
-            rows = comparison_as_json(comparison, str(report))
-            rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-            rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
-            rows |= recordings_as_json({"": recordings}, shift)
-            print_json(rows | fingers_as_json(comparison))
+            result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
+            result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
+            if (with_fingers := fingers_as_json(comparison)) is not None:
+                result["fingers"] = with_fingers
+            print_json(result)
         else:
             _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
             if comparison.interpolated:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rig.cli.output import busy, out, print_json
 from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
@@ -30,6 +30,7 @@ from rig.compare.spike_clock import (
     columns_sentences,
     recording_sentences,
     recordings_as_json,
+    shift_as_json,
 )
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
@@ -142,14 +143,20 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
     with busy("writing the report …", as_json=as_json):
         write_group_page(report, page)
     if as_json:
-        rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
-        missing = [
-            {"afferent": name, **row}
-            for name, some in found.items()
-            for row in left_out_rows(compare(of.stimuli, some))
-        ]
-        rows |= {"afferents_left_out": list(left_out), "left_out": missing, "report": str(report)}
-        print_json(rows | recordings_as_json(found, shift))
+        result: GroupJson = {
+            "group": group_as_json(group),
+            "afferents": afferents_as_json(verdicts),
+            "afferents_left_out": list(left_out),
+            "left_out": [
+                {"afferent": name, **row}
+                for name, some in found.items()
+                for row in left_out_rows(compare(of.stimuli, some))
+            ],
+            "report": str(report),
+            "recordings": recordings_as_json(found),
+            "clock_shift": shift_as_json(shift),
+        }
+        print_json(result)
         return
     out.print(page.title)
     out.print(f"group       {sentence_of_group(group)}")

@@ -3,7 +3,7 @@
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -221,17 +221,17 @@ _ROWS = 25
 _FINE = 121  # values of a pressure across a plot of the error surface
 
 
-def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, Any]:
+def as_json_object(name: DecoderName, finger: FingertipConfig, found: DecodeResult) -> DecodeJson:
     """Return arrays and numbers for JSON; unknown values are null."""
     seen, profile, errors = found.observation, found.profile, found.errors
     operator, noise = seen.operator, seen.noise
     unit = SED_UNIT if seen.receptor is None else RATE_UNIT
-    band = (
-        None
-        if profile is None
-        else dict(zip(("low_pseudo", "high_pseudo"), (v.tolist() for v in profile.band()), strict=True))
-    )
+    band: PressureBandJson | None = None
+    if profile is not None:
+        low, high = profile.band()
+        band = {"low_pseudo": low.tolist(), "high_pseudo": high.tolist()}
     return {
+        "decoder": name,
         "operator": operator.name,
         "energy": operator.energy,
         "place_mm": operator.place_mm.tolist(),
@@ -240,7 +240,9 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
         "sd_pseudo": None if profile is None else profile.sd.tolist(),
         "band_90": band,
         "true_pseudo": None if seen.true is None else seen.true.tolist(),
-        "errors": None if errors is None else errors._asdict(),
+        "errors": None
+        if errors is None
+        else {"eq_6_8": errors.eq_6_8, "relative_l2": errors.relative_l2, "rmse_over_peak": errors.rmse_over_peak},
         "receptor_mm": operator.receptor_mm.tolist(),
         "reading": seen.reading.tolist(),
         "reading_unit": unit,
@@ -252,7 +254,7 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
             "known_text": None if noise is None else noise.known,
             "left_of_sed_pseudo": found.left_of_sed,
         },
-        "range_pseudo": None if found.bounds is None else list(found.bounds),
+        "range_pseudo": found.bounds,
         "moves": max(0, len(found.path) - 1),
         "converged": found.converged,
         "problems_text": list(found.problems),
@@ -297,12 +299,12 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
         out.print(_table(found))
 
 
-def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
+def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> ShapeEstimateJson | None:
     """Return class and size of the object on a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
     solid = classify_solid(operator.skin, found.pressure)
-    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": list(solid.extent_mm)}
+    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": solid.extent_mm}
 
 
 def _map(operator: SheetOperator, found: DecodeResult) -> Table:
@@ -517,7 +519,7 @@ def decode_command(
             with busy("drawing the figure …", quick=True):
                 draw(found, picture)
         if as_json:
-            print_json({"decoder": name, **as_json_object(finger, found)})
+            print_json(as_json_object(name, finger, found))
         else:
             print_decoded(finger, name, found)
 

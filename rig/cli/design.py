@@ -26,11 +26,7 @@ from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
 from rig.design.design import DEPTHS_MM, DesignRequest, design, finger_of, judged
 from rig.design.design_text import (
-    ConfusionJson,
-    DesignedPressJson,
-    DesignOutcomeJson,
-    NotSeparatedJson,
-    SampleSizeJson,
+    DesignedJson,
     about_the_design,
     headline,
     percent,
@@ -49,7 +45,7 @@ from rig.design.recorded_counts import SessionVerdict
 from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
-from rig_shared.outputs import File, Output, Ratio, Shape
+from rig_shared.outputs import File, Output, Ratio
 from sim.measures.measures import MEASURES
 
 T = TypeVar("T")
@@ -57,31 +53,16 @@ T = TypeVar("T")
 _FIBER, _TIME = "The fiber", "Time"
 
 
-class DesignJson(Output):
-    """A design of presses, its script and its page."""
+class DesignJson(DesignedJson):
+    """A design of presses, its script and its page.
+
+    effective_draws: effective number of draws behind the evidence of the true candidate; nine of ten experiments
+    have more.
+    """
 
     script: File
     report: File
     duration_s: float
-    candidates: list[Candidate]
-    shapes: list[Shape]
-    session_s: float
-    seed: int
-    quick: bool
-    possible_presses: int
-    refused_presses: int
-    fingers: int
-    presses: list[DesignedPressJson]
-    information_bits: float
-    effective_draws: Ratio
-    """Effective number of draws behind the evidence of the true candidate; nine of ten experiments have more."""
-    outcomes: list[DesignOutcomeJson]
-    confusion: ConfusionJson
-    not_separated: list[NotSeparatedJson]
-    separated_from: Ratio
-    dependence: Ratio
-    carried_over: Ratio | None
-    power: list[SampleSizeJson]
     wall_s: float
 
 
@@ -224,8 +205,14 @@ def command(
             replace_text(to, script.text)
             write_design_page(page_file, DesignPage(found, str(to), script.duration_s, rows, words))
         if as_json:
-            files = {"script": str(to), "report": str(page_file), "duration_s": script.duration_s}
-            print_json(files | design_as_json(found, rows) | {"wall_s": time.perf_counter() - began})
+            result: DesignJson = {
+                "script": str(to),
+                "report": str(page_file),
+                "duration_s": script.duration_s,
+                **design_as_json(found, rows),
+                "wall_s": time.perf_counter() - began,
+            }
+            print_json(result)
             return
         kept = percent(*share_and_error(found.outcome.kept))
         lines: dict[str, Any] = {
@@ -246,9 +233,16 @@ def command(
 
 def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
     if as_json:
-        rows = [row._asdict() for row in verdict.candidates]
-        about = {"presses": verdict.presses, "different_presses": verdict.different}
-        print_json({"candidates": rows, **about, "effective_draws": verdict.effective})
+        result: SessionJson = {
+            "candidates": [
+                {"name": one.name, "probability": one.probability, "in_set": one.in_set, "p_fit": one.p_fit}
+                for one in verdict.candidates
+            ],
+            "presses": verdict.presses,
+            "different_presses": verdict.different,
+            "effective_draws": verdict.effective,
+        }
+        print_json(result)
         return
     for line in verdict_lines(verdict):
         out.print(line)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from typing import Any, Literal
+from typing import Literal
 
 from rig.devices import registry
 from rig.devices.measured import DeviceTimes, Spread, measured
@@ -74,7 +74,7 @@ class DeviceCatalogueJson(Output):
     devices: list[CataloguedDeviceJson]
 
 
-def kinds() -> list[dict[str, Any]]:
+def kinds() -> list[DeviceKindJson]:
     """Return the kinds of devices, with the packages that add them."""
     added = registry.third_party()
     return [
@@ -88,15 +88,36 @@ def kinds() -> list[dict[str, Any]]:
     ]
 
 
-def as_json() -> list[dict[str, Any]]:
+def as_json() -> list[CataloguedDeviceJson]:
     """Return the catalogue with its numbers."""
     return [
-        one
-        | {"device_text": device}
-        | {f"{field}_text": text or None for field, text in asdict(evidence).items()}
-        | {"measured": [asdict(row) for row in rows]}
+        {
+            **one,
+            "device_text": device,
+            "manual_text": evidence.manual or None,
+            "client_text": evidence.client or None,
+            "firmware_text": evidence.firmware or None,
+            "hardware_text": evidence.hardware or None,
+            "measured": [_measured(row) for row in rows],
+        }
         for one, device, evidence, rows in _entries()
     ]
+
+
+def _measured(row: DeviceTimes) -> MeasuredJson:
+    return {
+        "wire": row.wire,
+        "samples": row.samples,
+        "rate_hz": row.rate_hz,
+        "age": _spread(row.age),
+        "stops": row.stops,
+        "to_bytes": None if row.to_bytes is None else _spread(row.to_bytes),
+        "to_rest": None if row.to_rest is None else _spread(row.to_rest),
+    }
+
+
+def _spread(of: Spread) -> SpreadJson:
+    return {"median_s": of.median_s, "p99_s": of.p99_s, "worst_s": of.worst_s}
 
 
 def as_markdown() -> str:
@@ -132,7 +153,7 @@ def as_text() -> str:
     return "".join(f"{line}\n" for line in lines) + _NOTES
 
 
-Entry = tuple[dict[str, Any], str, Evidence, Sequence[DeviceTimes]]
+Entry = tuple[DeviceKindJson, str, Evidence, Sequence[DeviceTimes]]
 
 
 def _entries() -> Iterator[Entry]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired
+from typing import Annotated, Literal, NotRequired
 
 import numpy as np
 import typer
@@ -62,16 +62,21 @@ class MeshQualityJson(Output):
     largest_aspect_ratio_at_mm: list[float]
 
 
-class FingerJson(Output):
-    """Finger of a configuration."""
+class MeshJson(Output):
+    """Mesh of a finger."""
 
-    skin: SkinJson
-    apex: ApexJson
     layers: list[LayerJson]
     nodes: int
     elements: int
     patch_nodes: int
     receptor_plane_mm: float
+
+
+class FingerJson(MeshJson):
+    """Finger of a configuration."""
+
+    skin: SkinJson
+    apex: ApexJson
     quality: MeshQualityJson
 
 
@@ -93,7 +98,7 @@ def finger_command(
         if vtk is not None:
             with busy("writing the mesh …", quick=True):
                 write_vtk(vtk, mesh, quality)
-        found = {
+        found: FingerJson = {
             "skin": _skin(surface),
             "apex": _apex(surface),
             **_mesh(settings, mesh),
@@ -107,7 +112,7 @@ def finger_command(
             complain(doubt)
 
 
-def _skin(surface: FingertipSurface) -> dict[str, Any]:
+def _skin(surface: FingertipSurface) -> SkinJson:
     geometry, points = surface.geometry, surface.points_mm
     if not len(points):
         return {"source": "sections", "count": len(geometry.sections), "residual_rms_mm": 0.0, "residual_max_mm": 0.0}
@@ -121,7 +126,7 @@ def _skin(surface: FingertipSurface) -> dict[str, Any]:
     }
 
 
-def _apex(surface: FingertipSurface) -> dict[str, Any]:
+def _apex(surface: FingertipSurface) -> ApexJson:
     apex = surface.apex
     radius = apex.axial_radius_mm
     return {
@@ -131,7 +136,7 @@ def _apex(surface: FingertipSurface) -> dict[str, Any]:
     }
 
 
-def _mesh(config: FingertipConfig, mesh: FingerMesh) -> dict[str, Any]:
+def _mesh(config: FingertipConfig, mesh: FingerMesh) -> MeshJson:
     column = mesh.column_at(np.pi / 2, config.receptor_plane_mm)
     layer = mesh.layer.reshape(mesh.element_grid.shape)[0, 0]
     thickness = np.bincount(layer, np.linalg.norm(np.diff(column, axis=0), axis=1), len(LAYERS))
@@ -149,7 +154,7 @@ def _mesh(config: FingertipConfig, mesh: FingerMesh) -> dict[str, Any]:
     }
 
 
-def _quality(quality: MeshQuality) -> dict[str, Any]:
+def _quality(quality: MeshQuality) -> MeshQualityJson:
     flattest, longest = int(np.argmin(quality.scaled_jacobian)), int(np.argmax(quality.aspect_ratio))
     return {
         "folded": 0,
@@ -161,7 +166,7 @@ def _quality(quality: MeshQuality) -> dict[str, Any]:
     }
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: FingerJson) -> None:
     skin, apex, quality = found["skin"], found["apex"], found["quality"]
     out.print(f"skin     {skin['count']} {skin['source']}")
     if "worst_point_mm" in skin:
@@ -182,8 +187,15 @@ def _print(found: dict[str, Any]) -> None:
             f"E ratio {layer['e_ratio']:g}"
         )
     out.print(f"mesh     {found['nodes']} nodes, {found['elements']} elements, {found['patch_nodes']} patch nodes")
-    for name, key in (("scaled Jacobian", "smallest_scaled_jacobian"), ("aspect ratio", "largest_aspect_ratio")):
-        out.print(f"  {name:<16}{key.split('_')[0]} {quality[key]:.2f} at {_place(quality[key + '_at_mm'])}")
+    for name, value, at_mm in (
+        (
+            "scaled Jacobian",
+            f"smallest {quality['smallest_scaled_jacobian']:.2f}",
+            quality["smallest_scaled_jacobian_at_mm"],
+        ),
+        ("aspect ratio", f"largest {quality['largest_aspect_ratio']:.2f}", quality["largest_aspect_ratio_at_mm"]),
+    ):
+        out.print(f"  {name:<16}{value} at {_place(at_mm)}")
     out.print("  folded          none")
 
 
@@ -192,7 +204,7 @@ def _place(position_mm: list[float]) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
-def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
+def _doubts(found: FingerJson, config: FingertipConfig) -> Iterator[str]:
     """Yield warnings, which are no errors but worth a check."""
     skin, quality, spacing = found["skin"], found["quality"], config.mesh.spacing_mm
     if skin["residual_max_mm"] > spacing:

@@ -24,7 +24,7 @@ from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err,
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.run import prompt_for
-from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
+from rig.cli.script_execution import AtTheTerminal, RunOwner, code_of_end, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
@@ -45,7 +45,7 @@ from rig.identify.adaptive_presses import (
 )
 from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.frame import FingerFrameJson, find
+from rig.identify.frame import FingerFrameJson, find, frame_as_json
 from rig.identify.identification_script import IdentificationScript, as_script
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
@@ -297,10 +297,10 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
     return lines | {"duration_s": round(done.duration_s, 1)}
 
 
-def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dict[str, Any]:
+def _as_json(done: FinishedRun, identification: Identification, to: Path) -> IdentificationJson:
     """Return the same results as JSON; without a press there is neither a finger file nor a number."""
     flag = identification.flag
-    return {
+    found: IdentificationJson = {
         "run": str(done.folder.path),
         "finger": str(to) if identification.measured else None,
         "presses": len(identification.measured),
@@ -309,16 +309,30 @@ def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dic
         "parameters": _parameters(identification) if identification.measured else [],
         "predicted": _predicted(identification) if identification.measured else [],
         "problems_text": identification.not_learned if identification.measured else [],
-        **({} if flag is None else {"code": flag}),
-        **failure(done),
     }
+    if flag is not None:
+        found["code"] = flag
+    if done.ending is not None:
+        found["code"], found["ending"] = code_of_end(done), done.ending.as_json()
+    return found
 
 
-def _parameters(identification: Identification) -> list[dict[str, Any]]:
-    return [{**vars(one), "unit": unit_of_key(one.name) or "1"} for one in parameter_bands(identification.learned)]
+def _parameters(identification: Identification) -> list[IdentifiedParameterJson]:
+    return [
+        {
+            "name": one.name,
+            "unit": unit_of_key(one.name) or "1",
+            "estimate": one.estimate,
+            "mean": one.mean,
+            "sd": one.sd,
+            "low": one.low,
+            "high": one.high,
+        }
+        for one in parameter_bands(identification.learned)
+    ]
 
 
-def _predicted(identification: Identification) -> list[dict[str, Any]]:
+def _predicted(identification: Identification) -> list[PredictedForceJson]:
     return [
         {
             "shape": goal.indentor,
@@ -551,8 +565,15 @@ def find_command(
         with busy("fitting the pad to the touches …", quick=True):
             lie = find(recorded, settings, finger)
         if as_json:
-            found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
-            print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})
+            found: FindJson = {
+                "value": frame_as_json(lie.value),
+                "sd": frame_as_json(lie.sd),
+                "correlation": lie.correlation.tolist(),
+                "residual_mm": lie.residual_mm,
+                "touches": lie.touches,
+                "toml": lie.as_toml(),
+            }
+            print_json(found)
         else:
             out.print(
                 f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, NotRequired, get_args
+from typing import Annotated, Literal, NotRequired, get_args
 
 import numpy as np
 import typer
@@ -12,7 +12,13 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.compare.recordings.deflection import SkinDeflection, compared_deflection, in_words, read_skin_deflection
+from rig.compare.recordings.deflection import (
+    DeflectionJson,
+    SkinDeflection,
+    compared_deflection,
+    in_words,
+    read_skin_deflection,
+)
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Code, Output, Range
@@ -26,10 +32,17 @@ from sim.contact.shapes import EXPECTED, parse_shape, with_size
 from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, ReceptorPlaces
 from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
-from sim.models.friction import FrictionJson, FrictionResult
+from sim.models.friction import FrictionResult
 from sim.models.halfspace import modulus_of
 from sim.models.pictures import ModelOutline, ReceptorsJson
-from sim.models.result import IndentationResult, LoadingPathJson, PointLoadResult, PressureProfileJson, SolverJson
+from sim.models.result import (
+    FrictionJson,
+    IndentationResult,
+    LoadingPathJson,
+    PointLoadResult,
+    PressureProfileJson,
+    SolvedJson,
+)
 from sim.models.small_strain_error import SmallStrainJson
 from sim.units import GWT_N
 
@@ -39,17 +52,10 @@ TOLERANCE, QUANTITY = "2%", "force"
 _LONGEST_MM = 50.0
 
 
-class DeflectionJson(Output):
-    """Measured skin deflection beside the model's."""
+class SolverJson(SolvedJson):
+    """Model, its build time, and the solution of its contact."""
 
-    points: int
-    beside_the_patch: int
-    mean_mm: float | None
-    rms_mm: float | None
-    x_mm: list[float]
-    z_mm: list[float]
-    measured_mm: list[float]
-    model_mm: list[float | None]
+    build_s: float
 
 
 class IndentJson(Output):
@@ -123,15 +129,33 @@ class Chosen:
         whole = force_n * self.length_mm
         return f"{force_n:.5f} N/mm, over {self.length_mm:g} mm {whole:.5f} N = {whole / GWT_N:.4f} gwt"
 
-    def described(self, answer: dict[str, Any]) -> dict[str, Any]:
+    def described(self, result: IndentationResult | PointLoadResult, build_s: float) -> IndentJson:
         """Return the JSON of an indentation and its choice of model; a section's force is null without a length."""
-        asked_for = {"level": None, "promised_error": None, "why_text": self.why}
-        answer["choice"] = asked_for if self.choice is None else self.choice.as_json()
-        if self.model == "section":
-            answer["force_n_per_mm"], answer["effective_length_mm"] = answer["force_n"], self.length_mm
-            for key in ("force_n", "force_gwt"):
-                answer[key] = None if self.length_mm is None else answer[key] * self.length_mm
-        return answer
+        press, whole = result.as_json(), self.model != "section"
+        named: ChoiceJson = {"level": None, "promised_error": None, "why_text": self.why}
+        found: IndentJson = {
+            "force_n": press["force_n"] if whole else self._over_length(press["force_n"]),
+            "force_gwt": press["force_gwt"] if whole else self._over_length(press["force_gwt"]),
+            "doi_mm": press["doi_mm"],
+            "peak_pressure_kpa": press["peak_pressure_kpa"],
+            "contact_regions_mm": press["contact_regions_mm"],
+            "pressure": press["pressure"],
+            "receptors": press["receptors"],
+            "solver": {**press["solver"], "build_s": build_s},
+            "choice": named if self.choice is None else self.choice.as_json(),
+        }
+        if not whole:
+            found["force_n_per_mm"], found["effective_length_mm"] = press["force_n"], self.length_mm
+        if "small_strain" in press:
+            found["small_strain"] = press["small_strain"]
+        if "path" in press:
+            found["path"] = press["path"]
+        if "friction" in press:
+            found["friction"] = press["friction"]
+        return found
+
+    def _over_length(self, force: float) -> float | None:
+        return None if self.length_mm is None else force * self.length_mm
 
 
 @dataclass(frozen=True)
@@ -398,11 +422,12 @@ def indent_command(
                 _draw(result, picture)
         beside = None if measured is None else compared_deflection(result, measured)
         if as_json:
-            answer = chosen.described(result.as_json())
-            answer["solver"]["build_s"] = finger.build_s
+            answer = chosen.described(result, finger.build_s)
             if not result.state.converged:
                 answer["code"] = "not_converged"
-            print_json(answer if beside is None else answer | {"deflection": beside})
+            if beside is not None:
+                answer["deflection"] = beside
+            print_json(answer)
         else:
             _print(result, chosen, finger.build_s)
             if beside is not None:
@@ -474,9 +499,7 @@ def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
 
 def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
     if as_json:
-        answer = chosen.described(result.as_json())
-        answer["solver"]["build_s"] = build_s
-        print_json(answer)
+        print_json(chosen.described(result, build_s))
         return
     if chosen.model == "section":
         out.print(f"line load of {chosen.force_text(result.force_n)} at x = {result.x_mm:g} mm of the section")

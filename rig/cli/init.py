@@ -171,12 +171,11 @@ def init_command(
         write_new(to, _file(config, draft), replace=force)
         following = shlex.join(["rig", "doctor", "--config", str(to)])
         if as_json:
-            devices = {room: draft.tables[room] | {"identity": draft.identities.get(room)} for room in WORDS}
-            print_json({
+            written: InitJson = {
                 "config": str(to), "ports": [one.as_json() for one in found],
-                **{room: {key: one[key] for key in ("kind", "port", "identity")} for room, one in devices.items()},
-                "next": following,
-            })  # fmt: skip
+                "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
+            }  # fmt: skip
+            print_json(written)
             return
         out.print(f"wrote {to}")
         out.print(f"next: {following}")
@@ -247,6 +246,11 @@ class _Draft:
     def config(self) -> Config:
         """Return the configuration."""
         return Config.model_validate(self.tables)
+
+    def device(self, room: Room) -> DeviceWrittenJson:
+        """Return the device of the stage or the force sensor."""
+        table = self.tables[room]
+        return {"kind": table["kind"], "port": table["port"], "identity": self.identities.get(room)}
 
     @property
     def places(self) -> set[str]:

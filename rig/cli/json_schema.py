@@ -16,7 +16,7 @@ OUTPUTS = {
     "design": "rig.cli.design:DesignJson rig.cli.design:SessionJson",
     "resume": "rig.cli.script_execution:FinishedRunJson",
     "nerve": "rig.cli.nerve:NerveJson",
-    "compare": "rig.cli.compare:CompareJson rig.cli.compare_group:GroupJson",
+    "compare": "rig.compare.comparison_rows:CompareJson rig.cli.compare_group:GroupJson",
     "runs": "rig.cli.runs:RunsJson",
     "show": "rig.cli.runs:ShowJson rig.cli.runs:ColumnsJson",
     "watch": "rig.cli.watch:WatchJson",

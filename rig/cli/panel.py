@@ -65,7 +65,8 @@ def panel_command(
             )
         panel = _panel(config, out_dir, port)
         if as_json:
-            print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})
+            found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
+            print_json(found)
         else:
             out.print(panel.url)
             err.print("press Ctrl-C to close the panel; a running protocol continues")

@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NotRequired
+from typing import Annotated, NotRequired, cast
 
 import typer
 
@@ -158,7 +158,7 @@ def serve_command(
         with bench:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
-            print_json(bench.ports | bench.pages)
+            print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
             if sys.stderr.isatty():
                 err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
@@ -211,15 +211,16 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
         identified = None if beside is None else read_finger_file(beside).identified
         found = [_with_band(name, value, identified) for name, value in truth.items()]
         if as_json:
-            print_json({"parameters": found})
+            truths: RandomFingerJson = {"parameters": found}
+            print_json(truths)
             return
         for one in found:
             out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
-def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
+def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> TrueParameterJson:
     """Return a parameter without its logarithm, and its band in the finger file."""
-    found: dict[str, Any] = {
+    found: TrueParameterJson = {
         "name": named(name),
         "unit": unit_of_key(named(name)) or "1",
         "truth": plain(name, value),
@@ -227,10 +228,11 @@ def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> 
     if identified is None or name not in identified.posterior.names:
         return found
     low, high = identified.posterior.band(name, identified.band.coverage)
-    return {**found, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
+    found["low"], found["high"], found["inside"] = plain(name, low), plain(name, high), low <= value <= high
+    return found
 
 
-def _band(one: dict[str, Any]) -> str:
+def _band(one: TrueParameterJson) -> str:
     if "low" not in one:
         return ""
     return f"  identified {one['low']:.3g} … {one['high']:.3g}{'' if one['inside'] else '  !'}"

@@ -76,10 +76,12 @@ def command(
         small = _small_strain(cases, answers)
         seconds = time.perf_counter() - began
         if as_json:
-            print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
-                        "small_strain_text": small, "interpolated": between,
-                        "interpolation_text": HOW_MADE if between else None,
-                        "wall_s": seconds})  # fmt: skip
+            found: StudyJson = {
+                "table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
+                "small_strain_text": small, "interpolated": between,
+                "interpolation_text": HOW_MADE if between else None, "wall_s": seconds,
+            }  # fmt: skip
+            print_json(found)
         else:
             out.print(
                 f"{number_of(len(cases), 'cases')}, {number_of(len(rows), 'rows')}, {problems} without a result, "

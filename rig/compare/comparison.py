@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -331,12 +331,12 @@ def covered_receptors(overlay: Overlay) -> list[float]:
     return _rounded(np.array([0.5 * (low + high)])) if low <= high else []
 
 
-def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
+def left_out_rows(comparison: Comparison) -> list[LeftOutOfRecordingJson]:
     """Return the uncovered positions of each recording at each receptor, for `--json`."""
     return [_row(overlay, comparison.wider.get(overlay.stimulus)) for overlay in comparison.overlays]
 
 
-def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
+def _row(overlay: Overlay, wider: "WiderRun | None") -> LeftOutOfRecordingJson:
     missing = left_out(overlay)
     ends = range_needed(overlay) if wider is None else (wider.to_mm, wider.from_mm)
     return {
@@ -349,7 +349,7 @@ def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
             for x, gone in zip(overlay.stimulus.receptor_mm, missing.T, strict=True)
             if gone.any()
         ],
-        "range_needed_mm": [round(x, _DECIMALS) for x in ends],
+        "range_needed_mm": (round(ends[0], _DECIMALS), round(ends[1], _DECIMALS)),
         "covered_receptor_x_mm": covered_receptors(overlay),
         "command": wider.command if wider else "",
         "covered_by_command": wider.measured if wider else len(missing) - int(missing.any(axis=1).sum()),

@@ -1,7 +1,6 @@
 """A verdict on several afferents in words, and as JSON."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 from rig.compare.comparison_rows import AnswerJson, answers_as_json, measure_unit
 from rig.compare.group import FEWEST, GroupOutcome, GroupRow, GroupVerdict
@@ -137,7 +136,7 @@ def is_synthetic(names: Sequence[str]) -> bool:
     return any(SYNTHETIC in name.casefold() for name in names)
 
 
-def group_as_json(verdict: GroupVerdict | None) -> dict[str, Any] | None:
+def group_as_json(verdict: GroupVerdict | None) -> GroupVerdictJson | None:
     """Return the verdict on the group for `--json`."""
     if verdict is None:
         return None
@@ -153,7 +152,7 @@ def group_as_json(verdict: GroupVerdict | None) -> dict[str, Any] | None:
     }
 
 
-def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
+def _row(row: GroupRow, afferents: Sequence[str]) -> GroupRowJson:
     of = row.population
     return {
         "candidate": row.name,
@@ -165,10 +164,10 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
         "wins": row.wins,
         "kept": row.kept,
         "gain": six_digits(of.gain),
-        "gain_interval": [six_digits(end) for end in of.gain_limits],
+        "gain_interval": _interval(of.gain_limits),
         "gain_factor": six_digits(of.gain_factor),
         "threshold": six_digits(of.threshold),
-        "threshold_interval": [six_digits(end) for end in of.threshold_limits],
+        "threshold_interval": _interval(of.threshold_limits),
         "threshold_sd": six_digits(of.threshold_sd),
         "by_afferent": [
             {"afferent": name, "worse_by": six_digits(float(value))}
@@ -177,7 +176,12 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[dict[str, Any]]:
+def _interval(ends: tuple[float, float]) -> Interval:
+    low, high = ends
+    return six_digits(low), six_digits(high)
+
+
+def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[AfferentAnswerJson]:
     """Return the verdict on each afferent alone for `--json`."""
     return [{"afferent": name, "answer": answers_as_json([one])[0]} for name, one in verdicts.items()]
 

@@ -9,7 +9,7 @@ Profiles are in the signs of `shown` and at the positions of the schedule, in an
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -169,9 +169,9 @@ def passed_by_chance(
     return None if flags is None else float(flags.mean())
 
 
-def chance_rows(stimuli: Sequence[StimulusRow]) -> list[dict[str, Any]]:
+def chance_rows(stimuli: Sequence[StimulusRow]) -> list[ShapeTestChanceJson]:
     """Return, for each stimulus with a shape test, the share of equally smooth random profiles that pass."""
-    rows = []
+    rows: list[ShapeTestChanceJson] = []
     for stimulus in stimuli:
         if shape_flags(stimulus.indentor, stimulus.x_mm, stimulus.x_mm) is None:
             continue

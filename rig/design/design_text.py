@@ -1,10 +1,10 @@
 """A design in words, for the terminal and the page, and as JSON."""
 
 import math
-from typing import Any, Literal
+from typing import Literal
 
 from rig.compare.verdict import Candidate
-from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
+from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, DesignName, share_and_error
 from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
 from rig.design.recorded_counts import FITS, SessionVerdict
@@ -36,7 +36,7 @@ class DesignOutcomeJson(Output):
     An experiment fails if the truth is not in the 95 % set, or more than two candidates are.
     """
 
-    design: Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
+    design: DesignName
     session_s: float
     presses: int
     experiments: int
@@ -75,6 +75,29 @@ class SampleSizeJson(Output):
     few_error: Ratio
     one: Ratio
     one_error: Ratio
+
+
+class DesignedJson(Output):
+    """A design of presses."""
+
+    candidates: list[Candidate]
+    shapes: list[Shape]
+    session_s: float
+    seed: int
+    quick: bool
+    possible_presses: int
+    refused_presses: int
+    fingers: int
+    presses: list[DesignedPressJson]
+    information_bits: float
+    effective_draws: Ratio
+    outcomes: list[DesignOutcomeJson]
+    confusion: ConfusionJson
+    not_separated: list[NotSeparatedJson]
+    separated_from: Ratio
+    dependence: Ratio
+    carried_over: Ratio | None
+    power: list[SampleSizeJson]
 
 
 def headline(found: Design) -> str:
@@ -165,7 +188,7 @@ def history_line(found: Design) -> str:
     )
 
 
-def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
+def as_json(found: Design, rows: list[PowerRow]) -> DesignedJson:
     """Return the design as JSON, without the names of files."""
     request = found.request
     outcome = found.outcome
@@ -179,7 +202,13 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
         "refused_presses": found.possible - len(found.table.presses),
         "fingers": found.fingers,
         "presses": [
-            {"shape": p.shape, "x_mm": p.x_mm, "target": p.kind, "value": p.target, "unit": p.kind.rpartition("_")[2]}
+            {
+                "shape": p.shape,
+                "x_mm": p.x_mm,
+                "target": p.kind,
+                "value": p.target,
+                "unit": "mm" if p.kind == "doi_mm" else "gwt",
+            }
             for p in found.presses
         ],
         "information_bits": outcome.bits,
@@ -198,12 +227,20 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
     }
 
 
-def _power(row: PowerRow) -> dict[str, Any]:
-    found = row._asdict()
-    return {"session_s": 60 * found.pop("minutes"), **found}
+def _power(row: PowerRow) -> SampleSizeJson:
+    return {
+        "session_s": 60 * row.minutes,
+        "presses": row.presses,
+        "repeats": row.repeats,
+        "fibers": row.fibers,
+        "few": row.few,
+        "few_error": row.few_error,
+        "one": row.one,
+        "one_error": row.one_error,
+    }
 
 
-def _outcome(one: Confusion) -> dict[str, Any]:
+def _outcome(one: Confusion) -> DesignOutcomeJson:
     failed, failed_error = share_and_error(one.failed)
     kept, kept_error = share_and_error(one.kept)
     right, right_error = share_and_error(one.right)

@@ -8,7 +8,7 @@ the state is that of its time, and unknown since.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, get_args
+from typing import get_args
 
 from rig.devices.base import StageStatus
 from rig.engine.limits import AT_MM
@@ -125,8 +125,8 @@ class KnownContact:
             return f"{x}, height unknown"
         return f"{x}, {abs(self.height_mm):.2f} mm {'above' if self.height_mm >= 0 else 'below'} the nominal apex"
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the fields that commands print as JSON."""
+    def as_json(self) -> ContactJson:
+        """Return the state as commands print it."""
         return {
             "contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt,
             "measured_unix_s": self.unix_s or None, "where_text": self.words, "to_do_text": self.to_do,

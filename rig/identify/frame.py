@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NotRequired
+from typing import Literal, NotRequired
 
 import numpy as np
 import tomlkit
@@ -33,6 +33,7 @@ class FingerFrameJson(Output):
 
     pad_centre_x_mm: float
     apex_z_mm: float
+    pad_y_mm: NotRequired[float]
     roll_deg: NotRequired[float]
     tilt_deg: NotRequired[float]
 
@@ -56,6 +57,19 @@ class FittedFrame:
         for name, value in self.value.items():
             frame.add(name, tomlkit.value(f"{value:.4f}").comment(f"± {2 * self.sd[name]:.4f} (95 %)"))
         return tomlkit.dumps({"frame": frame})
+
+
+_FREE: tuple[Literal["pad_y_mm", "roll_deg", "tilt_deg"], ...] = ("pad_y_mm", "roll_deg", "tilt_deg")
+"""Keys that touches may leave undetermined."""
+
+
+def frame_as_json(frame: Mapping[str, float]) -> FingerFrameJson:
+    """Return the fitted keys of a frame, or their standard deviations, as commands print them."""
+    found: FingerFrameJson = {"pad_centre_x_mm": frame["pad_centre_x_mm"], "apex_z_mm": frame["apex_z_mm"]}
+    for name in _FREE:
+        if name in frame:
+            found[name] = frame[name]
+    return found
 
 
 class _Skin:

@@ -5,12 +5,11 @@ Terminal, report and JSON use the same sentences.
 
 import math
 import shlex
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from rig.data import Run
-from rig.data.ending import Left
+from rig.data.ending import EndingJson, IndentorAtEndJson, Left
 from rig.data.folder import allowed, free_space, how_to_write
 from rig.data.tables import ENDED_EARLY
 from rig.engine import Engine, LimitError, RecordError, RunAborted, ScriptError, TripError
@@ -96,6 +95,14 @@ class FinalPosition:
         """First step for the operator about the indentor, or None."""
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
+    def as_json(self) -> IndentorAtEndJson:
+        """Return the position as commands print it."""
+        return {
+            "left": self.left, "x_mm": self.x_mm, "height_mm": self.height_mm, "trusted": self.trusted,
+            "may_touch": self.may_touch, "contact": self.contact, "force_gwt": self.force_gwt,
+            "measured_unix_s": self.measured_unix_s, "aged": self.aged,
+        }  # fmt: skip
+
     @property
     def _found(self) -> KnownContact:
         kind = self.contact
@@ -139,9 +146,9 @@ class Ending:
         found = {"where": self.at.words, "next": self.next, "resume": self.resume}
         return {about: words for about, words in found.items() if words is not None}
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the fields that commands print as JSON."""
-        return {"reason_text": self.reason, "indentor": asdict(self.at), "where_text": self.at.words,
+    def as_json(self) -> EndingJson:
+        """Return the ending as commands print it."""
+        return {"reason_text": self.reason, "indentor": self.at.as_json(), "where_text": self.at.words,
                 "next_text": self.next, "resume": self.resume}  # fmt: skip
 
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_shared.outputs import Output, Ratio
 from sim.config import FingertipConfig
 from sim.contact.first_contact import FirstTouch
 from sim.contact.friction import MOST_FRICTION, FrictionState, at_rest, solve_increment
@@ -25,7 +24,7 @@ from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_numbers
 from sim.models.condensed import CondensedModel, meshed_for
 from sim.models.pressing import PlacedIndentor, RimError
-from sim.models.result import IndentationResult
+from sim.models.result import IndentationResult, PressJson
 from sim.models.sources import HalfWidths, Recipe, half_widths, larger
 from sim.units import PSEUDO_E_EPIDERMIS
 
@@ -42,20 +41,6 @@ INCREMENT_MM = 0.05
 _HALVINGS = 6
 _FORCE_TOLERANCE = 1e-10
 _MOST_SECANTS = 40
-
-
-class FrictionJson(Output):
-    """Friction, and the errors of contact and of Coulomb's law."""
-
-    coefficient: Ratio
-    increments: int
-    sticking_share: Ratio
-    """Share of the normal force that sticking points carry."""
-    shear_x_n: float
-    shear_z_n: float
-    normal_residual: Ratio
-    cone_residual: Ratio
-    slip_residual: Ratio
 
 
 def checked_friction(friction: float) -> float:
@@ -141,21 +126,20 @@ class FrictionResult(IndentationResult):
         p, _ = state.split
         return float(p[~state.slipping].sum() / p.sum()) if p.sum() > 0 else 1.0
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PressJson:
         """Return the JSON object of `rig indent --json`, without the build time of the model."""
-        errors, shear = self._friction_state.errors, self.shear_force_n
-        return super().as_json() | {
-            "friction": {
-                "coefficient": self.friction,
-                "increments": self.increments,
-                "sticking_share": self.sticking_share,
-                "shear_x_n": shear[0],
-                "shear_z_n": shear[1] if len(shear) > 1 else 0.0,
-                "normal_residual": errors.normal,
-                "cone_residual": errors.cone,
-                "slip_residual": errors.slip,
-            }
+        errors, shear, found = self._friction_state.errors, self.shear_force_n, super().as_json()
+        found["friction"] = {
+            "coefficient": self.friction,
+            "increments": self.increments,
+            "sticking_share": self.sticking_share,
+            "shear_x_n": shear[0],
+            "shear_z_n": shear[1] if len(shear) > 1 else 0.0,
+            "normal_residual": errors.normal,
+            "cone_residual": errors.cone,
+            "slip_residual": errors.slip,
         }
+        return found
 
 
 class PathOptions(NamedTuple):
