@@ -56,7 +56,7 @@ FORMATS = ("name", "shape", "path", "port", "uri", "date-time", "date", "command
 
 
 class Output(TypedDict):
-    """An object of which every key is listed."""
+    """An object of which every key is listed. A text below a key is not inherited: say such things of the class."""
 
 
 # A plain dictionary, since a stop and the help do without pydantic; outside of the class, where mypy sees keys alone.

@@ -25,7 +25,6 @@ from sim.models.interpolation import HOW_MADE
 from sim.models.small_strain_error import SmallStrainJson
 
 Array = NDArray[np.float64]
-Row = dict[str, Any]
 
 
 class StimulusJson(Output):
@@ -213,7 +212,7 @@ class PowerJson(Output):
 
 
 class IntervalJson(Output):
-    """Interval of k and ε₀ over the receptors of the set."""
+    """Limits of k and ε₀ over the receptors of the set."""
 
     measure: MeasureName
     unit: Unit
