@@ -57,7 +57,7 @@ def compare_example(report: Path, *, as_json: bool) -> None:
         )
     write_sidecar(report, time.perf_counter() - began)
     if as_json:
-        result = comparison_as_json(comparison, str(report), static, [])
+        result = comparison_as_json(comparison, str(report), static)
         result["left_out"], result["phases"] = [], phases_as_json(verdicts)
         print_json(result)
         return

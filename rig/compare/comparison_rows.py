@@ -319,7 +319,10 @@ class CompareJson(Output):
 
 
 def as_json(
-    comparison: Comparison, report: str, verdicts: Sequence[AfferentVerdict], places: list[PlaceJson]
+    comparison: Comparison,
+    report: str,
+    verdicts: Sequence[AfferentVerdict] = (),
+    places: Sequence[PlaceJson] = (),
 ) -> CompareJson:
     """Return the JSON of `rig compare --json`; k and ε₀ are in the signs in which profiles are shown."""
     return {
@@ -337,7 +340,7 @@ def as_json(
         "left_out": left_out_rows(comparison),
         "shape_test": chance_rows(comparison.stimuli),
         "answers": answers_as_json(verdicts),
-        "places": places,
+        "places": list(places),
     }
 
 
