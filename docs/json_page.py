@@ -5,15 +5,17 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rig.cli.json_schemas import OUTPUTS, SUFFIXES, schema_of
+from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.cli.program import COMMANDS
+from rig_shared.outputs import SUFFIXES
 
 HERE = Path(__file__).parent
 _HEAD = """\
 # JSON
 
 A command with `--json` prints exactly one JSON object on standard output, and everything else on standard error. Each
-command has a [JSON schema](https://json-schema.org) (2020-12) that lists every key of every object.
+command has a [JSON schema](https://json-schema.org) (2020-12) that lists every key of every object; `rig COMMAND
+--json-schema` prints it.
 
 - Numbers are numbers. A quantity has its unit at the end of its key, e.g. `force_gwt`, or beside it in `unit` where a
   row mixes quantities. Counts and ratios have no unit; in the schema, `"unit": "1"` marks ratios.
@@ -51,12 +53,12 @@ def write_schemas(folder: Path) -> None:
     """Write a file with the schema of each command."""
     folder.mkdir(exist_ok=True)
     for name in OUTPUTS:
-        text = json.dumps(schema_of(name), indent=1, ensure_ascii=False)
+        text = json.dumps(schema_of_command(name), indent=1, ensure_ascii=False)
         (folder / f"{name}.json").write_text(f"{text}\n", encoding="utf-8")
 
 
 def _command(name: str) -> Iterator[str]:
-    schema = schema_of(name)
+    schema = schema_of_command(name)
     named, example = schema["$defs"], (HERE / "json_examples" / f"{name}.json").read_text(encoding="utf-8")
     yield f"\n## `rig {name} --json`\n\n{COMMANDS[name].line} {{download}}`Schema <json_schemas/{name}.json>`\n"
     yield f"\n```json\n{example}```\n"

@@ -56,6 +56,9 @@ def as_fine(data: Mapping[str, Any]) -> dict[str, Any]:
 Phase = Literal["clearance", "rest", "moving", "approach", "back off", "touch", "press", "ramp", "hold", "compliance"]
 """Activity during which the force was read."""
 
+ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
+"""State of contact between indentor and finger; rig/engine/contact.py says what each one means."""
+
 Purpose = Literal["data", "precondition", "reference", "find"]
 
 

@@ -13,13 +13,14 @@ from dataclasses import asdict, dataclass, field
 from functools import cache, partial
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 from threadpoolctl import threadpool_limits
 
+from rig_shared.outputs import Name, Output, Ratio, listed
 from sim.config import Contact, FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, Prismatic
 from sim.fem.dissection import DissectionFactor
@@ -41,6 +42,8 @@ _ROWS = {1: 3, 2: 5, 3: 7, 4: 9, 5: 9, 8: 9}
 
 LEVELS = ("coarse", "default", "fine")
 """Mesh levels from cheap to expensive."""
+ElementName = Literal["analytic", "bbar", "full", "incompatible", "quadratic"]
+Level = Annotated[str, listed(LEVELS)]
 
 SHARES = (0.65, 1.0)
 """Fractions of the default patch's half-widths; few of them, so that scenes share models."""
@@ -62,7 +65,7 @@ class Candidate:
     mesh: MeshSpec = field(default_factory=MeshSpec)
 
     @property
-    def element(self) -> str:
+    def element(self) -> ElementName:
         """Element of the mesh; "analytic" for a half-space."""
         return "analytic" if self.model == "halfspace" else self.mesh.element
 
@@ -167,6 +170,7 @@ QUICK_SCENES = tuple(scene for scene in SCENES if scene.x_mm in (0.0, -1.63))
 Array = NDArray[np.float64]
 
 QUANTITIES = ("force", "width", "sed", "ep1")
+Quantity = Annotated[str, listed(QUANTITIES)]
 _FEW = 5  # repetitions of the Cholesky timing, of which the fastest counts
 
 
@@ -409,7 +413,23 @@ WHOLE = (
 )
 
 
-def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[dict[str, Any]]:
+class BenchmarkRowJson(Output):
+    """Error and cost of a model. build_s: of the model and its first answer."""
+
+    model: ModelName
+    element: ElementName
+    refinement: Name
+    nodes: int
+    scene: Name
+    family: Annotated[str, listed(FAMILIES)]
+    quantity: Quantity
+    error: Ratio
+    total_s: float
+    contact_s: float
+    memory_mb: float
+
+
+def rows(measured: Iterable[Measured], reference: ReferenceValues) -> Iterator[BenchmarkRowJson]:
     """Yield the rows of `rig bench --json`, one for each scene and quantity; errors are relative."""
     for found in measured:
         for scene, answer in found.answers.items():

@@ -8,12 +8,13 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from importlib.resources import files
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, NotRequired
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim.benchmark import QUANTITIES, SHARES, of_level
+from rig_shared.outputs import Output, Range, Ratio, Settings
+from sim.benchmark import QUANTITIES, SHARES, Level, of_level
 from sim.config import FingertipConfig, Geometry, MeshSpec, finger_config
 from sim.contact.first_contact import FirstTouch, first_touch
 from sim.contact.indentor import ACROSS, ALONG, BOTH, Indentor
@@ -40,6 +41,38 @@ _TOUCHED = 0.9  # contact width / width over which the indentor lies below the u
 _MARGIN_MM = (0.3, 0.5)  # one and a half rows of nodes, across and along
 
 
+class ExpectedErrorsJson(Output):
+    """Largest measured relative error of each requested quantity."""
+
+    force: NotRequired[Ratio]
+    width: NotRequired[Ratio]
+    sed: NotRequired[Ratio]
+    ep1: NotRequired[Ratio]
+
+
+class ExpectedCostJson(Output):
+    """Measured cost."""
+
+    from_nothing_s: float
+    press_s: float
+    memory_mb: float
+
+
+class ChoiceJson(Output):
+    """Choice of the model; a model named on the command line has only the first three keys."""
+
+    level: Level | None
+    promised_error: Ratio | None
+    why_text: str
+    tolerance: NotRequired[Ratio]
+    outputs: NotRequired[list[Literal["force", "contact", "receptors"]]]
+    mesh: NotRequired[Settings]
+    """Table [finger.mesh] of the configuration."""
+    patch_mm: NotRequired[Range]
+    expected_error: NotRequired[ExpectedErrorsJson]
+    expected_cost: NotRequired[ExpectedCostJson]
+
+
 def family_of(indentor: Indentor) -> str:
     """Return the family of shapes that an indentor is measured with."""
     return _family(indentor.axes, sharp=indentor.sharp)
@@ -50,6 +83,17 @@ def _family(axes: tuple[int, ...], *, sharp: bool) -> str:
 
 
 FAMILIES = tuple(_family(axes, sharp=sharp) for axes in _AXES for sharp in (False, True))
+
+
+_EXPECTED: tuple[Literal["force", "width", "sed", "ep1"], ...] = ("force", "width", "sed", "ep1")
+
+
+def _expected(errors: Mapping[str, float]) -> ExpectedErrorsJson:
+    found: ExpectedErrorsJson = {}
+    for name in _EXPECTED:
+        if name in errors:
+            found[name] = errors[name]
+    return found
 
 
 @dataclass(frozen=True)
@@ -412,7 +456,7 @@ class Choice:
         config = config.model_copy(update={"mesh": self.mesh})
         return load(self.model, config, slopes=self.axes, **locations.as_options())
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> ChoiceJson:
         """Return the object `choice` of `rig indent --json`.
 
         Returns
@@ -426,10 +470,10 @@ class Choice:
             "promised_error": self.promised,
             "why_text": self.why,
             "tolerance": self.aim.tolerance,
-            "outputs": ["force", "contact", *(["receptors"] if self.aim.receptors else [])],
+            "outputs": ["force", "contact", "receptors"] if self.aim.receptors else ["force", "contact"],
             "mesh": self.mesh.model_dump(mode="json", exclude_defaults=True),
-            "patch_mm": [x, z],
-            "expected_error": dict(self.errors),
+            "patch_mm": (x, z),
+            "expected_error": _expected(self.errors),
             "expected_cost": {
                 "from_nothing_s": self.seconds,
                 "press_s": self.cost.press_s,

@@ -16,13 +16,14 @@ from jsonschema.exceptions import best_match
 from pydantic import TypeAdapter
 
 from rig.cli import main
-from rig.cli.json_schemas import OUTPUTS, FailureJson, schema_of
+from rig.cli.failure import FailureJson
+from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.cli.output import THE_FINGER
 
 
 @cache
 def _schema(command: str) -> Draft202012Validator:
-    found = schema_of(command) if command in OUTPUTS else TypeAdapter(FailureJson).json_schema()
+    found = schema_of_command(command) if command in OUTPUTS else TypeAdapter(FailureJson).json_schema()
     Draft202012Validator.check_schema(found)
     return Draft202012Validator(found)
 

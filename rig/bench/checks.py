@@ -3,9 +3,9 @@
 import datetime
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import closing
-from typing import Any
+from typing import NotRequired
 
 import tomlkit
 
@@ -15,12 +15,53 @@ from rig.devices.base import ForceError, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.devices.registry import stage_ports
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import KnownContact, contact_at
+from rig.engine.contact import ContactJson, KnownContact, contact_at
 from rig.engine.sensing import NoReadingError, Sensing
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.protocol.check import refuse_place
 from rig.transport import PortOwner, TransportError, first_owner, port_owner
+from rig_shared.outputs import Code, CommandLine, Name, Output, Port, Time
+
+
+class DeviceLookJson(Output):
+    """A device: who owns its port, or its state, or the problem and its code."""
+
+    kind: Name
+    ports: list[Port]
+    owner: NotRequired[int | None]
+    """Process that owns the port; null if the system does not report it."""
+    owner_text: NotRequired[str]
+    does_text: NotRequired[str]
+    since_utc: NotRequired[Time]
+    stop: NotRequired[CommandLine]
+    identity: NotRequired[Name]
+    problem_text: NotRequired[str]
+    code: NotRequired[Code]
+
+
+class StageLookJson(DeviceLookJson):
+    """State of the stage, with its position in machine coordinates."""
+
+    state: NotRequired[Name]
+    x_mm: NotRequired[float]
+    y_mm: NotRequired[float]
+    z_mm: NotRequired[float]
+
+
+class ForceLookJson(DeviceLookJson):
+    """State of the force sensor."""
+
+    force_n: NotRequired[float]
+    stable: NotRequired[bool]
+
+
+class StatusJson(Output):
+    """Both devices, and contact: measured now where both can be relied on, else as recorded."""
+
+    stage: StageLookJson
+    force: ForceLookJson
+    contact: ContactJson
 
 
 def bench_problems(config: Config) -> list[str]:
@@ -117,33 +158,24 @@ def checked_subject(code: str | None) -> str | None:
 _AT_REST = ("Idle", "Alarm")
 
 
-def look(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
+def look(settings: Config, *, closely: bool = False) -> tuple[StageLookJson, ForceLookJson]:
     """Return the state of stage and force sensor: type, port, and owner, status or problem.
 
     closely: also identify a stage at rest, and compare its settings with the configuration.
     """
-    return _look(settings, closely=closely)[0]
+    return _look_at_stage(settings, closely=closely)[0], _look_at_force(settings)
 
 
-def look_and_contact(settings: Config, *, closely: bool = False) -> dict[str, dict[str, Any]]:
+def look_and_contact(settings: Config, *, closely: bool = False) -> StatusJson:
     """Return the state of both devices and of contact: measured now where possible, else as recorded.
 
     It is measured where the stage stands homed as it was left, the sensor has a zero on record, and both are free.
     Such a measurement connects the sensor, as the commands that count from this zero do.
     """
-    found, at = _look(settings, closely=closely)
-    record = BenchMemory(settings).read()
-    known = _measured_contact(settings, at, record) if "force_n" in found["force"] else None
-    return {**found, "contact": contact_as_json(known or record.aged_contact(at))}
-
-
-def _look(settings: Config, *, closely: bool) -> tuple[dict[str, dict[str, Any]], StageStatus | None]:
-    stage, force = settings.stage, settings.force
-    found, at = _look_at_stage(settings, closely=closely)
-    return {
-        "stage": {"kind": stage.kind, "ports": list(stage_ports(stage)), **found},
-        "force": {"kind": force.kind, "ports": [force.port], **_look_at_force(settings)},
-    }, at
+    stage, at = _look_at_stage(settings, closely=closely)
+    force, record = _look_at_force(settings), BenchMemory(settings).read()
+    known = _measured_contact(settings, at, record) if "force_n" in force else None
+    return {"stage": stage, "force": force, "contact": contact_as_json(known or record.aged_contact(at))}
 
 
 def _measured_contact(settings: Config, at: StageStatus | None, record: LastKnown) -> KnownContact | None:
@@ -163,15 +195,17 @@ def _measured_contact(settings: Config, at: StageStatus | None, record: LastKnow
     return contact_at(settings, at, placed=True, force_gwt=force_gwt, touch_gwt=touch_gwt, unix_s=now_s)
 
 
-def contact_as_json(known: KnownContact | None) -> dict[str, Any]:
+def contact_as_json(known: KnownContact | None) -> ContactJson:
     """Return the state of contact as JSON; None: nothing is on record."""
     if known is None:
-        nothing = dict.fromkeys(("contact", "may_touch", "force_gwt", "measured_unix_s"))
-        return {**nothing, "where_text": "nothing on record", "to_do_text": None}
+        return {
+            "contact": None, "may_touch": None, "force_gwt": None, "measured_unix_s": None,
+            "where_text": "nothing on record", "to_do_text": None,
+        }  # fmt: skip
     return known.as_json()
 
 
-def in_one_line(found: dict[str, Any]) -> str:
+def in_one_line(found: Mapping[str, object]) -> str:
     """Format a state for the terminal: its sentences, or else keys and values without codes."""
     sentences = [str(found[key]) for key in ("where_text", "to_do_text") if found.get(key)]
     return "; ".join(sentences) or ", ".join(
@@ -187,47 +221,64 @@ def titled(key: str) -> str:
 _TITLES = {"ports": "port", "since_utc": "since", "stop": "stopped by"}
 
 
-def as_words(value: Any) -> str:
+def as_words(value: object) -> str:
     """Format a value of JSON for the terminal."""
     return " and ".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
-def position(at: StageStatus) -> dict[str, Any]:
-    """Return a status as JSON, machine coordinates in mm."""
+class PositionJson(Output):
+    """State of the stage, with its position in machine coordinates."""
+
+    state: Name
+    x_mm: float
+    y_mm: float
+    z_mm: float
+
+
+def position(at: StageStatus) -> PositionJson:
+    """Return a status as commands print it."""
     return {"state": at.state, "x_mm": at.x_mm, "y_mm": at.y_mm, "z_mm": at.z_mm}
 
 
-def _look_at_stage(settings: Config, *, closely: bool) -> tuple[dict[str, Any], StageStatus | None]:
-    owner = first_owner(stage_ports(settings.stage))
+def _look_at_stage(settings: Config, *, closely: bool) -> tuple[StageLookJson, StageStatus | None]:
+    ports = stage_ports(settings.stage)
+    found: StageLookJson = {"kind": settings.stage.kind, "ports": list(ports)}
+    owner, at = first_owner(ports), None
     if owner is not None:
-        return _owned(owner), None
-    found, at = dict[str, Any](), None
+        _add_owner(found, owner)
+        return found, None
     try:
         with closing(open_stage(settings, WallClock())) as stage:
             at = stage.look()
-            found |= position(at)
-            if closely and found["state"] in _AT_REST:
+            found["state"], found["x_mm"], found["y_mm"], found["z_mm"] = at.state, at.x_mm, at.y_mm, at.z_mm
+            if closely and at.state in _AT_REST:
                 found["identity"] = stage.connect()
     except (StageError, TransportError) as error:
-        found |= {"problem_text": str(error), "code": error.code}
+        found["problem_text"], found["code"] = str(error), error.code
     return found, at
 
 
-def _look_at_force(settings: Config) -> dict[str, Any]:
+def _look_at_force(settings: Config) -> ForceLookJson:
+    found: ForceLookJson = {"kind": settings.force.kind, "ports": [settings.force.port]}
     owner = port_owner(settings.force.port)
     if owner is not None:
-        return _owned(owner)
+        _add_owner(found, owner)
+        return found
     try:
         with closing(open_force(settings, WallClock())) as force:
-            name = force.identify()
-            reading = force.read()
-            return {"identity": name, "force_n": reading.force_n, "stable": reading.stable}
+            name, reading = force.identify(), force.read()
+            found["identity"], found["force_n"], found["stable"] = name, reading.force_n, reading.stable
     except (ForceError, TransportError) as error:
-        return {"problem_text": str(error), "code": error.code}
+        found["problem_text"], found["code"] = str(error), error.code
+    return found
 
 
-def _owned(owner: PortOwner) -> dict[str, Any]:
-    """Return the process that owns a port, if known, and its activity."""
+def _add_owner(found: DeviceLookJson, owner: PortOwner) -> None:
+    """Add the process that owns a port, if known, and its activity."""
+    found["owner"] = owner.pid
+    activity = None if owner.pid is None else activity_of(owner.pid)
     if owner.pid is None:
-        return {"owner": None, "owner_text": str(owner)}
-    return {"owner": owner.pid, **activity_of(owner.pid)}
+        found["owner_text"] = str(owner)
+    if activity is not None:
+        found["does_text"], found["since_utc"] = activity["does_text"], activity["since_utc"]
+        found["stop"] = activity["stop"]

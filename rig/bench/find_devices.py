@@ -5,7 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from serial.tools import list_ports
 
@@ -17,12 +17,27 @@ from rig.devices.registry import KINDS, DeviceKind, KindError, NumberedIdentity,
 from rig.errors import RigError
 from rig.transport import PortOwner, TransportError, port_owner
 from rig.transport.ownership import DATAGRAMS
+from rig_shared.outputs import Code, Name, Output, Port
 
 AT_ONCE = 16
 """Maximum number of ports that are asked at the same time."""
 
 BY_ID = Path("/dev/serial/by-id")
 """Folder of links whose names stay the same when ports are plugged in another order (Linux)."""
+
+
+class PortFoundJson(Output):
+    """Reply on a port; role, kind and identity are null if no known device answered."""
+
+    port: Port
+    role: Literal["stage", "force"] | None
+    kind: Name | None
+    identity: Name | None
+    owner: int | None
+    """Process that uses the port, which was then not searched; null also if the system does not report it."""
+    code: Code | None
+    """Reason that the port was not searched, or that the device cannot be used."""
+    found_text: str
 
 
 @dataclass(frozen=True)
@@ -53,7 +68,7 @@ class PortFound:
             return "no known device answers"
         return f"{self.kind.room} {self.kind.name}: {self.identity}"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PortFoundJson:
         """Return the finding as JSON."""
         return {
             "port": self.port,
@@ -67,8 +82,8 @@ class PortFound:
 
 
 def _does(owner: PortOwner) -> str:
-    does = None if owner.pid is None else activity_of(owner.pid).get("does_text")
-    return f" ({does})" if does else ""
+    activity = None if owner.pid is None else activity_of(owner.pid)
+    return "" if activity is None else f" ({activity['does_text']})"
 
 
 def serial_ports() -> list[str]:

@@ -5,7 +5,10 @@ import json
 import os
 import sys
 from contextlib import suppress
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
+
+if TYPE_CHECKING:
+    from rig.cli.failure import FailureJson
 
 _ABORTED = 130
 _NOT_WRITTEN = 2
@@ -58,5 +61,6 @@ def _leave(line: str, code: int) -> NoReturn:
 
     print(printable(f"rig: {line}"), file=sys.stderr)
     if "--json" in sys.argv and code == _ABORTED:  # otherwise it is standard output that fails
-        print(json.dumps({"error_text": line, "code": "interrupted", "exit_code": code}), flush=True)
+        failure: FailureJson = {"error_text": line, "code": "interrupted", "exit_code": code}
+        print(json.dumps(failure), flush=True)
     sys.exit(code)

@@ -1,14 +1,14 @@
 """`rig home`, `rig zero` and `rig status`, and helpers shared with `rig jog`."""
 
 import io
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, closing, contextmanager
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 from rich.live import Live
 
-from rig.bench.checks import in_one_line, look_and_contact, position, titled
+from rig.bench.checks import PositionJson, StatusJson, in_one_line, look_and_contact, position, titled
 from rig.bench.real import PortError, RealBench, open_bench
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
@@ -17,7 +17,7 @@ from rig.clock import Clock, WallClock
 from rig.devices.base import Stage, StageError, StageStatus
 from rig.devices.make_drivers import open_force, open_stage
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import KnownContact
+from rig.engine.contact import ContactJson, KnownContact
 from rig.engine.sensing import Sensing
 from rig.manual import home_and_zero
 from rig.manual.home_and_zero import at_hand, feel, no_force_readings
@@ -26,6 +26,18 @@ from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import key_interrupting
 from rig.settings import ZERO_LIFT_MM
 from rig.transport import TransportError
+from rig_shared.outputs import Name, Output
+
+
+class HomedJson(PositionJson, ContactJson):
+    """Position after homing, in machine coordinates, and contact."""
+
+
+class ZeroedJson(Output):
+    """Force sensor after zeroing."""
+
+    identity: Name
+    force_n: float
 
 
 @contextmanager
@@ -47,7 +59,8 @@ def home(config: ConfigOption, without_force: WithoutForceOption = False, as_jso
         settings = load_config(config)
         with busy("homing all axes …", quick=True):
             at, known = _home_without_force(settings) if without_force else _home(settings)
-        print_entries({**position(at), **known.as_json()}, as_json=as_json)
+        homed: HomedJson = {**position(at), **known.as_json()}
+        print_entries(homed, as_json=as_json)
 
 
 def _home(settings: Config) -> tuple[StageStatus, KnownContact]:
@@ -93,7 +106,8 @@ def zero(
             name, force_n = (_zero_anyway if anyway else _zero)(settings)
         if not anyway:
             err.print(f"lifted by {ZERO_LIFT_MM:g} mm to check the zero")
-        print_entries({"identity": name, "force_n": force_n}, as_json=as_json)
+        zeroed: ZeroedJson = {"identity": name, "force_n": force_n}
+        print_entries(zeroed, as_json=as_json)
 
 
 def _zero(settings: Config) -> tuple[str, float]:
@@ -124,13 +138,13 @@ def status(config: ConfigOption, as_json: JsonOption = False) -> None:
         with busy("asking the devices …", quick=True):
             found = look_and_contact(settings)
         print_entries(found, as_json=as_json)
-        problems = [device["problem_text"] for device in found.values() if "problem_text" in device]
+        problems = [one["problem_text"] for one in (found["stage"], found["force"]) if "problem_text" in one]
         for problem in problems:
             complain(problem)
     raise typer.Exit(ExitCode.STOPPED if problems else ExitCode.DONE)
 
 
-def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
+def print_entries(found: HomedJson | ZeroedJson | StatusJson, *, as_json: bool) -> None:
     """Print one JSON object, or one line per entry."""
     if as_json:
         print_json(found)
@@ -146,7 +160,7 @@ def print_entries(found: dict[str, Any], *, as_json: bool) -> None:
 _CONTACT_KEYS = ("contact", "may_touch", "measured_unix_s", "where_text", "to_do_text")
 
 
-def _for_people(found: dict[str, Any]) -> dict[str, Any]:
+def _for_people(found: Mapping[str, object]) -> Mapping[str, object]:
     """Replace the contact entries by one sentence and the next step for the operator."""
     if "where_text" not in found:
         return found

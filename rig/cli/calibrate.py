@@ -3,7 +3,7 @@
 import io
 import statistics
 from contextlib import closing
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 
@@ -18,7 +18,7 @@ from rig.cli.run import ask_at_the_bench
 from rig.cli.signals import at_once, interrupt_main, typed_line
 from rig.clock import WallClock
 from rig.data.journal import NoJournal
-from rig.devices.base import ForceSensor
+from rig.devices.base import Axis, ForceSensor
 from rig.devices.make_drivers import open_force
 from rig.engine import Engine, verbs
 from rig.engine.bench_memory import BenchMemory
@@ -28,13 +28,35 @@ from rig.plan.config import Config, load_config
 from rig.protocol.check import refuse_approach, refuse_place
 from rig.session.hardware_stop import key_interrupting
 from rig.session.script_run import stopped_at_once
-from rig.units import GWT_N, unit_of_key
+from rig.units import GWT_N
+from rig_shared.outputs import Output, Toml
 
 _READINGS = 20
 # Beyond this limit a setting or a unit is wrong, not a calibration.
 _LARGEST_CORRECTION = 0.2
 
 ValidDays = Annotated[int, typer.Option(metavar="N", min=1, max=3650, help="Validity of the calibration, in days.")]
+
+
+CalibrationName = Literal["x_steps_per_mm", "y_steps_per_mm", "z_steps_per_mm", "force_scale", "compliance_mm_per_n"]
+_UNITS: dict[CalibrationName, Literal["steps/mm", "1", "mm/N"]] = {
+    "x_steps_per_mm": "steps/mm",
+    "y_steps_per_mm": "steps/mm",
+    "z_steps_per_mm": "steps/mm",
+    "force_scale": "1",
+    "compliance_mm_per_n": "mm/N",
+}
+_OF_AXIS: dict[Axis, CalibrationName] = {"x": "x_steps_per_mm", "y": "y_steps_per_mm", "z": "z_steps_per_mm"}
+
+
+class CalibrationJson(Output):
+    """A calibration; `toml` is for the configuration."""
+
+    name: CalibrationName
+    value: float
+    sd: float | None
+    unit: Literal["steps/mm", "1", "mm/N"]
+    toml: Toml
 
 
 def steps(
@@ -64,7 +86,7 @@ def steps(
             f"the controller reports {moved_mm:.3f} mm; enter the distance that you measured, in mm"
         )
         value = now_per_mm * _ratio(moved_mm, measured_mm)
-        _print_calibration(f"{axis}_steps_per_mm", value, valid_days, as_json=as_json)
+        _print_calibration(_OF_AXIS[direction.axis], value, valid_days, as_json=as_json)
 
 
 def force(
@@ -102,8 +124,7 @@ def compliance(
         refuse_place(0.0, 0.0, settings)
         refuse_approach("calibrate compliance", 0.0, settings)
         found = _on_a_block(settings, to_gwt)
-        name, sd = "compliance_mm_per_n", found.sd_mm_per_n
-        _print_calibration(name, found.mm_per_n, valid_days, as_json=as_json, sd=sd)
+        _print_calibration("compliance_mm_per_n", found.mm_per_n, valid_days, as_json=as_json, sd=found.sd_mm_per_n)
 
 
 def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
@@ -158,10 +179,15 @@ def _typed_number(question: str) -> float:
         raise BadInputError(f"{answer!r}: must be a number; nothing was changed", "not_a_number") from None
 
 
-def _print_calibration(name: str, value: float, valid_days: int, *, as_json: bool, sd: float | None = None) -> None:
+def _print_calibration(
+    name: CalibrationName, value: float, valid_days: int, *, as_json: bool, sd: float | None = None
+) -> None:
     table = as_table(name, value, valid_days, sd)
     if as_json:
-        print_json({"name": name, "value": value, "sd": sd, "unit": unit_of_key(name) or "1", "toml": table})
+        found: CalibrationJson = {
+            "name": name, "value": value, "sd": sd, "unit": _UNITS[name], "toml": table,
+        }  # fmt: skip
+        print_json(found)
     else:
         out.print(
             f"add this to the configuration, and set it on the controller if the controller stores it:\n\n{table}"

@@ -1,18 +1,33 @@
 """Verdict of an adaptive run, as commands print it."""
 
-from collections.abc import Mapping
-from typing import Any
-
 from rig.data import Run
 from rig.data.choices import WHY_ENDED, verdict_of
+from rig_shared.outputs import Code, Name, Output, Ratio
 
 
-def choice_as_json(run: Run) -> dict[str, Any] | None:
+class ProbableCandidateJson(Output):
+    """A candidate after the counts of an adaptive run."""
+
+    name: Name
+    probability: Ratio
+    in_set: bool
+
+
+class AdaptiveVerdictJson(Output):
+    """Verdict of an adaptive run; `truth`: that of a virtual nerve, `planned_from`: press where counts stopped."""
+
+    candidates: list[ProbableCandidateJson]
+    ended: Code | None
+    truth: Name | None
+    planned_from: int | None
+
+
+def choice_as_json(run: Run) -> AdaptiveVerdictJson | None:
     """Return the verdict of an adaptive run as JSON, or None for another run."""
     found = verdict_of(run)
     if found is None:
         return None
-    candidates = [
+    candidates: list[ProbableCandidateJson] = [
         {"name": name, "probability": p, "in_set": name in found.in_set} for name, p in found.probability.items()
     ]
     return {
@@ -23,7 +38,7 @@ def choice_as_json(run: Run) -> dict[str, Any] | None:
     }
 
 
-def choice_lines(found: Mapping[str, Any]) -> list[tuple[str, str]]:
+def choice_lines(found: AdaptiveVerdictJson) -> list[tuple[str, str]]:
     """Return the lines about an adaptive run, by their label."""
     rows = found["candidates"]
     inside = ", ".join(f"{one['name']} {100 * one['probability']:.1f} %" for one in rows if one["in_set"])

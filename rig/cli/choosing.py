@@ -2,7 +2,7 @@
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,7 @@ from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import Plan
 from rig.protocol.script import Script
+from rig.session.rehearsal_summary import PossiblePressesJson
 from rig.session.resume import StoppedRun
 from sim.finger_process import Finger
 
@@ -111,7 +112,7 @@ def _checked(
         return choosing, approved(choosing, finger, folder)
 
 
-def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> dict[str, Any]:
+def possible_presses_as_json(script: Script, config: Config, finger: Finger, *, as_json: bool) -> PossiblePressesJson:
     """Return how many presses an adaptive run may choose, their highest force and pressure, and its soft trip."""
     from rig.design.designed import Designed
 

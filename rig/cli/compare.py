@@ -15,14 +15,13 @@ from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
-from rig.compare.comparison import Comparison, compare, left_out, left_out_lines, left_out_rows
-from rig.compare.comparison_rows import answers_as_json, fingers_as_json
+from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
+from rig.compare.comparison_rows import fingers_as_json
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import answers
 from rig.compare.place_grid import PlaceRange, ReceptorLocation, place_lines, places_as_json
 from rig.compare.plausible_fingers import PlausibleFingers, on_plausible_fingers, read_plausible
-from rig.compare.profile_shape_test import chance_rows
 from rig.compare.receptor_place import RequestedRanges, common_range, places, refuse_uncovered
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.reading import Reading, read_recordings, refuse_unused_options, sha256
@@ -34,6 +33,7 @@ from rig.compare.spike_clock import (
     outcome_of,
     recording_sentences,
     recordings_as_json,
+    shift_as_json,
 )
 from rig.compare.stimuli import StimulusRow, pressed, stimuli, stimulus_maps
 from rig.compare.verdict import AfferentVerdict
@@ -284,11 +284,11 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
             answers=verdicts,
         )
     if as_json:
-        rows = comparison_as_json(comparison, str(report))
-        rows |= {"left_out": left_out_rows(comparison), "shape_test": chance_rows(comparison.stimuli)}
-        rows |= {"answers": answers_as_json(verdicts), "places": places_as_json(at)}
-        rows |= recordings_as_json({"": recordings}, shift)
-        print_json(rows | fingers_as_json(comparison))
+        result = comparison_as_json(comparison, str(report), verdicts, places_as_json(at))
+        result["recordings"], result["clock_shift"] = recordings_as_json({"": recordings}), shift_as_json(shift)
+        if (with_fingers := fingers_as_json(comparison)) is not None:
+            result["fingers"] = with_fingers
+        print_json(result)
     else:
         _print(comparison, verdicts, at, report, _of_the_clock(recordings, shift))
         if comparison.interpolated:

@@ -5,11 +5,10 @@ import time
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
 
 from rig.cli.options import HTML, checked_file
 from rig.cli.output import THE_FINGER, busy, out, print_json
-from rig.compare.comparison_rows import answers_as_json
+from rig.compare.comparison_rows import PhaseCandidateJson, PhaseJson
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.example import (
     PHASES,
@@ -22,7 +21,6 @@ from rig.compare.example import (
     static_comparison,
 )
 from rig.compare.make_verdict import answers
-from rig.compare.profile_shape_test import chance_rows
 from rig.compare.verdict import six_digits
 from rig.data.folder import replace_text
 from rig.report.comparison_report import write_comparison
@@ -59,10 +57,9 @@ def compare_example(report: Path, *, as_json: bool) -> None:
         )
     write_sidecar(report, time.perf_counter() - began)
     if as_json:
-        rows = comparison_as_json(comparison, str(report))
-        rows |= {"left_out": [], "shape_test": chance_rows(comparison.stimuli)}
-        rows |= {"answers": answers_as_json(static), "places": [], "phases": phases_as_json(verdicts)}
-        print_json(rows)
+        result = comparison_as_json(comparison, str(report), static)
+        result["left_out"], result["phases"] = [], phases_as_json(verdicts)
+        print_json(result)
         return
     for name, line in zip(("verdict", "open", "depends"), lead_sentences(verdicts, read_levels()), strict=True):
         out.print(f"{name:12s}{line}")
@@ -75,7 +72,7 @@ def write_sidecar(report: Path, seconds: float) -> None:
     replace_text(report.with_name(report.name + ".made.json"), json.dumps(made) + "\n")
 
 
-def phases_as_json(verdicts: Sequence[PhaseVerdict]) -> list[dict[str, Any]]:
+def phases_as_json(verdicts: Sequence[PhaseVerdict]) -> list[PhaseJson]:
     """Return both phases with all candidates, best prediction first."""
     return [
         {
@@ -90,12 +87,15 @@ def phases_as_json(verdicts: Sequence[PhaseVerdict]) -> list[dict[str, Any]]:
     ]
 
 
-def _row(row: PhaseCandidate) -> dict[str, Any]:
+def _row(row: PhaseCandidate) -> PhaseCandidateJson:
     return {
         "candidate": row.name,
         "receptor_mm": row.receptor_mm,
         "control": row.control,
-        **{name: six_digits(getattr(row, name)) for name in ("r", "held_out", "p_fit", "p_set")},
+        "r": six_digits(row.r),
+        "held_out": six_digits(row.held_out),
+        "p_fit": six_digits(row.p_fit),
+        "p_set": six_digits(row.p_set),
         "held_out_interval": [six_digits(limit) for limit in row.interval],
         "in_set": row.in_set,
     }

@@ -3,28 +3,63 @@
 from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from rig.cli.output import busy, out, print_json
-from rig.compare.comparison import compare, left_out_rows
+from rig.compare.comparison import LeftOutOfRecordingJson, compare, left_out_rows
 from rig.compare.group import group_verdict
-from rig.compare.group_text import afferents_as_json, group_as_json, in_short, sentence_of_group, sentences_of_group
+from rig.compare.group_text import (
+    AfferentAnswerJson,
+    GroupVerdictJson,
+    afferents_as_json,
+    group_as_json,
+    in_short,
+    sentence_of_group,
+    sentences_of_group,
+)
 from rig.compare.likelihood import Form
 from rig.compare.make_verdict import CandidatePool, afferents, answers, candidate_pool
 from rig.compare.recordings.afferents_table import Recordings, read_afferents
 from rig.compare.recordings.reading import Reading, refuse_unused_options
 from rig.compare.recordings.recording import Recording
 from rig.compare.recordings.table_cells import file_and_sheet
-from rig.compare.spike_clock import clock_shift, columns_sentences, recording_sentences, recordings_as_json
+from rig.compare.spike_clock import (
+    ClockShiftJson,
+    RecordingJson,
+    clock_shift,
+    columns_sentences,
+    recording_sentences,
+    recordings_as_json,
+    shift_as_json,
+)
 from rig.compare.stimuli import StimulusRow
 from rig.compare.verdict import AfferentVerdict
 from rig.compare.verdict_text import positions
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.report.group_page import GroupPage, write_group_page
+from rig_shared.outputs import File, Name, Output
 
 _SILENT = "it hardly fired"
 _TOO_FEW = "the runs cover too few of its positions"
+
+
+class LeftOutOfAfferentJson(LeftOutOfRecordingJson):
+    """Positions of a recording of an afferent that are left out."""
+
+    afferent: Name
+
+
+class GroupJson(Output):
+    """Several afferents. group: null below two afferents with enough positions."""
+
+    group: GroupVerdictJson | None
+    afferents: list[AfferentAnswerJson]
+    afferents_left_out: list[Name]
+    left_out: list[LeftOutOfAfferentJson]
+    report: File
+    recordings: list[RecordingJson]
+    clock_shift: ClockShiftJson | None
 
 
 def named_group(recorded: Sequence[str]) -> Path | None:
@@ -113,14 +148,20 @@ def compare_group(of: GroupInput, report: Path, *, as_json: bool) -> None:
     with busy("writing the report …", as_json=as_json):
         write_group_page(report, page)
     if as_json:
-        rows: dict[str, Any] = {"group": group_as_json(group), "afferents": afferents_as_json(verdicts)}
-        missing = [
-            {"afferent": name, **row}
-            for name, some in found.items()
-            for row in left_out_rows(compare(of.stimuli, some))
-        ]
-        rows |= {"afferents_left_out": list(left_out), "left_out": missing, "report": str(report)}
-        print_json(rows | recordings_as_json(found, shift))
+        result: GroupJson = {
+            "group": group_as_json(group),
+            "afferents": afferents_as_json(verdicts),
+            "afferents_left_out": list(left_out),
+            "left_out": [
+                {"afferent": name, **row}
+                for name, some in found.items()
+                for row in left_out_rows(compare(of.stimuli, some))
+            ],
+            "report": str(report),
+            "recordings": recordings_as_json(found),
+            "clock_shift": shift_as_json(shift),
+        }
+        print_json(result)
         return
     out.print(page.title)
     out.print(f"group       {sentence_of_group(group)}")

@@ -3,7 +3,7 @@
 import math
 import re
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -31,14 +31,15 @@ from rig.cli.output import busy, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.printable import either
+from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
-from sim.coding.operators import OPERATORS, ForwardOperator
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.operators import OPERATORS, ForwardOperator, OperatorName
 from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
-from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM
-from sim.coding.shape_class import classify_solid
+from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
+from sim.coding.shape_class import SolidClass, classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
 from sim.coding.task import (
     DECODERS,
@@ -57,6 +58,66 @@ _PLUS_MINUS = re.compile(r"±|\+/?-")
 _LARGEST = 1e9
 LEAST_MM, MOST_MM = 0.3, 10.0
 """Shortest and longest half-length of a contact along the finger (mm)."""
+
+
+class DecodingErrorsJson(Output):
+    """Errors against the true pressures."""
+
+    eq_6_8: Ratio
+    relative_l2: Ratio
+    rmse_over_peak: Ratio
+
+
+class ReadingNoiseJson(Output):
+    """Noise of the readings, and the SED that the pressures leave unexplained."""
+
+    sd: list[float] | None
+    unit: ReadingUnit
+    known_text: str | None
+    left_of_sed_pseudo: float
+
+
+class PressureBandJson(Output):
+    """90 % band of the pressures."""
+
+    low_pseudo: list[float]
+    high_pseudo: list[float]
+
+
+class ShapeEstimateJson(Output):
+    """Estimated shape of the indentor. size_mm: diameter, half a wavelength of a step, or width of a bar."""
+
+    shape_class: SolidClass
+    size_mm: float
+    extent_mm: Range
+
+
+class DecodeJson(Output):
+    """Pressures from readings."""
+
+    decoder: DecoderName
+    operator: OperatorName
+    energy: Energy
+    place_mm: Places
+    pressure_pseudo: list[float]
+    pa_per_pseudo: float
+    sd_pseudo: list[float] | None
+    band_90: PressureBandJson | None
+    true_pseudo: list[float] | None
+    errors: DecodingErrorsJson | None
+    receptor_mm: Places
+    reading: list[float]
+    reading_unit: ReadingUnit
+    explained_sed_pseudo: list[float]
+    samples: int
+    noise: ReadingNoiseJson
+    range_pseudo: Range | None
+    moves: int
+    converged: bool
+    problems_text: list[str]
+    felt: ShapeEstimateJson | None
+    axial: Shape | None
+    search_ms: float
 
 
 def refuse_together(pressure: str | None, shape: str | None, readings: Path | None, **others: object) -> None:
@@ -160,17 +221,17 @@ _ROWS = 25
 _FINE = 121  # values of a pressure across a plot of the error surface
 
 
-def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, Any]:
+def as_json_object(name: DecoderName, finger: FingertipConfig, found: DecodeResult) -> DecodeJson:
     """Return arrays and numbers for JSON; unknown values are null."""
     seen, profile, errors = found.observation, found.profile, found.errors
     operator, noise = seen.operator, seen.noise
     unit = SED_UNIT if seen.receptor is None else RATE_UNIT
-    band = (
-        None
-        if profile is None
-        else dict(zip(("low_pseudo", "high_pseudo"), (v.tolist() for v in profile.band()), strict=True))
-    )
+    band: PressureBandJson | None = None
+    if profile is not None:
+        low, high = profile.band()
+        band = {"low_pseudo": low.tolist(), "high_pseudo": high.tolist()}
     return {
+        "decoder": name,
         "operator": operator.name,
         "energy": operator.energy,
         "place_mm": operator.place_mm.tolist(),
@@ -179,7 +240,9 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
         "sd_pseudo": None if profile is None else profile.sd.tolist(),
         "band_90": band,
         "true_pseudo": None if seen.true is None else seen.true.tolist(),
-        "errors": None if errors is None else errors._asdict(),
+        "errors": None
+        if errors is None
+        else {"eq_6_8": errors.eq_6_8, "relative_l2": errors.relative_l2, "rmse_over_peak": errors.rmse_over_peak},
         "receptor_mm": operator.receptor_mm.tolist(),
         "reading": seen.reading.tolist(),
         "reading_unit": unit,
@@ -191,7 +254,7 @@ def as_json_object(finger: FingertipConfig, found: DecodeResult) -> dict[str, An
             "known_text": None if noise is None else noise.known,
             "left_of_sed_pseudo": found.left_of_sed,
         },
-        "range_pseudo": None if found.bounds is None else list(found.bounds),
+        "range_pseudo": found.bounds,
         "moves": max(0, len(found.path) - 1),
         "converged": found.converged,
         "problems_text": list(found.problems),
@@ -236,12 +299,12 @@ def print_decoded(finger: FingertipConfig, decoder: DecoderName, found: DecodeRe
         out.print(_table(found))
 
 
-def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> dict[str, Any] | None:
+def _solid_as_json(operator: ForwardOperator, found: DecodeResult) -> ShapeEstimateJson | None:
     """Return class and size of the object on a sheet."""
     if not isinstance(operator, SheetOperator):
         return None
     solid = classify_solid(operator.skin, found.pressure)
-    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": list(solid.extent_mm)}
+    return {"shape_class": solid.name, "size_mm": solid.size_mm, "extent_mm": solid.extent_mm}
 
 
 def _map(operator: SheetOperator, found: DecodeResult) -> Table:
@@ -456,7 +519,7 @@ def decode_command(
             with busy("drawing the figure …", quick=True):
                 draw(found, picture)
         if as_json:
-            print_json({"decoder": name, **as_json_object(finger, found)})
+            print_json(as_json_object(name, finger, found))
         else:
             print_decoded(finger, name, found)
 

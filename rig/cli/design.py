@@ -21,11 +21,13 @@ from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, pri
 from rig.cli.progress import counted
 from rig.cli.request import Excludes, refuse, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
+from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
 from rig.design.checked_script import checked_script
 from rig.design.confusion import share_and_error
 from rig.design.design import DEPTHS_MM, DesignRequest, design, finger_of, judged
 from rig.design.design_text import (
+    DesignedJson,
     about_the_design,
     headline,
     percent,
@@ -44,11 +46,44 @@ from rig.design.recorded_counts import SessionVerdict
 from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
+from rig_shared.outputs import File, Output, Ratio
 from sim.measures.measures import MEASURES
 
 T = TypeVar("T")
 
 _FIBER, _TIME = "The fiber", "Time"
+
+
+class DesignJson(DesignedJson):
+    """A design of presses, its script and its page.
+
+    effective_draws: effective number of draws behind the evidence of the true candidate; nine of ten experiments
+    have more.
+    """
+
+    script: File
+    report: File
+    duration_s: float
+    wall_s: float
+
+
+class JudgedCandidateJson(Output):
+    """A candidate after the counts of a session."""
+
+    name: Candidate
+    probability: Ratio
+    in_set: bool
+    p_fit: Ratio
+    """Probability of a worse fit if this candidate is the truth."""
+
+
+class SessionJson(Output):
+    """Verdict on the counts of a designed session, with --counts; most probable first."""
+
+    candidates: list[JudgedCandidateJson]
+    presses: int
+    different_presses: int
+    effective_draws: Ratio
 
 
 @dataclass(frozen=True)
@@ -176,8 +211,14 @@ def command(request: DesignOptions) -> None:
             replace_text(request.to, script.text)
             write_design_page(page_file, DesignPage(found, str(request.to), script.duration_s, rows, words))
         if request.as_json:
-            files = {"script": str(request.to), "report": str(page_file), "duration_s": script.duration_s}
-            print_json(files | design_as_json(found, rows) | {"wall_s": time.perf_counter() - began})
+            result: DesignJson = {
+                "script": str(request.to),
+                "report": str(page_file),
+                "duration_s": script.duration_s,
+                **design_as_json(found, rows),
+                "wall_s": time.perf_counter() - began,
+            }
+            print_json(result)
             return
         kept = percent(*share_and_error(found.outcome.kept))
         how = "predicted" if request.quick else "rehearsed"
@@ -199,9 +240,16 @@ def command(request: DesignOptions) -> None:
 
 def _print_verdict(verdict: SessionVerdict, *, as_json: bool) -> None:
     if as_json:
-        rows = [row._asdict() for row in verdict.candidates]
-        about = {"presses": verdict.presses, "different_presses": verdict.different}
-        print_json({"candidates": rows, **about, "effective_draws": verdict.effective})
+        result: SessionJson = {
+            "candidates": [
+                {"name": one.name, "probability": one.probability, "in_set": one.in_set, "p_fit": one.p_fit}
+                for one in verdict.candidates
+            ],
+            "presses": verdict.presses,
+            "different_presses": verdict.different,
+            "effective_draws": verdict.effective,
+        }
+        print_json(result)
         return
     for line in verdict_lines(verdict):
         out.print(line)

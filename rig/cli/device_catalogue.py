@@ -2,11 +2,12 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict
-from typing import Any
+from typing import Literal
 
 from rig.devices import registry
 from rig.devices.measured import DeviceTimes, Spread, measured
 from rig.devices.registry import Evidence, KindError, find
+from rig_shared.outputs import Name, Output
 
 TESTED = {
     "manual": "bytes from the manual",
@@ -26,7 +27,54 @@ Times are those of the virtual device. Details: --markdown, --json.
 """
 
 
-def kinds() -> list[dict[str, Any]]:
+class DeviceKindJson(Output):
+    """A kind of device. package: where it comes from; null if built in."""
+
+    kind: Name
+    role: Literal["stage", "force"]
+    package: Name | None
+
+
+class SpreadJson(Output):
+    """Median, 99th percentile and worst of several times."""
+
+    median_s: float
+    p99_s: float
+    worst_s: float
+
+
+class MeasuredJson(Output):
+    """Measurements of one kind of device on one wire of its virtual twin."""
+
+    wire: Name
+    samples: int
+    rate_hz: float
+    age: SpreadJson
+    """Age of a reading when the program decides about a trip, or largest age of a position."""
+    stops: int
+    to_bytes: SpreadJson | None
+    """Time from the call of a stop to its bytes; null for a force sensor."""
+    to_rest: SpreadJson | None
+
+
+class CataloguedDeviceJson(DeviceKindJson):
+    """Kind of device and the evidence of its tests; a text without evidence is null."""
+
+    device_text: str
+    manual_text: str | None
+    client_text: str | None
+    firmware_text: str | None
+    hardware_text: str | None
+    measured: list[MeasuredJson]
+
+
+class DeviceCatalogueJson(Output):
+    """Every kind of device, with --devices."""
+
+    devices: list[CataloguedDeviceJson]
+
+
+def kinds() -> list[DeviceKindJson]:
     """Return the kinds of devices, with the packages that add them."""
     added = registry.third_party()
     return [
@@ -40,15 +88,36 @@ def kinds() -> list[dict[str, Any]]:
     ]
 
 
-def as_json() -> list[dict[str, Any]]:
+def as_json() -> list[CataloguedDeviceJson]:
     """Return the catalogue with its numbers."""
     return [
-        one
-        | {"device_text": device}
-        | {f"{field}_text": text or None for field, text in asdict(evidence).items()}
-        | {"measured": [asdict(row) for row in rows]}
+        {
+            **one,
+            "device_text": device,
+            "manual_text": evidence.manual or None,
+            "client_text": evidence.client or None,
+            "firmware_text": evidence.firmware or None,
+            "hardware_text": evidence.hardware or None,
+            "measured": [_measured(row) for row in rows],
+        }
         for one, device, evidence, rows in _entries()
     ]
+
+
+def _measured(row: DeviceTimes) -> MeasuredJson:
+    return {
+        "wire": row.wire,
+        "samples": row.samples,
+        "rate_hz": row.rate_hz,
+        "age": _spread(row.age),
+        "stops": row.stops,
+        "to_bytes": None if row.to_bytes is None else _spread(row.to_bytes),
+        "to_rest": None if row.to_rest is None else _spread(row.to_rest),
+    }
+
+
+def _spread(of: Spread) -> SpreadJson:
+    return {"median_s": of.median_s, "p99_s": of.p99_s, "worst_s": of.worst_s}
 
 
 def as_markdown() -> str:
@@ -84,7 +153,7 @@ def as_text() -> str:
     return "".join(f"{line}\n" for line in lines) + _NOTES
 
 
-Entry = tuple[dict[str, Any], str, Evidence, Sequence[DeviceTimes]]
+Entry = tuple[DeviceKindJson, str, Evidence, Sequence[DeviceTimes]]
 
 
 def _entries() -> Iterator[Entry]:

@@ -1,7 +1,7 @@
 """`rig encode`, `rig impulse` and `rig shift-invariance`: from pressure on the skin to receptor responses."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -28,17 +28,188 @@ from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, Receptor
-from sim.coding.operators import NAMES, OPERATORS, ImpulseResponses, ShiftErrors, impulse_responses, shift_errors
+from rig_shared.outputs import Output, Ratio
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.operators import (
+    NAMES,
+    OPERATORS,
+    ImpulseResponses,
+    OperatorName,
+    ShiftErrors,
+    impulse_responses,
+    shift_errors,
+)
 from sim.coding.point_spread import HALF_WIDTH_MM, Judged, Mean, mean_over
 from sim.coding.point_spread import SPACING_MM as SITE_SPACING_MM
+from sim.coding.power_law import PowerLaw
 from sim.coding.raju_table_6_1 import DRAWN, AllSites, Deformed, Sampled, Where, cached_sites
 from sim.coding.section import AXES, ENERGIES, HALF_LENGTH, SPACING_MM, Energy, Sampling, sampled_section
-from sim.coding.task import EncodeResult, EncodeTask, SectionPress, encode_task
+from sim.coding.task import AgainstFiniteElementsJson, EncodeResult, EncodeTask, SectionPress, encode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
+from sim.models.small_strain_error import SmallStrainJson
 
 _ROWS = 25
+
+
+class SkinPressureJson(Output):
+    """Pressure at places along the skin."""
+
+    place_mm: list[float]
+    pseudo: list[float]
+
+
+class EncodeJson(Output):
+    """Receptor readings. Without a receptor, `rate` is the noisy SED."""
+
+    operator: OperatorName
+    energy: Energy
+    pressure: SkinPressureJson
+    receptor_mm: list[float]
+    sed_pseudo: list[float]
+    rate: list[float]
+    rate_unit: ReadingUnit
+    samples: int
+    noise_sd: float
+    noise_sd_unit: ReadingUnit
+    noise_share_of_peak: Ratio
+    against_finite_elements: AgainstFiniteElementsJson | None
+    small_strain: SmallStrainJson | None
+
+
+class SpectraJson(Output):
+    """Amplitudes of h, g and f."""
+
+    cycles_per_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+
+
+class OppositeJson(Output):
+    """Difference between −g and h."""
+
+    relative_l2: Ratio
+    largest: Ratio
+    correlation: Ratio
+
+
+class TailsJson(Output):
+    """Amplitude at the ends over the peak."""
+
+    h: Ratio
+    g: Ratio
+    f: Ratio
+
+
+class ShiftErrorsJson(Output):
+    """Relative L2 error of shifting the responses."""
+
+    place_mm: list[float]
+    e11: list[Ratio]
+    e22: list[Ratio]
+    e12: list[Ratio]
+    sed: list[Ratio]
+
+
+class ImpulseResponsesJson(Output):
+    """Strains under one pseudo-unit on one sample."""
+
+    place_mm: list[float]
+    unit: Literal["1/pseudo-unit"]
+    h: list[float]
+    g: list[float]
+    f: list[float]
+    spectra: SpectraJson
+    g_is_minus_h: OppositeJson
+    tails_over_peak: TailsJson
+    shift_errors_relative_l2: ShiftErrorsJson
+
+
+class ImpulseJson(Output):
+    """Impulse responses in the skin's axes and in Cartesian ones."""
+
+    energy: Energy
+    skin: ImpulseResponsesJson
+    cartesian: ImpulseResponsesJson
+
+
+class SampledSitesJson(Output):
+    """Loads and receptor locations."""
+
+    spacing_mm: float
+    half_width_mm: float
+    depth_mm: float
+    force_gwt: float
+
+
+class PowerLawJson(Output):
+    """SED = A / r^m, r in mm. `a_pseudo`: SED at 1 mm."""
+
+    a_pseudo: float
+    m: Ratio
+    r: Ratio
+    r2: Ratio
+
+
+class PrintedLawJson(Output):
+    """Power law printed in the source, which does not state the unit of A."""
+
+    a: Ratio
+    m: Ratio
+    r2: Ratio
+
+
+class SiteJson(Output):
+    """A site under a point load."""
+
+    number: int
+    x_mm: float
+    z_mm: float
+    on_pulp: bool
+    receptors: int
+    linear: PowerLawJson
+    logarithmic: PowerLawJson
+    by_azimuth: list[Ratio | None]
+    moved_response_relative_l2: Ratio
+    printed: PrintedLawJson
+
+
+class MeanLawJson(Output):
+    """Means over sites, and standard deviations over the means."""
+
+    a_pseudo: float
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanPrintedLawJson(Output):
+    """Means of the printed laws."""
+
+    a: Ratio
+    a_spread: Ratio
+    m: Ratio
+    m_spread: Ratio
+
+
+class MeanLawsJson(Output):
+    """Laws over the sites."""
+
+    linear: MeanLawJson
+    logarithmic: MeanLawJson
+    printed: MeanPrintedLawJson
+
+
+class ShiftInvarianceJson(Output):
+    """Decay of SED around point loads. common_factor: from `a_pseudo` to the printed A."""
+
+    sampled: SampledSitesJson
+    common_factor: Ratio
+    sites: list[SiteJson]
+    pulp: MeanLawsJson
+    all: MeanLawsJson
 
 
 def encode_command(
@@ -147,7 +318,7 @@ def _draw(found: EncodeResult, picture: Path, *, receptor: bool) -> None:
     write_picture(encoding_figure(drawn), picture)
 
 
-def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> dict[str, Any]:
+def _as_json(found: EncodeResult, receptor: Receptor | None, at: NoisePlace) -> EncodeJson:
     load, encoded = found
     return {
         "operator": load.operator.name,
@@ -195,7 +366,7 @@ def _print(found: EncodeResult, added: Noise | None, receptor: Receptor | None) 
         complain(f"warning: no receptor responds: the highest SED, {encoded.sed.max():.4g}, is below the threshold")
 
 
-STRAIN_UNIT = "1/pseudo-unit"
+STRAIN_UNIT: Literal["1/pseudo-unit"] = "1/pseudo-unit"
 _FARTHEST = 0.75  # share of the half length, beyond which few receptors are left to compare
 Found = tuple[ImpulseResponses, ShiftErrors]
 
@@ -221,7 +392,12 @@ def impulse_command(
             with busy("drawing the figure …", quick=True):
                 _draw_impulse(found, picture)
         if as_json:
-            print_json({"energy": kind, **{axes: _as_json_impulse(*both) for axes, both in found.items()}})
+            result: ImpulseJson = {
+                "energy": kind,
+                "skin": _as_json_impulse(*found["skin"]),
+                "cartesian": _as_json_impulse(*found["cartesian"]),
+            }
+            print_json(result)
         else:
             _print_impulse(found, kind)
 
@@ -238,22 +414,33 @@ def _draw_impulse(found: dict[Any, Found], picture: Path) -> None:
     write_picture(impulse_figure({axes: Drawn(*both) for axes, both in found.items()}), picture)
 
 
-def _as_json_impulse(responses: ImpulseResponses, errors: ShiftErrors) -> dict[str, Any]:
-    frequency, amplitude = responses.spectra()
+def _as_json_impulse(responses: ImpulseResponses, errors: ShiftErrors) -> ImpulseResponsesJson:
+    frequency, (h, g, f) = responses.spectra()
+    opposite, tails, (e11, e22, e12) = responses.opposite, responses.tails.tolist(), errors.strain
     return {
         "place_mm": responses.sampling.place_mm.tolist(),
         "unit": STRAIN_UNIT,
-        **{name: values.tolist() for name, values in zip(NAMES, responses.strain, strict=True)},
+        "h": responses.strain[0].tolist(),
+        "g": responses.strain[1].tolist(),
+        "f": responses.strain[2].tolist(),
         "spectra": {
             "cycles_per_mm": frequency.tolist(),
             "unit": STRAIN_UNIT,
-            **{name: values.tolist() for name, values in zip(NAMES, amplitude, strict=True)},
+            "h": h.tolist(),
+            "g": g.tolist(),
+            "f": f.tolist(),
         },
-        "g_is_minus_h": responses.opposite._asdict(),
-        "tails_over_peak": dict(zip(NAMES, responses.tails.tolist(), strict=True)),
+        "g_is_minus_h": {
+            "relative_l2": opposite.relative_l2,
+            "largest": opposite.largest,
+            "correlation": opposite.correlation,
+        },
+        "tails_over_peak": {"h": tails[0], "g": tails[1], "f": tails[2]},
         "shift_errors_relative_l2": {
             "place_mm": errors.place_mm.tolist(),
-            **{name: values.tolist() for name, values in zip(("e11", "e22", "e12"), errors.strain, strict=True)},
+            "e11": e11.tolist(),
+            "e22": e22.tolist(),
+            "e12": e12.tolist(),
             "sed": errors.sed.tolist(),
         },
     }
@@ -341,35 +528,50 @@ def _draw_shift_invariance(deformed: Deformed, site: Judged, picture: Path) -> N
     write_picture(point_spread_figure(Drawn(deformed, site)), picture)
 
 
-def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> dict[str, Any]:
+def _as_json_shift_invariance(found: AllSites, sampled: Sampled) -> ShiftInvarianceJson:
     return {
-        "sampled": sampled._asdict(),
+        "sampled": {
+            "spacing_mm": sampled.spacing_mm,
+            "half_width_mm": sampled.half_width_mm,
+            "depth_mm": sampled.depth_mm,
+            "force_gwt": sampled.force_gwt,
+        },
         "common_factor": found.common_factor,
         "sites": [
             {
-                **site.spread.site._asdict(),
+                "number": site.spread.site.number,
+                "x_mm": site.spread.site.x_mm,
+                "z_mm": site.spread.site.z_mm,
+                "on_pulp": site.spread.site.on_pulp,
                 "receptors": len(site.spread.sed),
-                "linear": _in_pseudo(site.linear._asdict()),
-                "logarithmic": _in_pseudo(site.logarithmic._asdict()),
+                "linear": _law(site.linear),
+                "logarithmic": _law(site.logarithmic),
                 "by_azimuth": [None if np.isnan(v) else v for v in site.spread.by_azimuth(site.linear).tolist()],
                 "moved_response_relative_l2": missed,
                 "printed": {"a": printed.a, "m": printed.m, "r2": printed.r2},
             }
             for site, missed, printed in zip(found.sites, found.missed, found.printed, strict=True)
         ],
-        **{
-            where: {
-                "linear": _in_pseudo(mean_over(found.laws(where))._asdict()),
-                "logarithmic": _in_pseudo(mean_over(found.laws(where, "logarithmic"))._asdict()),
-                "printed": mean_over(found.published(where))._asdict(),
-            }
-            for where in _WHERE
-        },
+        "pulp": _means(found, "pulp"),
+        "all": _means(found, "all"),
     }
 
 
-def _in_pseudo(law: dict[str, float]) -> dict[str, float]:
-    return {"a_pseudo" if key == "a" else key: value for key, value in law.items()}
+def _law(law: PowerLaw) -> PowerLawJson:
+    return {"a_pseudo": law.a, "m": law.m, "r": law.r, "r2": law.r2}
+
+
+def _means(found: AllSites, where: Where) -> MeanLawsJson:
+    printed = mean_over(found.published(where))
+    return {
+        "linear": _mean(mean_over(found.laws(where))),
+        "logarithmic": _mean(mean_over(found.laws(where, "logarithmic"))),
+        "printed": {"a": printed.a, "a_spread": printed.a_spread, "m": printed.m, "m_spread": printed.m_spread},
+    }
+
+
+def _mean(mean: Mean) -> MeanLawJson:
+    return {"a_pseudo": mean.a, "a_spread": mean.a_spread, "m": mean.m, "m_spread": mean.m_spread}
 
 
 def _print_shift_invariance(found: AllSites, sampled: Sampled) -> None:

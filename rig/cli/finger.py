@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Literal, NotRequired
 
 import numpy as np
 import typer
@@ -11,6 +11,7 @@ from rig.cli.options import FingertipOption, JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, err, one_line_errors, out, print_json
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.outputs import Output, Ratio, listed
 from sim.config import Contact, FingertipConfig
 from sim.contact.indentor import Indentor, Prismatic
 from sim.contact.shapes import parse_shape
@@ -21,6 +22,62 @@ from sim.measures.receptors import DEFAULT_DEPTH_MM, DEFAULT_X_MM, place_recepto
 from sim.models.condensed import young_ratios
 from sim.models.fingertip import Fingertip
 from sim.models.full_mesh import MeshedFinger, write_contact_deck, write_load_deck
+
+
+class SkinJson(Output):
+    """Fitted skin."""
+
+    source: Literal["points", "published points", "sections"]
+    count: int
+    residual_rms_mm: float
+    residual_max_mm: float
+    worst_point_mm: NotRequired[list[float]]
+
+
+class ApexJson(Output):
+    """Highest point of the skin."""
+
+    position_mm: list[float]
+    lateral_radius_mm: float
+    axial_radius_mm: float | None
+
+
+class LayerJson(Output):
+    """A layer under the apex; E over that of the epidermis."""
+
+    name: Annotated[str, listed(LAYERS)]
+    thickness_mm: float
+    elements: int
+    e_ratio: Ratio
+
+
+class MeshQualityJson(Output):
+    """Quality of the mesh and where it is worst."""
+
+    folded: int
+    poor: int
+    smallest_scaled_jacobian: Ratio
+    smallest_scaled_jacobian_at_mm: list[float]
+    largest_aspect_ratio: Ratio
+    largest_aspect_ratio_at_mm: list[float]
+
+
+class MeshJson(Output):
+    """Mesh of a finger."""
+
+    layers: list[LayerJson]
+    nodes: int
+    elements: int
+    patch_nodes: int
+    receptor_plane_mm: float
+
+
+class FingerJson(MeshJson):
+    """Finger of a configuration."""
+
+    skin: SkinJson
+    apex: ApexJson
+    quality: MeshQualityJson
 
 
 def finger_command(
@@ -41,7 +98,7 @@ def finger_command(
         if vtk is not None:
             with busy("writing the mesh …", quick=True):
                 write_vtk(vtk, mesh, quality)
-        found = {
+        found: FingerJson = {
             "skin": _skin(surface),
             "apex": _apex(surface),
             **_mesh(settings, mesh),
@@ -55,7 +112,7 @@ def finger_command(
             complain(doubt)
 
 
-def _skin(surface: FingertipSurface) -> dict[str, Any]:
+def _skin(surface: FingertipSurface) -> SkinJson:
     geometry, points = surface.geometry, surface.points_mm
     if not len(points):
         return {"source": "sections", "count": len(geometry.sections), "residual_rms_mm": 0.0, "residual_max_mm": 0.0}
@@ -69,7 +126,7 @@ def _skin(surface: FingertipSurface) -> dict[str, Any]:
     }
 
 
-def _apex(surface: FingertipSurface) -> dict[str, Any]:
+def _apex(surface: FingertipSurface) -> ApexJson:
     apex = surface.apex
     radius = apex.axial_radius_mm
     return {
@@ -79,7 +136,7 @@ def _apex(surface: FingertipSurface) -> dict[str, Any]:
     }
 
 
-def _mesh(config: FingertipConfig, mesh: FingerMesh) -> dict[str, Any]:
+def _mesh(config: FingertipConfig, mesh: FingerMesh) -> MeshJson:
     column = mesh.column_at(np.pi / 2, config.receptor_plane_mm)
     layer = mesh.layer.reshape(mesh.element_grid.shape)[0, 0]
     thickness = np.bincount(layer, np.linalg.norm(np.diff(column, axis=0), axis=1), len(LAYERS))
@@ -97,7 +154,7 @@ def _mesh(config: FingertipConfig, mesh: FingerMesh) -> dict[str, Any]:
     }
 
 
-def _quality(quality: MeshQuality) -> dict[str, Any]:
+def _quality(quality: MeshQuality) -> MeshQualityJson:
     flattest, longest = int(np.argmin(quality.scaled_jacobian)), int(np.argmax(quality.aspect_ratio))
     return {
         "folded": 0,
@@ -109,7 +166,7 @@ def _quality(quality: MeshQuality) -> dict[str, Any]:
     }
 
 
-def _print(found: dict[str, Any]) -> None:
+def _print(found: FingerJson) -> None:
     skin, apex, quality = found["skin"], found["apex"], found["quality"]
     out.print(f"skin     {skin['count']} {skin['source']}")
     if "worst_point_mm" in skin:
@@ -130,8 +187,15 @@ def _print(found: dict[str, Any]) -> None:
             f"E ratio {layer['e_ratio']:g}"
         )
     out.print(f"mesh     {found['nodes']} nodes, {found['elements']} elements, {found['patch_nodes']} patch nodes")
-    for name, key in (("scaled Jacobian", "smallest_scaled_jacobian"), ("aspect ratio", "largest_aspect_ratio")):
-        out.print(f"  {name:<16}{key.split('_')[0]} {quality[key]:.2f} at {_place(quality[key + '_at_mm'])}")
+    for name, value, at_mm in (
+        (
+            "scaled Jacobian",
+            f"smallest {quality['smallest_scaled_jacobian']:.2f}",
+            quality["smallest_scaled_jacobian_at_mm"],
+        ),
+        ("aspect ratio", f"largest {quality['largest_aspect_ratio']:.2f}", quality["largest_aspect_ratio_at_mm"]),
+    ):
+        out.print(f"  {name:<16}{value} at {_place(at_mm)}")
     out.print("  folded          none")
 
 
@@ -140,7 +204,7 @@ def _place(position_mm: list[float]) -> str:
     return f"({x:.2f}, {y:.2f}, {z:.2f}) mm"
 
 
-def _doubts(found: dict[str, Any], config: FingertipConfig) -> Iterator[str]:
+def _doubts(found: FingerJson, config: FingertipConfig) -> Iterator[str]:
     """Yield warnings, which are no errors but worth a check."""
     skin, quality, spacing = found["skin"], found["quality"], config.mesh.spacing_mm
     if skin["residual_max_mm"] > spacing:

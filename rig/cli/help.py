@@ -1,6 +1,9 @@
 """Layout of help: flags without a type, options in panels, and the page that `rig` alone prints; whole numbers."""
 
+import json
 import math
+from collections.abc import Iterable
+from copy import copy
 from typing import Any
 
 import typer
@@ -31,8 +34,8 @@ class PlainCommand(TyperCommand):
     """Command whose help shows no type beside a flag, and whose numbers are finite and whole ones bounded."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, laid out for the help."""
-        return _laid_out(super().get_params(ctx))
+        """Return the parameters, laid out for the help; with `--json` comes `--json-schema`."""
+        return _laid_out(_with_schema(super().get_params(ctx), [self]))
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command. Raises BadParameter for a number that is not finite, or a whole one that is too large."""
@@ -50,8 +53,30 @@ class PlainGroup(TyperGroup):
     """Group of commands whose help shows no type beside a flag."""
 
     def get_params(self, ctx: Any) -> list[Any]:
-        """Return the parameters, laid out for the help."""
-        return _laid_out(super().get_params(ctx))
+        """Return the parameters, laid out for the help; `--json-schema` if its commands have `--json`."""
+        return _laid_out(_with_schema(super().get_params(ctx), self.commands.values()))
+
+
+def _print_schema(ctx: Any, _parameter: Any, requested: bool) -> None:
+    """Print the schema of the command's JSON and exit."""
+    if requested:
+        from rig.cli.json_schema import schema_of_command  # pydantic is slow to import
+
+        _, command, *_ = ctx.command_path.split()
+        print(json.dumps(schema_of_command(command), indent=1, ensure_ascii=False))
+        raise typer.Exit
+
+
+def _with_schema(params: list[Any], commands: Iterable[Any]) -> list[Any]:
+    """Return the parameters, with `--json-schema` if one of the commands has `--json`."""
+    as_json = next((one for command in commands for one in command.params if one.name == "as_json"), None)
+    if as_json is None:
+        return params
+    found = copy(as_json)  # the class of an option differs between versions of typer
+    found.name, found.opts, found.help = "json_schema", ["--json-schema"], "Print the schema of --json and exit."
+    found.is_eager, found.expose_value, found.callback = True, False, _print_schema
+    at = params.index(as_json) + 1 if as_json in params else 0
+    return [*params[:at], found, *params[at:]]
 
 
 def _laid_out(params: list[Any]) -> list[Any]:

@@ -5,7 +5,7 @@ from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, NoReturn, TypeVar
+from typing import Annotated, Any, Literal, NoReturn, NotRequired, TypeVar
 
 import typer
 
@@ -24,11 +24,12 @@ from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err,
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.run import prompt_for
-from rig.cli.script_execution import AtTheTerminal, RunOwner, failure, leave, loaded, new_run, owning
+from rig.cli.script_execution import AtTheTerminal, RunOwner, code_of_end, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
 from rig.data import RunError, RunFolder
+from rig.data.ending import EndingJson
 from rig.data.folder import IDENTIFICATION_PAGE, replace_text
 from rig.devices.registry import stage_ports
 from rig.errors import BadInputError
@@ -44,7 +45,7 @@ from rig.identify.adaptive_presses import (
 )
 from rig.identify.expected_duration import ExpectedDuration, expected_duration
 from rig.identify.finger_from_presses import finger_file
-from rig.identify.frame import find
+from rig.identify.frame import FingerFrameJson, find, frame_as_json
 from rig.identify.identification_script import IdentificationScript, as_script
 from rig.plan.config import Config, load_config
 from rig.plan.plan import Plan, make_plan
@@ -56,13 +57,14 @@ from rig.report.style import signed
 from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
 from rig.study.parallel import spread
 from rig.units import GWT_N, unit_of_key
+from rig_shared.outputs import Code, File, Output, Ratio, Shape, Toml, Unit
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, with_size
 from sim.finger_process import Finger, FingerProcess
 from sim.identification.next_press import PressAt
 from sim.identification.posterior import parameter_bands
 from sim.identification.predicted_forces import PredictedForces
-from sim.identification.prior import KINDS, REAL_KINDS, Prior
+from sim.identification.prior import KINDS, REAL_KINDS, ParameterName, Prior
 from sim.identification.uncertainty_bands import Width
 from sim.models.fingertip import Fingertip
 
@@ -74,6 +76,57 @@ USUAL_GOALS = (
 
 _PRESSES = "Presses"
 _BEYOND_X_MM = 0.6
+
+
+class IdentifiedParameterJson(Output):
+    """A parameter of the finger, with its 90 % band; stiffness and moduli over the default's."""
+
+    name: ParameterName
+    unit: Unit
+    estimate: float
+    """Value of the most likely finger whose parameters all lie within their bands."""
+    mean: float
+    sd: float
+    low: float
+    high: float
+
+
+class PredictedForceJson(Output):
+    """Force of a press on the identified finger with its 90 % band, in gwt."""
+
+    shape: Shape
+    x_mm: float
+    doi_mm: float
+    force_gwt: float
+    low: float
+    high: float
+    unit: Literal["gwt"]
+
+
+class IdentificationJson(Output):
+    """An identified finger. `consistent`: the presses agree with a finger of the prior, and the bands hold."""
+
+    run: File
+    finger: File | None
+    presses: int
+    bench_s: float
+    consistent: bool
+    parameters: list[IdentifiedParameterJson]
+    predicted: list[PredictedForceJson]
+    problems_text: list[str]
+    code: NotRequired[Code]
+    ending: NotRequired[EndingJson]
+
+
+class FindJson(Output):
+    """Position of the finger, fitted to touches; `toml` is for the configuration."""
+
+    value: FingerFrameJson
+    sd: FingerFrameJson
+    correlation: list[list[Ratio]]
+    residual_mm: float
+    touches: int
+    toml: Toml
 
 
 def usual_goals(shapes: Sequence[str]) -> tuple[PressAt, ...]:
@@ -244,10 +297,10 @@ def final_lines(done: FinishedRun, identification: Identification, to: object) -
     return lines | {"duration_s": round(done.duration_s, 1)}
 
 
-def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dict[str, Any]:
+def _as_json(done: FinishedRun, identification: Identification, to: Path) -> IdentificationJson:
     """Return the same results as JSON; without a press there is neither a finger file nor a number."""
     flag = identification.flag
-    return {
+    found: IdentificationJson = {
         "run": str(done.folder.path),
         "finger": str(to) if identification.measured else None,
         "presses": len(identification.measured),
@@ -256,16 +309,30 @@ def _as_json(done: FinishedRun, identification: Identification, to: Path) -> dic
         "parameters": _parameters(identification) if identification.measured else [],
         "predicted": _predicted(identification) if identification.measured else [],
         "problems_text": identification.not_learned if identification.measured else [],
-        **({} if flag is None else {"code": flag}),
-        **failure(done),
     }
+    if flag is not None:
+        found["code"] = flag
+    if done.ending is not None:
+        found["code"], found["ending"] = code_of_end(done), done.ending.as_json()
+    return found
 
 
-def _parameters(identification: Identification) -> list[dict[str, Any]]:
-    return [{**vars(one), "unit": unit_of_key(one.name) or "1"} for one in parameter_bands(identification.learned)]
+def _parameters(identification: Identification) -> list[IdentifiedParameterJson]:
+    return [
+        {
+            "name": one.name,
+            "unit": unit_of_key(one.name) or "1",
+            "estimate": one.estimate,
+            "mean": one.mean,
+            "sd": one.sd,
+            "low": one.low,
+            "high": one.high,
+        }
+        for one in parameter_bands(identification.learned)
+    ]
 
 
-def _predicted(identification: Identification) -> list[dict[str, Any]]:
+def _predicted(identification: Identification) -> list[PredictedForceJson]:
     return [
         {
             "shape": goal.indentor,
@@ -498,8 +565,15 @@ def find_command(
         with busy("fitting the pad to the touches …", quick=True):
             lie = find(recorded, settings, finger)
         if as_json:
-            found = {"value": lie.value, "sd": lie.sd, "correlation": lie.correlation.tolist()}
-            print_json({**found, "residual_mm": lie.residual_mm, "touches": lie.touches, "toml": lie.as_toml()})
+            found: FindJson = {
+                "value": frame_as_json(lie.value),
+                "sd": frame_as_json(lie.sd),
+                "correlation": lie.correlation.tolist(),
+                "residual_mm": lie.residual_mm,
+                "touches": lie.touches,
+                "toml": lie.as_toml(),
+            }
+            print_json(found)
         else:
             out.print(
                 f"{lie.touches} touches, residual {1000 * lie.residual_mm:.1f} µm from the finger's "

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Literal, NotRequired, get_args
 
 import numpy as np
 import typer
@@ -12,12 +12,19 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.compare.recordings.deflection import SkinDeflection, compared_deflection, in_words, read_skin_deflection
+from rig.compare.recordings.deflection import (
+    DeflectionJson,
+    SkinDeflection,
+    compared_deflection,
+    in_words,
+    read_skin_deflection,
+)
 from rig.errors import BadInputError
 from rig.plan.config import load_config
+from rig_shared.outputs import Code, Output, Range
 from rig_shared.plural import number_of
 from sim.benchmark import QUANTITIES
-from sim.cheapest_model import Aim, Choice, choose
+from sim.cheapest_model import Aim, Choice, ChoiceJson, choose
 from sim.config import FingertipConfig, MeshSpec
 from sim.contact.indentor import ALONG, BOTH, Indentor
 from sim.contact.patch import X, Z
@@ -27,14 +34,49 @@ from sim.models.catalogue import MODELS, ModelName, load
 from sim.models.fingertip import Fingertip
 from sim.models.friction import FrictionResult
 from sim.models.halfspace import modulus_of
-from sim.models.pictures import ModelOutline
-from sim.models.result import IndentationResult, PointLoadResult
+from sim.models.pictures import ModelOutline, ReceptorsJson
+from sim.models.result import (
+    FrictionJson,
+    IndentationResult,
+    LoadingPathJson,
+    PointLoadResult,
+    PressureProfileJson,
+    SolvedJson,
+)
+from sim.models.small_strain_error import SmallStrainJson
 from sim.units import GWT_N
 
 TOLERANCE, QUANTITY = "2%", "force"
 """Tolerance and quantity of `auto` by default."""
 
 _LONGEST_MM = 50.0
+
+
+class SolverJson(SolvedJson):
+    """Model, its build time, and the solution of its contact."""
+
+    build_s: float
+
+
+class IndentJson(Output):
+    """An indentation. A section without --length-mm has its force per mm only; a point load has no depth."""
+
+    force_n: float | None
+    force_gwt: float | None
+    force_n_per_mm: NotRequired[float]
+    effective_length_mm: NotRequired[float | None]
+    doi_mm: float | None
+    peak_pressure_kpa: float | None
+    small_strain: NotRequired[SmallStrainJson]
+    path: NotRequired[LoadingPathJson]
+    contact_regions_mm: list[Range]
+    pressure: PressureProfileJson
+    receptors: ReceptorsJson
+    solver: SolverJson
+    choice: ChoiceJson
+    friction: NotRequired[FrictionJson]
+    deflection: NotRequired[DeflectionJson]
+    code: NotRequired[Code]
 
 
 @dataclass(frozen=True)
@@ -87,15 +129,33 @@ class Chosen:
         whole = force_n * self.length_mm
         return f"{force_n:.5f} N/mm, over {self.length_mm:g} mm {whole:.5f} N = {whole / GWT_N:.4f} gwt"
 
-    def described(self, answer: dict[str, Any]) -> dict[str, Any]:
+    def described(self, result: IndentationResult | PointLoadResult, build_s: float) -> IndentJson:
         """Return the JSON of an indentation and its choice of model; a section's force is null without a length."""
-        asked_for = {"level": None, "promised_error": None, "why_text": self.why}
-        answer["choice"] = asked_for if self.choice is None else self.choice.as_json()
-        if self.model == "section":
-            answer["force_n_per_mm"], answer["effective_length_mm"] = answer["force_n"], self.length_mm
-            for key in ("force_n", "force_gwt"):
-                answer[key] = None if self.length_mm is None else answer[key] * self.length_mm
-        return answer
+        press, whole = result.as_json(), self.model != "section"
+        named: ChoiceJson = {"level": None, "promised_error": None, "why_text": self.why}
+        found: IndentJson = {
+            "force_n": press["force_n"] if whole else self._over_length(press["force_n"]),
+            "force_gwt": press["force_gwt"] if whole else self._over_length(press["force_gwt"]),
+            "doi_mm": press["doi_mm"],
+            "peak_pressure_kpa": press["peak_pressure_kpa"],
+            "contact_regions_mm": press["contact_regions_mm"],
+            "pressure": press["pressure"],
+            "receptors": press["receptors"],
+            "solver": {**press["solver"], "build_s": build_s},
+            "choice": named if self.choice is None else self.choice.as_json(),
+        }
+        if not whole:
+            found["force_n_per_mm"], found["effective_length_mm"] = press["force_n"], self.length_mm
+        if "small_strain" in press:
+            found["small_strain"] = press["small_strain"]
+        if "path" in press:
+            found["path"] = press["path"]
+        if "friction" in press:
+            found["friction"] = press["friction"]
+        return found
+
+    def _over_length(self, force: float) -> float | None:
+        return None if self.length_mm is None else force * self.length_mm
 
 
 @dataclass(frozen=True)
@@ -362,11 +422,12 @@ def indent_command(
                 _draw(result, picture)
         beside = None if measured is None else compared_deflection(result, measured)
         if as_json:
-            answer = chosen.described(result.as_json())
-            answer["solver"]["build_s"] = finger.build_s
+            answer = chosen.described(result, finger.build_s)
             if not result.state.converged:
                 answer["code"] = "not_converged"
-            print_json(answer if beside is None else answer | {"deflection": beside})
+            if beside is not None:
+                answer["deflection"] = beside
+            print_json(answer)
         else:
             _print(result, chosen, finger.build_s)
             if beside is not None:
@@ -438,9 +499,7 @@ def _force_of_point(doi_mm: float | None, force_gwt: float | None) -> float:
 
 def _print_point_load(result: PointLoadResult, chosen: Chosen, build_s: float, *, as_json: bool) -> None:
     if as_json:
-        answer = chosen.described(result.as_json())
-        answer["solver"]["build_s"] = build_s
-        print_json(answer)
+        print_json(chosen.described(result, build_s))
         return
     if chosen.model == "section":
         out.print(f"line load of {chosen.force_text(result.force_n)} at x = {result.x_mm:g} mm of the section")

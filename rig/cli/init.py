@@ -13,7 +13,7 @@ import typer
 from pydantic import ValidationError
 
 from rig.bench.checks import refuse_bench, today
-from rig.bench.find_devices import PortFound, find_devices, serial_ports
+from rig.bench.find_devices import PortFound, PortFoundJson, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.signals import typed_line
@@ -25,6 +25,7 @@ from rig.plan.config import Config, Key, as_toml, config_from, keys
 from rig.plan.finger_file import example_finger
 from rig.printable import either
 from rig.units import GWT_N
+from rig_shared.outputs import CommandLine, File, Name, Output, Port
 from rig_shared.user_files import toml_of
 
 _DEVICES, _ANSWERS = "Devices", "Answers"
@@ -38,6 +39,25 @@ NOMINAL_DAYS = 30
 """Days for which steps per mm that were entered, not measured, may be used."""
 
 Tables = dict[str, dict[str, Any]]
+
+
+class DeviceWrittenJson(Output):
+    """A device in the new configuration; identity is null if it did not answer."""
+
+    kind: Name
+    port: Port
+    identity: Name | None
+
+
+class InitJson(Output):
+    """A new configuration file."""
+
+    config: File
+    ports: list[PortFoundJson]
+    stage: DeviceWrittenJson
+    force: DeviceWrittenJson
+    next: CommandLine
+    """Command to enter next."""
 
 
 def init_command(
@@ -151,12 +171,11 @@ def init_command(
         write_new(to, _file(config, draft), replace=force)
         following = shlex.join(["rig", "doctor", "--config", str(to)])
         if as_json:
-            devices = {room: draft.tables[room] | {"identity": draft.identities.get(room)} for room in WORDS}
-            print_json({
+            written: InitJson = {
                 "config": str(to), "ports": [one.as_json() for one in found],
-                **{room: {key: one[key] for key in ("kind", "port", "identity")} for room, one in devices.items()},
-                "next": following,
-            })  # fmt: skip
+                "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
+            }  # fmt: skip
+            print_json(written)
             return
         out.print(f"wrote {to}")
         out.print(f"next: {following}")
@@ -227,6 +246,11 @@ class _Draft:
     def config(self) -> Config:
         """Return the configuration."""
         return Config.model_validate(self.tables)
+
+    def device(self, room: Room) -> DeviceWrittenJson:
+        """Return the device of the stage or the force sensor."""
+        table = self.tables[room]
+        return {"kind": table["kind"], "port": table["port"], "identity": self.identities.get(room)}
 
     @property
     def places(self) -> set[str]:

@@ -3,19 +3,21 @@
 import os
 import platform
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from datetime import UTC, datetime
 from difflib import get_close_matches
 from importlib.metadata import version
 from itertools import groupby
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
 import typer
 from serial.tools import list_ports
 
 from rig.bench.checks import (
+    ForceLookJson,
+    StageLookJson,
     as_words,
     bench_problems,
     expired_calibrations,
@@ -24,11 +26,15 @@ from rig.bench.checks import (
     today,
 )
 from rig.cli import device_catalogue
+from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
+from rig.data.folder import FileSizeJson
+from rig.data.run import PackageJson
 from rig.devices import registry
+from rig.engine.contact import ContactJson
 from rig.errors import BadInputError
 from rig.plan.config import Config, Key, as_toml, keys, keys_of_other_kinds, load_config
 from rig.printable import either
@@ -36,9 +42,22 @@ from rig.protocol.script import shipped_protocols
 from rig.report.benchmark_page import page
 from rig.session.resume import left_on_record
 from rig.units import unit_of_key
+from rig_shared.outputs import Day, File, Name, Output, Port, Setting, Settings, Time, Unit, listed
 from rig_shared.plural import number_of
 from sim import benchmark
-from sim.benchmark import QUANTITIES, QUICK, QUICK_SCENES, SCENES, WHOLE, Measured, measure, reference_s, rows, stored
+from sim.benchmark import (
+    QUANTITIES,
+    QUICK,
+    QUICK_SCENES,
+    SCENES,
+    WHOLE,
+    BenchmarkRowJson,
+    Measured,
+    measure,
+    reference_s,
+    rows,
+    stored,
+)
 from sim.models.cache import KINDS, CacheEntry, cache_dir, entries, most_bytes, prune
 
 HEAD = """# Configuration reference
@@ -47,6 +66,122 @@ Every table and key of a configuration file. `rig config --markdown` writes this
 a configuration file to start from, and `rig config KEY` prints one key or table. With `--config rig.toml`, it shows
 the values of that file. An unknown key is an error. A key without a default is absent unless you set it.
 """
+
+
+class BenchmarkJson(Output):
+    """All models on this machine."""
+
+    rows: list[BenchmarkRowJson]
+    page: File
+    reference_s: float
+
+
+class CacheEntryJson(Output):
+    """A cached result."""
+
+    name: Name
+    kind: Annotated[str, listed(KINDS)]
+    bytes: int
+    read_utc: Time
+
+
+class CacheJson(Output):
+    """Cached results."""
+
+    folder: File
+    entries: list[CacheEntryJson]
+    bytes: int
+    limit_gb: float
+    removed: int
+    removed_bytes: int
+
+
+class ConfigKeyJson(Output):
+    """A key of the configuration; value and default are null where it is not set."""
+
+    key: Name
+    value: Setting
+    default: Setting
+    unit: Unit
+    allowed_text: str
+    what_text: str
+
+
+class ConfigurationJson(Output):
+    """Keys of the configuration."""
+
+    keys: list[ConfigKeyJson]
+
+
+class SerialPortJson(Output):
+    """A serial port of this machine."""
+
+    port: Port
+    description_text: str
+
+
+class ConfiguredJson(Output):
+    """A configured device."""
+
+    kind: Name
+    ports: list[Port]
+
+
+class ConfiguredDevicesJson(Output):
+    """Configured devices."""
+
+    stage: ConfiguredJson
+    force: ConfiguredJson
+
+
+class CalibrationOnRecordJson(Output):
+    """A calibration of the configuration."""
+
+    name: Name
+    value: float
+    unit: Unit
+    expires: Day
+    expired: bool
+
+
+class CacheSizeJson(Output):
+    """Size of the cache."""
+
+    folder: File
+    models: int
+    answers: int
+    bytes: int
+
+
+class DoctorJson(Output):
+    """Installation; with --config also the devices that answer on the ports."""
+
+    python: Name
+    system: Name
+    machine: Name
+    cores: int | None
+    versions: list[PackageJson]
+    ports: list[SerialPortJson]
+    configured: ConfiguredDevicesJson
+    devices: list[DeviceKindJson]
+    limits: Settings
+    """Table [limits] of the configuration."""
+    cache: CacheSizeJson
+    protocols: list[Name]
+    problems_text: NotRequired[list[str]]
+    stage: NotRequired[StageLookJson]
+    force: NotRequired[ForceLookJson]
+    calibrated: NotRequired[list[CalibrationOnRecordJson]]
+    contact: NotRequired[ContactJson]
+    last_run_text: NotRequired[str]
+
+
+class BugReportJson(Output):
+    """A file for a bug report."""
+
+    bundle: File
+    holds: list[FileSizeJson]
+    left_out_text: list[str]
 
 
 def config_command(
@@ -71,7 +206,8 @@ def config_command(
         others = keys_of_other_kinds(loaded) if markdown or key is not None else ()
         found = _named([*keys(loaded), *others], key)
         if as_json:
-            print_json({"keys": [_described(one) for one in found]})
+            configuration: ConfigurationJson = {"keys": [_described(one) for one in found]}
+            print_json(configuration)
         else:
             out.print(
                 _page(found) if markdown else _file(found), markup=False, highlight=False, soft_wrap=True, end=""
@@ -83,7 +219,8 @@ def _print_devices(key: str | None, *, markdown: bool, as_json: bool) -> None:
     if key is not None:
         raise BadInputError("KEY and --devices cannot be combined; give one of them", "not_together")
     if as_json:
-        print_json({"devices": device_catalogue.as_json()})
+        catalogue: device_catalogue.DeviceCatalogueJson = {"devices": device_catalogue.as_json()}
+        print_json(catalogue)
         return
     text = device_catalogue.as_markdown() if markdown else device_catalogue.as_text()
     out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
@@ -120,9 +257,15 @@ def _row(one: Key) -> str:
     return f"| `{one.name}` | {default} | {one.allowed_in_words.replace('|', 'or')} | {one.what} |\n"
 
 
-def _described(one: Key) -> dict[str, object]:
-    described = {"key": one.place, "value": one.value, "default": one.default}
-    return described | {"unit": one.unit, "allowed_text": one.allowed, "what_text": one.what}
+def _described(one: Key) -> ConfigKeyJson:
+    return {
+        "key": one.place,
+        "value": one.value,
+        "default": one.default,
+        "unit": one.unit,
+        "allowed_text": one.allowed,
+        "what_text": one.what,
+    }
 
 
 _ABOUT = {
@@ -151,10 +294,11 @@ def cache_command(
         removed = prune(1e9 * keep_gb) if prune_it else []
         kept = entries()
         if as_json:
-            print_json({
+            cache: CacheJson = {
                 "folder": str(cache_dir()), "entries": [_as_json(entry) for entry in kept], "bytes": _bytes(kept),
                 "limit_gb": limit_gb, "removed": len(removed), "removed_bytes": _bytes(removed),
-            })  # fmt: skip
+            }  # fmt: skip
+            print_json(cache)
             return
         _print(kept, limit_gb)
         if prune_it:
@@ -174,7 +318,7 @@ def _print(kept: Sequence[CacheEntry], limit_gb: float) -> None:
     )
 
 
-def _as_json(entry: CacheEntry) -> dict[str, Any]:
+def _as_json(entry: CacheEntry) -> CacheEntryJson:
     read = _read(entry).isoformat(timespec="seconds")
     return {"name": entry.path.name, "kind": entry.kind, "bytes": entry.size, "read_utc": read}
 
@@ -207,46 +351,56 @@ def doctor_command(
     """Print the contents of a bug report."""
     with one_line_errors(as_json=as_json):
         with busy("writing the bug report …" if bundle else "asking ports and devices …", quick=True):
-            found = _examine(config) if bundle is None else _bundled(bundle, load_config(config))
-        if as_json:
-            print_json(found)
-            return
-        for name, value in (_lines(found) if bundle is None else _bundle_lines(found)).items():
-            out.print(f"{name:<12}{value or 'none'}")
+            doctor = _examine(config) if bundle is None else None
+            report = None if bundle is None else _bundled(bundle, load_config(config))
+        if as_json and doctor is not None:
+            print_json(doctor)
+        elif as_json and report is not None:
+            print_json(report)
+        else:
+            lines = {} if doctor is None else _lines(doctor)
+            for name, value in (lines if report is None else _bundle_lines(report)).items():
+                out.print(f"{name:<12}{value or 'none'}")
 
 
-def _bundled(run: Path, settings: Config) -> dict[str, Any]:
+def _bundled(run: Path, settings: Config) -> BugReportJson:
     """Write the file for a bug report to the current folder, and return its contents and omissions."""
     here = _installation(settings)
     about = ("python", "system", "machine", "cores", "versions", "devices", "protocols")
-    contents = {name: here[name] for name in about}
+    contents: dict[str, object] = {name: here.get(name) for name in about}
     to = Path(bundle_name(run))
     shipped = {path.name: path.read_bytes() for path in shipped_protocols().glob("*.py")}
     members = bug_report(run, to, contents | {"problems": list(map(str, registry.problems()))}, shipped)
-    holds = [{"name": name, "bytes": size} for name, size in members.items()]
+    holds: list[FileSizeJson] = [{"name": name, "bytes": size} for name, size in members.items()]
     return {"bundle": str(to), "holds": holds, "left_out_text": list(LEFT_OUT)}
 
 
-def _examine(config: Path | None) -> dict[str, Any]:
+def _examine(config: Path | None) -> DoctorJson:
     settings = load_config(config)
     found = _installation(settings)
     broken = list(map(str, registry.problems()))
     if config is not None:
-        bench = _bench(settings)
-        silent = [
-            f"{name}: {bench[name]['problem_text']}" for name in ("stage", "force") if "problem_text" in bench[name]
-        ]
-        problems = [*broken, *bench_problems(settings), *expired_calibrations(settings), *silent]
-        return found | {"problems_text": problems} | bench
-    return found | ({"problems_text": broken} if broken else {})
+        bench, left = look_and_contact(settings, closely=True), left_on_record(Path("runs"), settings)
+        devices = {"stage": bench["stage"], "force": bench["force"]}
+        silent = [f"{name}: {one['problem_text']}" for name, one in devices.items() if "problem_text" in one]
+        found["problems_text"] = [*broken, *bench_problems(settings), *expired_calibrations(settings), *silent]
+        found["stage"], found["force"], found["contact"] = bench["stage"], bench["force"], bench["contact"]
+        found["calibrated"] = _calibrations(settings)
+        found["last_run_text"] = left or "no run on record left the indentor at the finger"
+    elif broken:
+        found["problems_text"] = broken
+    return found
 
 
-def _lines(found: Mapping[str, Any]) -> dict[str, str]:
+def _lines(found: DoctorJson) -> dict[str, str]:
     """Return the same for people, by the name of the line."""
     cache, bench = found["cache"], dict[str, str]()
-    for name in ("stage", "force", "contact"):
-        bench |= {name: in_one_line(found[name])} if name in found else {}
     if "calibrated" in found:
+        bench |= {
+            "stage": in_one_line(found["stage"]),
+            "force": in_one_line(found["force"]),
+            "contact": in_one_line(found["contact"]),
+        }
         bench["calibrated"] = ", ".join(map(_calibrated, found["calibrated"]))
         bench["last run"] = found["last_run_text"]
     if "problems_text" in found:
@@ -256,7 +410,8 @@ def _lines(found: Mapping[str, Any]) -> dict[str, str]:
         "versions": ", ".join(f"{one['package']} {one['version']}" for one in found["versions"]),
         "ports": ", ".join(f"{one['port']} ({one['description_text']})" for one in found["ports"]),
         "configured": ", ".join(
-            f"{room} {one['kind']} on {as_words(one['ports'])}" for room, one in found["configured"].items()
+            f"{room} {one['kind']} on {as_words(one['ports'])}"
+            for room, one in (("stage", found["configured"]["stage"]), ("force", found["configured"]["force"]))
         ),
         "devices": ", ".join(f"{kind.room} {' '.join(_named_kinds(found, kind.room))}" for kind in registry.KINDS),
         "limits": in_one_line(found["limits"]),
@@ -267,7 +422,7 @@ def _lines(found: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _bundle_lines(found: Mapping[str, Any]) -> dict[str, str]:
+def _bundle_lines(found: BugReportJson) -> dict[str, str]:
     return {
         "bundle": found["bundle"],
         "holds": ", ".join(f"{one['name']} {one['bytes']}" for one in found["holds"]),
@@ -275,36 +430,32 @@ def _bundle_lines(found: Mapping[str, Any]) -> dict[str, str]:
     }
 
 
-def _named_kinds(found: Mapping[str, Any], room: registry.Room) -> Iterator[str]:
+def _named_kinds(found: DoctorJson, room: registry.Room) -> Iterator[str]:
     for one in found["devices"]:
         if one["role"] == room:
             yield one["kind"] if one["package"] is None else f"{one['kind']} ({one['package']})"
 
 
-def _calibrated(one: Mapping[str, Any]) -> str:
+def _calibrated(one: CalibrationOnRecordJson) -> str:
     return f"{one['name']} {one['value']:g}, {'expired' if one['expired'] else 'until'} {one['expires']}"
 
 
-def _bench(settings: Config) -> dict[str, Any]:
-    """Return which devices answer, how long calibrations are valid, and where the last run left the indentor."""
+def _calibrations(settings: Config) -> list[CalibrationOnRecordJson]:
+    """Return the calibrations of a configuration, and how long they are valid."""
     expired = settings.calibration.expired(today())
-    left = left_on_record(Path("runs"), settings)
-    return look_and_contact(settings, closely=True) | {
-        "calibrated": [
-            {
-                "name": name,
-                "value": one.value,
-                "unit": unit_of_key(name) or "1",
-                "expires": one.expires.isoformat(),
-                "expired": name in expired,
-            }
-            for name, one in settings.calibration.measured()
-        ],
-        "last_run_text": left or "no run on record left the indentor at the finger",
-    }
+    return [
+        {
+            "name": name,
+            "value": one.value,
+            "unit": unit_of_key(name) or "1",
+            "expires": one.expires.isoformat(),
+            "expired": name in expired,
+        }
+        for name, one in settings.calibration.measured()
+    ]
 
 
-def _installation(settings: Config) -> dict[str, Any]:
+def _installation(settings: Config) -> DoctorJson:
     folder = cache_dir()
     stored = {kind: list(folder.glob(f"*.{kind}")) for kind in KINDS}
     size = sum(path.stat().st_size for paths in stored.values() for path in paths)
@@ -370,7 +521,8 @@ def speed_command(
         )
         page_file.write_text(text, encoding="utf-8")
         if as_json:
-            print_json({"rows": table, "page": str(page_file), "reference_s": unit_s})
+            found_all: BenchmarkJson = {"rows": table, "page": str(page_file), "reference_s": unit_s}
+            print_json(found_all)
         else:
             out.print(f"{page_file}: {number_of(len(measured), 'candidates')}, {time.perf_counter() - start:.0f} s")
             out.print(f"reference computation: {unit_s:.3f} processor seconds")

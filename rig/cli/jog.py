@@ -1,12 +1,11 @@
 """`rig jog`: move an axis while a key is held, or by a distance."""
 
 from collections.abc import Callable
-from typing import Annotated, get_args
+from typing import Annotated, NotRequired, get_args
 
 import typer
 
-from rig.bench.checks import position
-from rig.cli.bench import by_hand, live_line, print_entries
+from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
@@ -17,6 +16,7 @@ from rig.errors import BadInputError, LimitError
 from rig.manual.jog import FASTEST_MM_S, ByHand, HeldDirection, Moved
 from rig.plan.config import load_config
 from rig.settings import SLOWEST_MM_S
+from rig_shared.outputs import Code
 
 _FARTHEST_MM = 1000.0
 KEYS = {
@@ -28,6 +28,14 @@ _QUIT = ord("q")
 # Held keys repeat about 30 times a second, after a pause that a tap must not outlast.
 RELEASED_S = 0.15
 _IDLE_LOOK_S, _KEY_LOOK_S = 0.02, 0.005
+
+
+class JoggedJson(HomedJson):
+    """Position after a manual move."""
+
+    ended_by_text: str | None
+    """Cause of the stop."""
+    code: NotRequired[Code]
 
 
 def command(
@@ -62,16 +70,23 @@ def command(
                 direction, far_mm = target
                 moved = hand.go(lambda: direction, speed_mm_s, far_mm)
             known = hand.measured_contact()
-        print_entries(
-            {
-                **position(moved.at),
-                **known.as_json(),
-                "force_gwt": moved.force_gwt,
-                "ended_by_text": moved.ended_by,
-                **({} if moved.problem is None else {"code": moved.problem.code}),
-            },
-            as_json=as_json,
-        )
+        at, contact = moved.at, known.as_json()
+        found: JoggedJson = {
+            "state": at.state,
+            "x_mm": at.x_mm,
+            "y_mm": at.y_mm,
+            "z_mm": at.z_mm,
+            "contact": contact["contact"],
+            "may_touch": contact["may_touch"],
+            "force_gwt": moved.force_gwt,
+            "measured_unix_s": contact["measured_unix_s"],
+            "where_text": contact["where_text"],
+            "to_do_text": contact["to_do_text"],
+            "ended_by_text": moved.ended_by,
+        }
+        if moved.problem is not None:
+            found["code"] = moved.problem.code
+        print_entries(found, as_json=as_json)
     if moved.ended_by is not None:
         complain(f"stopped: {moved.ended_by}")
         raise typer.Exit(ExitCode.STOPPED)

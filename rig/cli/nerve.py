@@ -1,7 +1,7 @@
 """`rig nerve`: add the spikes of simulated afferents to a run."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -12,6 +12,7 @@ from rig.data.run import Run
 from rig.data.tables import foreign_in_one_line
 from rig.errors import BadInputError
 from rig.plan.config import Config, load_config
+from rig_shared.outputs import File, Name, Output, Ratio
 from rig_shared.plural import number_of
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from rig.data.spike_files import SpikeRecord
     from rig.plan.nerve import FiringSpeed, SpikeRequest, Visits
+    from rig.session.rehearsal_summary import FiringSpeedJson
     from sim.models.fingertip import Fingertip
     from sim.nerve.population import AfferentPopulation
 
@@ -28,6 +30,39 @@ AFFERENTS_HELP = (
     "or a density such as 'monkey fingertip'."
 )
 MOST_SEED, MOST_PATH_M = 1_000_000, 2.0
+
+
+class SimulatedAfferentJson(Output):
+    """An afferent of the finger model, and how many spikes it fired."""
+
+    afferent: Name
+    model: Name
+    """Class: SA1, RA or PC."""
+    x_mm: float
+    along_mm: float
+    """Place along the finger, from the receptor plane."""
+    depth_mm: float
+    sensitivity: Ratio
+    delay_s: float
+    """Delay from a spike at the receptor to the same spike at the electrode."""
+    spikes: int
+
+
+class SpikesJson(Output):
+    """Spikes of simulated afferents, which are not data; `left_out` presses have no contact height."""
+
+    run: File
+    seed: int
+    electrode_text: str
+    afferents: list[SimulatedAfferentJson]
+    left_out: int
+    files: list[File]
+
+
+class NerveJson(SpikesJson):
+    """Spikes of simulated afferents, which are not data; `left_out` presses have no contact height."""
+
+    report: File
 
 
 def nerve_command(
@@ -67,7 +102,8 @@ def nerve_command(
                 renewed_report(found, finger, {Path(name).name for name in answer["files"]}, as_json=as_json)
         report = found.folder.report
         if as_json:
-            print_json({**answer, "report": str(report)})
+            reported: NerveJson = {**answer, "report": str(report)}
+            print_json(reported)
         else:
             _print(answer, report)
 
@@ -86,6 +122,22 @@ def firing_lines(speeds: "Sequence[FiringSpeed]") -> list[str]:
     return [f"firing  {one.sentence}" for one in speeds]
 
 
+def firing_as_json(speeds: "Sequence[FiringSpeed]") -> "list[FiringSpeedJson]":
+    """Return the same speeds for `rig check --json`."""
+    return [
+        {
+            "model": one.model,
+            "afferents": one.afferents,
+            "sensitivity": one.sensitivity,
+            "firing_speed_mm_s": one.slowest_mm_s,
+            "doi_mm": one.doi_mm,
+            "press_speed_mm_s": one.fastest_mm_s,
+            "silent": one.silent,
+        }
+        for one in speeds
+    ]
+
+
 def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeRequest":
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import SpikeRequest
@@ -101,9 +153,7 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     return wanted
 
 
-def add_spikes(
-    finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest", *, as_json: bool
-) -> dict[str, Any]:
+def add_spikes(finger: "Fingertip", run: Run, config: Config, wanted: "SpikeRequest", *, as_json: bool) -> SpikesJson:
     """Write the spikes of a run into its folder; return the JSON output of the command, without the report."""
     from rig.plan.nerve import visits_of
 
@@ -118,7 +168,7 @@ def _add(
     afferents: "AfferentPopulation",
     *,
     as_json: bool,
-) -> dict[str, Any]:
+) -> SpikesJson:
     from rig.data.export import export_spikes
     from rig.plan.nerve import run_spikes
 
@@ -144,7 +194,7 @@ def _add(
     }
 
 
-def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
+def _as_rows(record: "SpikeRecord") -> list[SimulatedAfferentJson]:
     return [
         {
             "afferent": one.afferent,
@@ -160,13 +210,13 @@ def _as_rows(record: "SpikeRecord") -> list[dict[str, Any]]:
     ]
 
 
-def _print(answer: dict[str, Any], report: Path) -> None:
+def _print(answer: SpikesJson, report: Path) -> None:
     for line in spike_lines(answer):
         out.print(line)
     out.print(f"report  {report}")
 
 
-def spike_lines(answer: dict[str, Any]) -> list[str]:
+def spike_lines(answer: SpikesJson) -> list[str]:
     """Return the lines that describe simulated spikes."""
     counts = ", ".join(f"{one['afferent']} {one['spikes']}" for one in answer["afferents"][:20])
     more = f", and {len(answer['afferents']) - 20} more" if len(answer["afferents"]) > 20 else ""

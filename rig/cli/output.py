@@ -5,12 +5,12 @@ import logging
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext, redirect_stdout, suppress
 from enum import IntEnum
 from itertools import pairwise
 from statistics import median
-from typing import Any, NoReturn, TextIO
+from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.live import Live
@@ -20,6 +20,11 @@ from rich.spinner import Spinner
 from rig.errors import RigError
 from rig.printable import printable
 from rig_shared.plural import number_of
+
+if TYPE_CHECKING:
+    from rig.cli.failure import FailureJson
+    from rig.data.ending import EndingJson
+    from rig_shared.outputs import Output
 
 
 class _Terminal(Console):
@@ -363,8 +368,8 @@ _stdout: list[TextIO] = []
 """Standard output of a command with --json; `sys.stdout` is standard error meanwhile."""
 
 
-def print_json(result: Mapping[str, Any]) -> None:
-    """Print one JSON object on standard output; raise ValueError for NaN."""
+def print_json(result: "Output") -> None:
+    """Print one JSON object on standard output, of any type of outputs; raise ValueError for NaN."""
     try:
         print(json.dumps(result, allow_nan=False), file=_stdout[-1] if _stdout else sys.stdout, flush=True)
     except BrokenPipeError:
@@ -405,17 +410,20 @@ def fail(
 
     `code` is for programs; it does not change with the sentence.
     """
-    ending = {} if beginning is None or beginning.begun else {"ending": _nothing_moved(message, exit_code)}
-    if beginning is not None and ending and beginning.aloud and not as_json:
-        print(printable(f"{'where':<8}{ending['ending']['where_text']}"), file=sys.stderr)
+    ending = None if beginning is None or beginning.begun else _nothing_moved(message, exit_code)
+    if beginning is not None and ending is not None and beginning.aloud and not as_json:
+        print(printable(f"{'where':<8}{ending['where_text']}"), file=sys.stderr)
     line = complain(message)
     if as_json:
         with suppress(OSError):  # standard output may be what failed
-            print_json({"error_text": line, "code": code, "exit_code": int(exit_code), **ending})
+            failure: FailureJson = {"error_text": line, "code": code, "exit_code": int(exit_code)}
+            if ending is not None:
+                failure["ending"] = ending
+            print_json(failure)
     sys.exit(exit_code)
 
 
-def _nothing_moved(message: str, exit_code: ExitCode) -> dict[str, Any]:
+def _nothing_moved(message: str, exit_code: ExitCode) -> "EndingJson":
     """Return the JSON ending of a run that has not begun."""
     from rig.session.early_ending import Ending  # already imported if the stage can move; help does without
 

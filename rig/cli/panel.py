@@ -25,12 +25,21 @@ from rig.manual.owner_process import ManualOwner
 from rig.manual.status import ManualLog
 from rig.plan.config import Config, load_config
 from rig.session.hardware_stop import StopButton
+from rig_shared.outputs import Output, Uri
 
 if TYPE_CHECKING:
     from rig.panel.app import Panel
 
 
 _LOWEST_PORT = 1024
+
+
+class PanelJson(Output):
+    """Address of the panel."""
+
+    url: Uri
+    port: int
+    pid: int
 
 
 def panel_command(
@@ -56,7 +65,8 @@ def panel_command(
             )
         panel = _panel(config, out_dir, port)
         if as_json:
-            print_json({"url": panel.url, "port": panel.port, "pid": os.getpid()})
+            found: PanelJson = {"url": panel.url, "port": panel.port, "pid": os.getpid()}
+            print_json(found)
         else:
             out.print(panel.url)
             err.print("press Ctrl-C to close the panel; a running protocol continues")

@@ -137,7 +137,7 @@ def _app(arguments: list[str]) -> typer.Typer:
     requested = next((word for word in arguments if word != "--"), "")
     if requested in COMMANDS:
         module, _, command = COMMANDS[requested].where.partition(".")
-        silent = COMMANDS[requested].by_program or "--help" in arguments
+        silent = COMMANDS[requested].by_program or not {"--help", "--json-schema"}.isdisjoint(arguments)
         with starting(f"rig {requested}", silent=silent):
             _add(app, requested, getattr(_imported(f"rig.cli.{module}"), command))
         return app

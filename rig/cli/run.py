@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.table import Table
@@ -32,7 +32,7 @@ from rig.cli.confirm import (
     refuse_mounts,
     same_shape,
 )
-from rig.cli.nerve import print_firing, spike_request
+from rig.cli.nerve import firing_as_json, print_firing, spike_request
 from rig.cli.options import (
     FingerConfigOption,
     FingerFileOption,
@@ -69,10 +69,18 @@ from rig.plan.config import Config, load_config, with_finger
 from rig.plan.fresh_passes import find_difference
 from rig.plan.plan import make_plan
 from rig.protocol.script import Script, load_script
-from rig.session.rehearsal_summary import in_both_units, preflight, press_speed_in_words
+from rig.session.rehearsal_summary import (
+    PlannedStepJson,
+    PossiblePressesJson,
+    PreflightJson,
+    in_both_units,
+    preflight,
+    press_speed_in_words,
+)
 from rig.session.resume import StoppedRun, careful_of, ending_on_record, left_on_record, read_stopped, with_ports
 from rig.session.session import dry_run, real_run
 from rig.transport import TransportError
+from rig_shared.outputs import Name
 from rig_shared.plural import number_of
 from sim.contact.shapes import parse_shape, shape_name, with_size
 from sim.finger_process import FingerProcess
@@ -102,6 +110,13 @@ _COLUMNS = {
 }
 
 
+class CheckJson(PreflightJson):
+    """A protocol against the limits."""
+
+    protocol: Name
+    repeats: bool
+
+
 def check_command(
     protocol: ProtocolArgument,
     more: MoreArgument = None,
@@ -129,10 +144,10 @@ def check_command(
         with checking_the_script() as show_steps:
             plan = make_plan(script, settings, finger, on_step=show_steps)
         with busy("rehearsing the protocol on a spring model …", as_json=as_json):
-            found = preflight(script, settings, finger, plan).as_json()
+            checked = preflight(script, settings, finger, plan).as_json()
         with busy("repeating the script in fresh processes …", quick=True, as_json=as_json):
             differs = find_difference(script, settings, plan.steps)
-        found["repeats"] = differs is None
+        found: CheckJson = {"protocol": script.name, **checked, "repeats": differs is None}
         if differs is not None:
             complain(
                 "the script does not repeat itself, so a stopped run of it cannot be resumed: "
@@ -147,9 +162,9 @@ def check_command(
 
             with busy("when the afferents fire …", as_json=as_json):
                 speeds = firing_speeds_of(finger, spikes, presses_of_plan(plan))
-            found["firing"] = [one.as_json() for one in speeds]
+            found["firing"] = firing_as_json(speeds)
         if as_json:
-            print_json({"protocol": script.name, **found})
+            print_json(found)
         else:
             _print_check(found)
         if speeds:
@@ -179,11 +194,11 @@ _MET_COLUMNS = {
 }
 
 
-def _print_check(found: dict[str, Any]) -> None:
+def _print_check(found: CheckJson) -> None:
     columns = _MET_COLUMNS if "force_band_gwt" in found["steps"][0] else _COLUMNS
     table = Table(*(title or name for name, title in columns.items()), box=None)
     for step in found["steps"]:
-        table.add_row(*(_short(step[name]) for name in columns))
+        table.add_row(*(_short(step.get(name)) for name in columns))
     out.print(table)
     left = found["margins"]
     indentors = dict.fromkeys(str(step["indentor"]) for step in found["steps"])
@@ -206,14 +221,14 @@ def _print_check(found: dict[str, Any]) -> None:
         out.print(line)
 
 
-def _possible(found: dict[str, Any]) -> str:
+def _possible(found: PossiblePressesJson) -> str:
     return (
         f"{number_of(found['presses'], 'presses')} may be chosen (--choose): peak {found['peak_force_gwt']:.4g} gwt, "
         f"{found['peak_pressure_kpa']:.3g} kPa, soft trip {in_both_units(found['soft_trip_n'])}"
     )
 
 
-def _ramp(step: dict[str, Any]) -> str:
+def _ramp(step: PlannedStepJson) -> str:
     return (
         f"{step['index']}: a ramp at {step['ramp_mm_s']:g} mm/s trips at {step['ramp_trip_gwt']:.3g} gwt, is at rest "
         f"within {step['ramp_stop_mm']:.2g} mm, and stays below {step['ramp_bound_gwt']:.3g} gwt; at most "
@@ -222,7 +237,7 @@ def _ramp(step: dict[str, Any]) -> str:
 
 
 def _short(value: object) -> str:
-    if isinstance(value, list):
+    if isinstance(value, tuple):
         low, high = value
         return "target" if math.isclose(low, high, rel_tol=1e-6) else f"{low:.3g}–{high:.3g}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -3,24 +3,24 @@
 import csv
 import io
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict
 from datetime import date
 from itertools import groupby
 from pathlib import Path
 from statistics import fmean
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NotRequired
 
 import typer
 
-from rig.cli.choice_verdict import choice_as_json, choice_lines
+from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.data import dictionary
-from rig.data.folder import SCRIPT, replace_text
+from rig.data.ending import EndingJson
+from rig.data.folder import SCRIPT, FileSizeJson, replace_text
 from rig.data.index import IndexEntry, RunFilter, listed
-from rig.data.run import Run, RunError, provenance_of, read_provenance
-from rig.data.run_status import RunStatus, reason_of
+from rig.data.run import PackageJson, Run, RunError, provenance_of, read_provenance
+from rig.data.run_status import RunStatus, State, reason_of
 from rig.data.tables import (
     HOLD_COLUMNS,
     RUN_COLUMNS,
@@ -33,6 +33,7 @@ from rig.data.tables import (
 )
 from rig.errors import BadInputError
 from rig.printable import on_one_line
+from rig_shared.outputs import File, Name, Output, Settings, Shape, Time, Unit
 from rig_shared.plural import number_of
 from rig_shared.user_files import read_text, toml_of
 
@@ -40,6 +41,121 @@ if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
 
 _DAY = "a day such as 2026-03-01"
+
+
+class RunSummaryJson(Output):
+    """A run."""
+
+    name: Name
+    date_utc: Time
+    protocol: Name
+    title: Name
+    subject: Name
+    shapes: list[Shape]
+    state: State
+    virtual: bool
+    planned: int
+    done: int
+    duration_s: float
+
+
+class UnreadableJson(Output):
+    """A folder that cannot be read."""
+
+    name: Name
+    problem_text: str
+
+
+class RunsJson(Output):
+    """All runs of a folder."""
+
+    runs: list[RunSummaryJson]
+    unreadable: list[UnreadableJson]
+    table: NotRequired[File]
+    holds: NotRequired[int]
+
+
+class PressesJson(Output):
+    """Holds with one indentor to one target."""
+
+    indentor: Shape
+    target_doi_mm: float | None
+    target_force_gwt: float | None
+    increment: bool
+    """Whether the presses went on to a further target after these holds."""
+    holds: int
+    from_x_mm: float
+    to_x_mm: float
+    mean_force_gwt: float
+    mean_doi_mm: float
+    peak_gwt: float
+
+
+class RunDevicesJson(Output):
+    """Devices of a run, and the identities that they reported."""
+
+    stage: NotRequired[Name]
+    force: NotRequired[Name]
+    controller: NotRequired[Name]
+    sensor: NotRequired[Name]
+
+
+class RunModelJson(Output):
+    """Finger model of a run."""
+
+    nodes: NotRequired[int]
+    e_epidermis_mpa: NotRequired[float]
+    from_cache: NotRequired[bool]
+
+
+class ShowJson(Output):
+    """A run."""
+
+    run: File
+    title: Name
+    protocol: Name
+    source_text: str
+    parameters: Settings
+    """Parameters of the protocol by their names."""
+    subject: Name | None
+    began_utc: Time
+    duration_s: float
+    virtual: bool
+    state: State
+    planned: int
+    done: int
+    ending: EndingJson | None
+    presses: list[PressesJson]
+    choice: NotRequired[AdaptiveVerdictJson]
+    limits: Settings
+    """Table [limits] of the configuration, and the soft trip of the plan."""
+    devices: RunDevicesJson
+    versions: list[PackageJson]
+    model: RunModelJson | None
+    files: list[FileSizeJson]
+
+
+class ColumnJson(Output):
+    """A column of a run's tables."""
+
+    table: Name
+    name: Name
+    unit: Unit
+    dtype: Literal["bool", "text (UTF-8)", "float64"]
+    what_text: str
+
+
+class ColumnsJson(Output):
+    """Columns of all tables."""
+
+    columns: list[ColumnJson]
+
+
+class ExportJson(Output):
+    """Files that were written."""
+
+    run: File
+    files: list[File]
 
 
 def runs_command(
@@ -133,12 +249,30 @@ def _as_csv(found: Sequence[IndexEntry]) -> str:
     return text.getvalue()
 
 
-def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> dict[str, object]:
-    hidden = ("problem", "uid")
-    runs = [{name: value for name, value in asdict(one.summary).items() if name not in hidden} for one in found]
-    result: dict[str, object] = {"runs": runs}
-    result["unreadable"] = [{"name": one.name, "problem_text": one.problem} for one in broken]
-    return result if table is None else result | {"table": str(table), "holds": sum(len(one.rows) for one in found)}
+def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Path | None) -> RunsJson:
+    result: RunsJson = {
+        "runs": [_summary(one.summary) for one in found],
+        "unreadable": [{"name": one.name, "problem_text": one.problem} for one in broken],
+    }
+    if table is not None:
+        result["table"], result["holds"] = str(table), sum(len(one.rows) for one in found)
+    return result
+
+
+def _summary(run: Summary) -> RunSummaryJson:
+    return {
+        "name": run.name,
+        "date_utc": run.date_utc,
+        "protocol": run.protocol,
+        "title": run.title,
+        "subject": run.subject,
+        "shapes": list(run.shapes),
+        "state": run.state,
+        "virtual": run.virtual,
+        "planned": run.planned,
+        "done": run.done,
+        "duration_s": run.duration_s,
+    }
 
 
 _UNKNOWN = "unknown"
@@ -170,7 +304,7 @@ def show_command(
                 out.print("\n".join(f"{name:<12}{on_one_line(line)}" for name, line in _lines(result)))
 
 
-def _columns() -> dict[str, Any]:
+def _columns() -> ColumnsJson:
     return {
         "columns": [
             {"table": table, "name": one.name, "unit": one.unit, "dtype": one.dtype, "what_text": one.what}
@@ -180,14 +314,14 @@ def _columns() -> dict[str, Any]:
     }
 
 
-def _described(path: Path) -> dict[str, Any]:
+def _described(path: Path) -> ShowJson:
     return _run_as_json(recorded_run(path, prints_state=True))
 
 
-def _run_as_json(run: Run) -> dict[str, Any]:
+def _run_as_json(run: Run) -> ShowJson:
     about = alive(summary_of(run), run.folder.path.parent)
     made = provenance_of(run)
-    return {
+    result: ShowJson = {
         "run": str(run.folder.path),
         "title": about.title,
         "protocol": about.protocol,
@@ -202,7 +336,6 @@ def _run_as_json(run: Run) -> dict[str, Any]:
         "done": about.done,
         "ending": ending_of(run, about.state),
         "presses": _presses(run),
-        **({} if (choice := choice_as_json(run)) is None else {"choice": choice}),
         "limits": {**_limits(run), "soft_trip_of_the_plan_n": run.start.get("soft_trip_n")},
         "devices": made.get("devices", {}) | _identities(run),
         "versions": [{"package": "python", "version": made.get("python", _UNKNOWN)}]
@@ -212,6 +345,9 @@ def _run_as_json(run: Run) -> dict[str, Any]:
             {"name": name, "bytes": (run.folder.path / name).stat().st_size} for name in sorted(run.folder.files)
         ],
     }
+    if (choice := choice_as_json(run)) is not None:
+        result["choice"] = choice
+    return result
 
 
 def _limits(run: Run) -> dict[str, Any]:
@@ -223,7 +359,7 @@ def _limits(run: Run) -> dict[str, Any]:
     return dict(found)
 
 
-def ending_of(run: Run, state: str) -> dict[str, Any] | None:
+def ending_of(run: Run, state: str) -> EndingJson | None:
     """Return why an incomplete run ended, and the final position of the indentor."""
     if state in (RunStatus.DONE, RunStatus.RUNNING):
         return None
@@ -242,7 +378,8 @@ def ending_lines(run: Run) -> dict[str, str] | None:
     ending = ending_of(run, state_of(run))
     if ending is None:
         return None
-    return {name: str(ending[key]) for key, name in _OF_AN_ENDING.items() if name != "because" and ending.get(key)}
+    words = {name: ending.get(key) for key, name in _OF_AN_ENDING.items() if name != "because"}
+    return {name: str(one) for name, one in words.items() if one}
 
 
 def _identities(run: Run) -> dict[str, str]:
@@ -251,25 +388,34 @@ def _identities(run: Run) -> dict[str, str]:
     return {name: str(events[-1][name]) for name, events in streams.items() if events and name in events[-1]}
 
 
-def _presses(run: Run) -> list[dict[str, Any]]:
+def _presses(run: Run) -> list[PressesJson]:
     """Return completed holds, grouped by indentor and target; those on the way to a further target apart."""
     rows = list(tables(run)["hold_end"].rows) if run.stream("hold_end") else []
     last = {row["index"]: row["hold"] for row in rows}
-    target = ("indentor", "target_doi_mm", "target_force_gwt", "increment")
-    kinds = [(*(row.get(name) for name in target[:-1]), row["hold"] != last[row["index"]]) for row in rows]
+    target = ("indentor", "target_doi_mm", "target_force_gwt")
+    kinds = [(*(row.get(name) for name in target), row["hold"] != last[row["index"]]) for row in rows]
     order = list(dict.fromkeys(kinds))
     together = groupby(sorted(zip(kinds, rows, strict=True), key=lambda one: order.index(one[0])), lambda one: one[0])
-    return [_kind(dict(zip(target, kind, strict=True)), [row for _, row in members]) for kind, members in together]
+    return [_kind(kind, [row for _, row in members]) for kind, members in together]
 
 
-def _kind(condition: dict[str, Any], rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    means = {f"mean_{name}": fmean(row[name] for row in rows) for name in ("force_gwt", "doi_mm")}
-    peak_gwt = max(row["peak_gwt"] for row in rows)
-    places = {"from_x_mm": min(row["x_mm"] for row in rows), "to_x_mm": max(row["x_mm"] for row in rows)}
-    return {**condition, "holds": len(rows), **places, **means, "peak_gwt": peak_gwt}
+def _kind(kind: tuple[Any, ...], rows: Sequence[Mapping[str, Any]]) -> PressesJson:
+    indentor, target_doi_mm, target_force_gwt, increment = kind
+    return {
+        "indentor": indentor,
+        "target_doi_mm": target_doi_mm,
+        "target_force_gwt": target_force_gwt,
+        "increment": increment,
+        "holds": len(rows),
+        "from_x_mm": min(row["x_mm"] for row in rows),
+        "to_x_mm": max(row["x_mm"] for row in rows),
+        "mean_force_gwt": fmean(row["force_gwt"] for row in rows),
+        "mean_doi_mm": fmean(row["doi_mm"] for row in rows),
+        "peak_gwt": max(row["peak_gwt"] for row in rows),
+    }
 
 
-def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
+def _lines(run: ShowJson) -> list[tuple[str, str]]:
     """Return name and text of each printed line."""
     ending = {} if run["ending"] is None else {name: run["ending"].get(name) for name in _OF_AN_ENDING}
     size = sum(one["bytes"] for one in run["files"]) / 1e6
@@ -286,7 +432,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
         *(choice_lines(run["choice"]) if "choice" in run else ()),
         *((name, _pairs(run[name])) for name in ("limits", "devices")),
         ("versions", ", ".join(f"{one['package']} {one['version']}" for one in run["versions"])),
-        ("model", _pairs(run["model"])),
+        ("model", _pairs(run["model"] or {})),
         ("files", f"{len(run['files'])}, {size:.1f} MB: {', '.join(one['name'] for one in run['files'])}"),
     ]
 
@@ -294,7 +440,7 @@ def _lines(run: dict[str, Any]) -> list[tuple[str, str]]:
 _OF_AN_ENDING = {"reason_text": "because", "where_text": "where", "next_text": "next", "resume": "resume"}
 
 
-def _pressed(one: dict[str, Any]) -> str:
+def _pressed(one: PressesJson) -> str:
     unit, target = (
         ("mm", one["target_doi_mm"]) if one["target_doi_mm"] is not None else ("gwt", one["target_force_gwt"])
     )
@@ -306,7 +452,7 @@ def _pressed(one: dict[str, Any]) -> str:
     )
 
 
-def _pairs(values: dict[str, Any]) -> str:
+def _pairs(values: Mapping[str, object]) -> str:
     found = {name: round(value, 6) if isinstance(value, float) else value for name, value in values.items()}
     return ", ".join(f"{name} {value}" for name, value in found.items()) or "none"
 
@@ -353,7 +499,8 @@ def export_command(
                     finger = Fingertip.load(load_config(found.folder.config).finger)
                 written += [str(run / name) for name in renewed_report(found, finger, strain=True, as_json=as_json)]
         if as_json:
-            print_json({"run": str(run), "files": written})
+            exported: ExportJson = {"run": str(run), "files": written}
+            print_json(exported)
         else:
             out.print("\n".join(written))
 

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, NoReturn
+from typing import TYPE_CHECKING, Any, Literal, NoReturn, NotRequired
 
 import filelock
 import typer
 
 from rig.bench.checks import checked_subject
-from rig.cli.choice_verdict import choice_as_json, choice_lines
+from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
-from rig.cli.nerve import add_spikes, print_firing, spike_lines
+from rig.cli.nerve import SpikesJson, add_spikes, print_firing, spike_lines
 from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
 from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
@@ -25,6 +25,7 @@ from rig.control.owner_socket import Answers, ControlSocket
 from rig.control.stop import OwnedStage, StopSwitch, answer_to_a_stop
 from rig.data import FolderBusyError, Run, RunError, RunFolder, export_run
 from rig.data.deviation import deviations, warning_of
+from rig.data.ending import EndingJson
 from rig.data.folder import may_write_below
 from rig.data.journal import Watch
 from rig.data.run_state import Course, TimeLeft
@@ -45,6 +46,7 @@ from rig.session.resume import StoppedRun
 from rig.session.script_run import AT_ONCE, FROM_THE_PANEL
 from rig.session.session import FinishedRun, Made, NewRun, NoAttendant, Session, record_after, record_before
 from rig_shared.errors import code_of
+from rig_shared.outputs import Code, File, Output
 from rig_shared.plural import number_of
 from sim.errors import ModelRangeError
 from sim.finger_process import Finger, FingerLostError, FingerProcess, asked
@@ -56,6 +58,25 @@ if TYPE_CHECKING:
 
 
 Phase = Literal["planning", "running", "reporting"]
+
+
+class FinishedRunJson(Output):
+    """A run that was carried out or resumed."""
+
+    run: File
+    complete: bool
+    indentations: int
+    duration_s: float
+    wall_s: float
+    report: File | None
+    choice: NotRequired[AdaptiveVerdictJson]
+    missing: NotRequired[int]
+    repeated: NotRequired[int]
+    restarted: NotRequired[int]
+    code: NotRequired[Code]
+    ending: NotRequired[EndingJson]
+    deviation_text: NotRequired[str]
+    files_text: NotRequired[str]
 
 
 class RunOwner:
@@ -373,7 +394,7 @@ def _made_whole(done: FinishedRun, config: Config, *, as_json: bool) -> Finished
 
 def _with_spikes(
     done: FinishedRun, finger: Finger, config: Config, spikes: "SpikeRequest", *, as_json: bool
-) -> dict[str, Any] | None:
+) -> SpikesJson | None:
     """Write simulated spikes beside a run, or print that there are none for a run without a press."""
     try:
         return asked(finger, add_spikes, done.run, config, spikes, as_json=as_json)
@@ -429,32 +450,33 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
     report = str(done.folder.report) if done.folder.report.exists() else None
     chosen = None if run is None else choice_as_json(run)
     deviating = None if run is None else warning_of(deviations(run))
-    counts = {}
-    if run is not None and resumed:
-        counts = {"missing": run.missing, "repeated": run.repeated, "restarted": run.restarted}
     if as_json:
-        print_json(
-            {
-                "run": str(done.folder.path),
-                "complete": done.complete,
-                "indentations": done.indentations,
-                "duration_s": done.duration_s,
-                "wall_s": wall_s,
-                "report": report,
-                **({} if chosen is None else {"choice": chosen}),
-                **counts,
-                **failure(done),
-                **({} if deviating is None else {"deviation_text": deviating}),
-                **({} if problem is None else {"files_text": files_in_words(problem, done.folder)}),
-            }
-        )
+        found: FinishedRunJson = {
+            "run": str(done.folder.path),
+            "complete": done.complete,
+            "indentations": done.indentations,
+            "duration_s": done.duration_s,
+            "wall_s": wall_s,
+            "report": report,
+        }
+        if chosen is not None:
+            found["choice"] = chosen
+        if run is not None and resumed:
+            found["missing"], found["repeated"], found["restarted"] = run.missing, run.repeated, run.restarted
+        if ending is not None:
+            found["code"], found["ending"] = code_of_end(done), ending.as_json()
+        if deviating is not None:
+            found["deviation_text"] = deviating
+        if problem is not None:
+            found["files_text"] = files_in_words(problem, done.folder)
+        print_json(found)
     else:
         out.print(
             f"{number_of(done.indentations, 'indentations')}, {done.duration_s:.0f} s of bench time "
             + (f"with all parts; this part took {wall_s:.1f} s" if resumed else f"in {wall_s:.1f} s")
         )
-        if counts:
-            out.print(", ".join(f"{number} {what}" for what, number in counts.items()))
+        if run is not None and resumed:
+            out.print(f"{run.missing} missing, {run.repeated} repeated, {run.restarted} restarted")
         for some, limits in [] if run is None else motions_in_contact(run):
             out.print(f"{some}: {limits}")
         for about, words in [] if chosen is None else choice_lines(chosen):
@@ -466,12 +488,9 @@ def _print(done: FinishedRun, wall_s: float, *, as_json: bool, resumed: bool) ->
             out.print(f"{about:<8}{words}")
 
 
-def failure(done: FinishedRun) -> dict[str, Any]:
-    """Return the code and the ending of a run that ended early, for JSON."""
-    if done.ending is None:
-        return {}
-    code = "incomplete" if done.problem is None else code_of(done.problem)
-    return {"code": code, "ending": done.ending.as_json()}
+def code_of_end(done: FinishedRun) -> str:
+    """Return the code of a run that ended early."""
+    return "incomplete" if done.problem is None else code_of(done.problem)
 
 
 def _exit_code(done: FinishedRun) -> ExitCode:

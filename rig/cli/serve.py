@@ -4,7 +4,7 @@ import json
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, NotRequired, cast
 
 import typer
 
@@ -28,10 +28,39 @@ from rig.plan.config import Config, load_config
 from rig.plan.finger_file import IdentifiedFinger, read_finger_file
 from rig.printable import either
 from rig.units import unit_of_key
-from sim.identification.prior import named, plain
+from rig_shared.outputs import Output, Port, Unit
+from sim.identification.prior import ParameterName, named, plain
 from sim.serve.prefetch import PressStatistics
 
 _DEVICES, _FINGER = "Devices", "Finger"
+
+
+class ServedPortsJson(Output):
+    """Ports of the virtual devices."""
+
+    stage: NotRequired[Port]
+    force: NotRequired[Port]
+    x_port: NotRequired[Port]
+    """Second port of a stage with a controller for each axis."""
+    http_port: NotRequired[int]
+    """TCP port of the web page of a Net F/T."""
+
+
+class TrueParameterJson(Output):
+    """A parameter of a random finger, beside its 90 % band in a finger file."""
+
+    name: ParameterName
+    unit: Unit
+    truth: float
+    low: NotRequired[float]
+    high: NotRequired[float]
+    inside: NotRequired[bool]
+
+
+class RandomFingerJson(Output):
+    """Parameters of a random finger."""
+
+    parameters: list[TrueParameterJson]
 
 
 def serve_command(
@@ -129,7 +158,7 @@ def serve_command(
         with bench:
             for number in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(number, lambda *_: bench.stop())
-            print_json(bench.ports | bench.pages)
+            print_json(cast(ServedPortsJson, bench.ports | bench.pages))  # names are those of the kinds of devices
             if sys.stderr.isatty():
                 err.print("\n".join(["in rig.toml:", *_tables(bench)]))
             with resting():
@@ -182,15 +211,16 @@ def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
         identified = None if beside is None else read_finger_file(beside).identified
         found = [_with_band(name, value, identified) for name, value in truth.items()]
         if as_json:
-            print_json({"parameters": found})
+            truths: RandomFingerJson = {"parameters": found}
+            print_json(truths)
             return
         for one in found:
             out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
-def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> dict[str, Any]:
+def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> TrueParameterJson:
     """Return a parameter without its logarithm, and its band in the finger file."""
-    found: dict[str, Any] = {
+    found: TrueParameterJson = {
         "name": named(name),
         "unit": unit_of_key(named(name)) or "1",
         "truth": plain(name, value),
@@ -198,10 +228,11 @@ def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> 
     if identified is None or name not in identified.posterior.names:
         return found
     low, high = identified.posterior.band(name, identified.band.coverage)
-    return {**found, "low": plain(name, low), "high": plain(name, high), "inside": low <= value <= high}
+    found["low"], found["high"], found["inside"] = plain(name, low), plain(name, high), low <= value <= high
+    return found
 
 
-def _band(one: dict[str, Any]) -> str:
+def _band(one: TrueParameterJson) -> str:
     if "low" not in one:
         return ""
     return f"  identified {one['low']:.3g} … {one['high']:.3g}{'' if one['inside'] else '  !'}"

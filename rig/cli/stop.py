@@ -2,7 +2,7 @@
 
 import os
 import sys
-from typing import Any
+from typing import Annotated, NoReturn, NotRequired
 
 import typer
 
@@ -11,6 +11,27 @@ from rig.cli.output import ExitCode, complain, out, print_json
 from rig.cli.signals import STOP_SIGNAL
 from rig.control.stop import NoStageError, SentStop, send_stop, stage_alone
 from rig.printable import printable
+from rig_shared.outputs import Code, Keywords, Name, Output, Port
+
+
+class StoppedJson(Output):
+    """A stop that was sent. state: as the controller names it; null where it has not answered."""
+
+    stopped: list[Port]
+    owner: int | None
+    sent: bool
+    state: Name | None
+
+
+class NotStoppedJson(Output):
+    """A stop that was not sent, or not confirmed."""
+
+    error_text: str
+    code: Code
+    exit_code: Annotated[int, Keywords(enum=[1, 2])]
+    owner: NotRequired[int | None]
+    sent: bool
+    state: NotRequired[Name | None]
 
 
 def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
@@ -19,29 +40,42 @@ def stop_command(config: ConfigOption, as_json: JsonOption = False) -> None:
         settings, passed = stage_alone(config)
     except NoStageError as error:
         words = f"Stop NOT sent: {error}"
-        _fail(words, error.code, {"sent": False}, ExitCode.BAD_INPUT, as_json=as_json)
+        nothing_sent: NotStoppedJson = {
+            "error_text": words, "code": error.code, "exit_code": int(ExitCode.BAD_INPUT), "sent": False,
+        }  # fmt: skip
+        _fail(nothing_sent, as_json=as_json)
     found = send_stop(settings, signal=_signal if STOP_SIGNAL is not None else None)
     named = None if found.owner is None else found.owner.pid  # Windows does not name it.
-    result: dict[str, Any] = {
-        "owner": next(iter(found.notified), None) if named is None else named,
-        "sent": found.sent,
-        "state": found.state,
-    }
+    owner = next(iter(found.notified), None) if named is None else named
     if not found.done:
-        _fail(found.words, "not_confirmed" if found.sent else "not_sent", result, ExitCode.STOPPED, as_json=as_json)
+        code = "not_confirmed" if found.sent else "not_sent"
+        _fail(
+            {
+                "error_text": found.words,
+                "code": code,
+                "exit_code": int(ExitCode.STOPPED),
+                "owner": owner,
+                "sent": found.sent,
+                "state": found.state,
+            },
+            as_json=as_json,
+        )
     if as_json:
-        print_json({"stopped": list(found.ports), **result})
+        stopped: StoppedJson = {
+            "stopped": list(found.ports), "owner": owner, "sent": found.sent, "state": found.state,
+        }  # fmt: skip
+        print_json(stopped)
     else:
         out.print(found.words)
     for line in dict.fromkeys([*_still_there(found), *passed]):
         complain(line)
 
 
-def _fail(words: str, code: str, result: dict[str, Any], exit_code: ExitCode, *, as_json: bool) -> None:
-    print(printable(words), file=sys.stderr)
+def _fail(failure: NotStoppedJson, *, as_json: bool) -> NoReturn:
+    print(printable(failure["error_text"]), file=sys.stderr)
     if as_json:
-        print_json({"error_text": words, "code": code, "exit_code": int(exit_code), **result})
-    raise typer.Exit(exit_code)
+        print_json(failure)
+    raise typer.Exit(failure["exit_code"])
 
 
 def _still_there(found: SentStop) -> list[str]:

@@ -15,11 +15,25 @@ from rig.cli.progress import counted
 from rig.data.folder import replace_text
 from rig.study.parallel import spread
 from rig.study.parameter_study import Case, Row, columns, interpolated, nodes_to_build, read_study, solve
+from rig_shared.outputs import File, Output
 from rig_shared.plural import number_of
 from sim.config import FingertipConfig
 from sim.models.default_finger import is_default_finger
 from sim.models.interpolation import HOW_MADE, INTERPOLATED, make_node
 from sim.models.small_strain_error import small_strain
+
+
+class StudyJson(Output):
+    """A parameter study."""
+
+    table: File
+    cases: int
+    rows: int
+    problems: int
+    small_strain_text: str | None
+    interpolated: int
+    interpolation_text: str | None
+    wall_s: float
 
 
 def command(
@@ -62,10 +76,12 @@ def command(
         small = _small_strain(cases, answers)
         seconds = time.perf_counter() - began
         if as_json:
-            print_json({"table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
-                        "small_strain_text": small, "interpolated": between,
-                        "interpolation_text": HOW_MADE if between else None,
-                        "wall_s": seconds})  # fmt: skip
+            found: StudyJson = {
+                "table": str(table), "cases": len(cases), "rows": len(rows), "problems": problems,
+                "small_strain_text": small, "interpolated": between,
+                "interpolation_text": HOW_MADE if between else None, "wall_s": seconds,
+            }  # fmt: skip
+            print_json(found)
         else:
             out.print(
                 f"{number_of(len(cases), 'cases')}, {number_of(len(rows), 'rows')}, {problems} without a result, "

@@ -14,15 +14,36 @@ from rig.cli.recorded_run import recorded_run
 from rig.cli.runs import ending_of
 from rig.clock import WallClock
 from rig.data.documents import Document
+from rig.data.ending import EndingJson
 from rig.data.folder import RunFolder
 from rig.data.run import Following, followed
 from rig.data.run_state import RunFollower, as_clock
-from rig.data.run_status import RunStatus
+from rig.data.run_status import RunStatus, State
 from rig.data.tables import alive, foreign_in_one_line, summary_of
 from rig.printable import on_one_line
+from rig.records import Phase
+from rig_shared.outputs import File, Output
 from rig_shared.plural import number_of
 
 LOOK_S = 0.2
+
+
+class WatchJson(Output):
+    """Current state of a run."""
+
+    run: File
+    state: State
+    done: int
+    planned: int
+    force_gwt: float | None
+    doi_mm: float | None
+    x_mm: float | None
+    height_mm: float | None
+    phase: Phase | None
+    now_text: str | None
+    next_text: str | None
+    left_s: float | None
+    ending: EndingJson | None
 
 
 class RunScreen(RunFollower):
@@ -105,24 +126,28 @@ def _end(shown: RunScreen) -> list[str]:
     """Return the lines on the end of the run, or on its current state."""
     found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
-    ending = ending_of(found, about.state) or {}
-    sentences = {name: ending.get(name) for name in ("reason_text", "where_text", "next_text", "resume")}
+    ending = ending_of(found, about.state)
+    keys = ("reason_text", "where_text", "next_text", "resume")
+    sentences = {} if ending is None else {name: ending.get(name) for name in keys}
     lines = [named("state", f"{about.state}, {about.done} of {number_of(about.planned, 'indentations')}")]
     names = {"reason_text": "because", "where_text": "where", "next_text": "next"}
-    return lines + [named(names.get(name, name), words) for name, words in sentences.items() if words]
+    return lines + [named(names.get(name, name), str(words)) for name, words in sentences.items() if words]
 
 
-def _now(shown: RunScreen) -> dict[str, Any]:
+def _now(shown: RunScreen) -> WatchJson:
     found = recorded_run(shown.folder.path, prints_state=True)
     about = alive(summary_of(found), shown.folder.path.parent)
-    newest = {name: shown.newest.get(name) for name in ("force_gwt", "doi_mm", "x_mm", "height_mm", "phase")}
     goes_on = about.state == RunStatus.RUNNING
     return {
         "run": str(shown.folder.path),
         "state": about.state,
         "done": about.done,
         "planned": about.planned,
-        **newest,
+        "force_gwt": shown.newest.get("force_gwt"),
+        "doi_mm": shown.newest.get("doi_mm"),
+        "x_mm": shown.newest.get("x_mm"),
+        "height_mm": shown.newest.get("height_mm"),
+        "phase": shown.newest.get("phase"),
         "now_text": shown.now if goes_on else None,
         "next_text": shown.next if goes_on else None,
         "left_s": shown.left_s if goes_on else None,

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import groupby, pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +17,7 @@ from rig.compare.profile_shape_test import THRESHOLD, shape_flags
 from rig.compare.recordings.recording import Recording
 from rig.compare.stimuli import FAMILIES, StimulusRow
 from rig_shared.natural_order import natural_order
+from rig_shared.outputs import CommandLine, File, Name, Output, Range, Shape
 from sim.measures.measures import MEASURES
 from sim.models.small_strain_error import SmallStrain, small_strain
 
@@ -32,6 +33,27 @@ COLLINEAR = 0.98
 
 NEAR_CENTRE_MM = 0.25
 """Largest distance from x = 0 (mm) of a receptor at which bars must pass."""
+
+
+class MissingPositionsJson(Output):
+    """Positions that one receptor does not cover."""
+
+    receptor_mm: float
+    positions_mm: list[float]
+
+
+class LeftOutOfRecordingJson(Output):
+    """Positions of a recording that are left out."""
+
+    shape: Shape
+    condition: Name
+    recording: File
+    positions: int
+    left_out: list[MissingPositionsJson]
+    range_needed_mm: Range
+    covered_receptor_x_mm: list[float]
+    command: CommandLine
+    covered_by_command: int
 
 
 @dataclass(frozen=True)
@@ -309,12 +331,12 @@ def covered_receptors(overlay: Overlay) -> list[float]:
     return _rounded(np.array([0.5 * (low + high)])) if low <= high else []
 
 
-def left_out_rows(comparison: Comparison) -> list[dict[str, Any]]:
+def left_out_rows(comparison: Comparison) -> list[LeftOutOfRecordingJson]:
     """Return the uncovered positions of each recording at each receptor, for `--json`."""
     return [_row(overlay, comparison.wider.get(overlay.stimulus)) for overlay in comparison.overlays]
 
 
-def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
+def _row(overlay: Overlay, wider: "WiderRun | None") -> LeftOutOfRecordingJson:
     missing = left_out(overlay)
     ends = range_needed(overlay) if wider is None else (wider.to_mm, wider.from_mm)
     return {
@@ -327,7 +349,7 @@ def _row(overlay: Overlay, wider: "WiderRun | None") -> dict[str, Any]:
             for x, gone in zip(overlay.stimulus.receptor_mm, missing.T, strict=True)
             if gone.any()
         ],
-        "range_needed_mm": [round(x, _DECIMALS) for x in ends],
+        "range_needed_mm": (round(ends[0], _DECIMALS), round(ends[1], _DECIMALS)),
         "covered_receptor_x_mm": covered_receptors(overlay),
         "command": wider.command if wider else "",
         "covered_by_command": wider.measured if wider else len(missing) - int(missing.any(axis=1).sum()),

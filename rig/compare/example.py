@@ -10,7 +10,7 @@ values of the rates at which strain and stress change while the bar goes in, in 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, cast
+from typing import Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,7 +65,8 @@ RELAXATION = ((0.2, 0.07), (0.2, 1.4))
 _RAMP_STEPS = 10
 _HOLD_S = 1.0
 
-PHASES = ("static", "dynamic")
+ExamplePhase = Literal["static", "dynamic"]
+PHASES: tuple[ExamplePhase, ...] = ("static", "dynamic")
 RATES = ("mean rate of", "peak rate of")
 """Rates of change of a measure during the ramp: mean magnitude, and the largest increase per second."""
 
@@ -249,7 +250,7 @@ class PhaseCandidate(NamedTuple):
 class PhaseVerdict:
     """Candidates of one phase, best prediction first."""
 
-    phase: str
+    phase: ExamplePhase
     rows: tuple[PhaseCandidate, ...]
     positions: int
     recorded: int
@@ -274,7 +275,7 @@ class PhaseVerdict:
 BLOCK, DRAWS = 3, 2000
 
 
-def judge_phase(rehearsal: Rehearsal, recording: Recording, phase: str) -> PhaseVerdict:
+def judge_phase(rehearsal: Rehearsal, recording: Recording, phase: ExamplePhase) -> PhaseVerdict:
     """Return the candidates' fits to one phase, all over the same positions.
 
     The static phase has the measures at the end of the ramp as candidates, the dynamic phase their rates of change

@@ -1,11 +1,11 @@
 """A verdict on several afferents in words, and as JSON."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from rig.compare.comparison_rows import answers_as_json, measure_unit
-from rig.compare.group import FEWEST, GroupRow, GroupVerdict
-from rig.compare.verdict import AfferentVerdict, six_digits
+from rig.compare.comparison_rows import AnswerJson, answers_as_json, measure_unit
+from rig.compare.group import FEWEST, GroupOutcome, GroupRow, GroupVerdict
+from rig.compare.verdict import AfferentVerdict, Candidate, six_digits
+from rig_shared.outputs import Interval, Name, Output, Ratio, Unit
 from rig_shared.plural import number_of
 
 METHOD = (
@@ -16,6 +16,60 @@ METHOD = (
     "as larger where no candidate fits. Intervals of the mean gain and threshold are those of Knapp and Hartung."
 )
 SYNTHETIC = "synthetic"
+
+
+class OfAfferentJson(Output):
+    """Log-likelihood of an afferent below that under the most probable candidate; negative if it is higher."""
+
+    afferent: Name
+    worse_by: Ratio | None
+
+
+class GroupRowJson(Output):
+    """A measure or control as the one in common; gain and threshold in the sign in which the rate rises."""
+
+    candidate: Candidate
+    control: bool
+    unit: Unit
+    """Unit of the candidate: gain is impulses/s per unit, thresholds are in it."""
+    probability: Ratio | None
+    worse_by: Ratio | None
+    """Log-likelihood below that of the most probable candidate."""
+    in_set: bool
+    wins: int
+    """Number of afferents whose own maximum-likelihood measure this is."""
+    kept: int
+    """Number of afferents whose set contains it."""
+    gain: float | None
+    """Geometric mean over the afferents."""
+    gain_interval: Interval
+    gain_factor: Ratio | None
+    """Exponential of the standard deviation of the log gain between afferents."""
+    threshold: float | None
+    threshold_interval: Interval
+    threshold_sd: float | None
+    by_afferent: list[OfAfferentJson]
+
+
+class GroupVerdictJson(Output):
+    """Verdict on the group; rows in order of descending probability."""
+
+    outcome: GroupOutcome
+    answer_text: str
+    besides_text: list[str]
+    afferents: int
+    unexplained: int
+    """Number of afferents whose own verdict rejects every measure."""
+    set: list[Candidate]
+    rows: list[GroupRowJson]
+    method_text: str
+
+
+class AfferentAnswerJson(Output):
+    """An afferent and its own verdict."""
+
+    afferent: Name
+    answer: AnswerJson
 
 
 def sentence_of_group(verdict: GroupVerdict | None) -> str:
@@ -82,7 +136,7 @@ def is_synthetic(names: Sequence[str]) -> bool:
     return any(SYNTHETIC in name.casefold() for name in names)
 
 
-def group_as_json(verdict: GroupVerdict | None) -> dict[str, Any] | None:
+def group_as_json(verdict: GroupVerdict | None) -> GroupVerdictJson | None:
     """Return the verdict on the group for `--json`."""
     if verdict is None:
         return None
@@ -98,7 +152,7 @@ def group_as_json(verdict: GroupVerdict | None) -> dict[str, Any] | None:
     }
 
 
-def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
+def _row(row: GroupRow, afferents: Sequence[str]) -> GroupRowJson:
     of = row.population
     return {
         "candidate": row.name,
@@ -110,10 +164,10 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
         "wins": row.wins,
         "kept": row.kept,
         "gain": six_digits(of.gain),
-        "gain_interval": [six_digits(end) for end in of.gain_limits],
+        "gain_interval": _interval(of.gain_limits),
         "gain_factor": six_digits(of.gain_factor),
         "threshold": six_digits(of.threshold),
-        "threshold_interval": [six_digits(end) for end in of.threshold_limits],
+        "threshold_interval": _interval(of.threshold_limits),
         "threshold_sd": six_digits(of.threshold_sd),
         "by_afferent": [
             {"afferent": name, "worse_by": six_digits(float(value))}
@@ -122,7 +176,12 @@ def _row(row: GroupRow, afferents: Sequence[str]) -> dict[str, Any]:
     }
 
 
-def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[dict[str, Any]]:
+def _interval(ends: tuple[float, float]) -> Interval:
+    low, high = ends
+    return six_digits(low), six_digits(high)
+
+
+def afferents_as_json(verdicts: Mapping[str, AfferentVerdict]) -> list[AfferentAnswerJson]:
     """Return the verdict on each afferent alone for `--json`."""
     return [{"afferent": name, "answer": answers_as_json([one])[0]} for name, one in verdicts.items()]
 

@@ -4,15 +4,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import ComparisonError
 from rig.compare.verdict import LEVEL, six_digits
+from rig_shared.outputs import File, Interval, Name, Output, Ratio, Unit, listed
 from sim.config import FingertipConfig
-from sim.measures.measures import BY_NAME
+from sim.measures.measures import BY_NAME, MeasureName
 from sim.models.fingertip import Fingertip
 
 if TYPE_CHECKING:
@@ -26,6 +27,42 @@ X_STEP_MM, DEPTH_STEP_MM = 0.125, 0.15
 
 BELOW_EPIDERMIS_MM = (0.1, 0.7)
 """Default range of depths below the epidermis (mm)."""
+
+
+class PlaceRowJson(Output):
+    """A measure at its maximum-likelihood place, with 95 % intervals."""
+
+    measure: MeasureName
+    unit: Unit
+    x_mm: float | None
+    depth_mm: float | None
+    offset_mm: float | None
+    k: float | None
+    eps0: float | None
+    deviance: Ratio | None
+    lack_of_fit: Ratio | None
+    p_fit: Ratio | None
+    x_interval_mm: Interval
+    depth_interval_mm: Interval
+    offset_interval_mm: Interval | None
+    fits: bool
+    at_bounds: list[
+        Annotated[str, listed(f"{place} {end}" for place in ("x", "depth", "offset") for end in ("low", "high"))]
+    ]
+
+
+class PlaceJson(Output):
+    """Location of one afferent's receptor."""
+
+    stimuli: list[Name]
+    recordings: list[File]
+    positions: int
+    positions_recorded: int
+    x_range_mm: Range
+    depth_range_mm: Range
+    offset_range_mm: Range | None
+    frame_text: str
+    rows: list[PlaceRowJson]
 
 
 class PlaceRange(NamedTuple):
@@ -189,7 +226,7 @@ def within(value: float, interval: Range) -> str:
     return f"{in_mm(value)} ({in_mm(interval[0])} … {in_mm(interval[1])})"
 
 
-def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
+def places_as_json(found: Sequence[ReceptorLocation]) -> list[PlaceJson]:
     """Return a JSON object per afferent; intervals are [low, high] in mm, None for an offset that was not fitted."""
     return [
         {
@@ -197,9 +234,9 @@ def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
             "recordings": list(one.recordings),
             "positions": one.positions,
             "positions_recorded": one.recorded,
-            "x_range_mm": list(one.where.x_mm),
-            "depth_range_mm": list(one.where.depth_mm),
-            "offset_range_mm": list(one.requested.offset_mm) if one.with_offset else None,
+            "x_range_mm": one.where.x_mm,
+            "depth_range_mm": one.where.depth_mm,
+            "offset_range_mm": one.requested.offset_mm if one.with_offset else None,
             "frame_text": one.frame,
             "rows": [_as_json(row, with_offset=one.with_offset) for row in one.rows],
         }
@@ -207,15 +244,26 @@ def places_as_json(found: Sequence[ReceptorLocation]) -> list[dict[str, Any]]:
     ]
 
 
-def _as_json(row: PlaceRow, *, with_offset: bool) -> dict[str, Any]:
-    numbers = ("x_mm", "depth_mm", "offset_mm", "k", "eps0", "deviance", "lack_of_fit", "p_fit")
+def _interval(of: Range) -> Interval:
+    low, high = of
+    return six_digits(low), six_digits(high)
+
+
+def _as_json(row: PlaceRow, *, with_offset: bool) -> PlaceRowJson:
     return {
         "measure": row.measure,
         "unit": BY_NAME[row.measure].unit,
-        **{name: six_digits(getattr(row, name)) for name in numbers},
-        "x_interval_mm": [six_digits(x) for x in row.x_interval],
-        "depth_interval_mm": [six_digits(x) for x in row.depth_interval],
-        "offset_interval_mm": [six_digits(x) for x in row.offset_interval] if with_offset else None,
+        "x_mm": six_digits(row.x_mm),
+        "depth_mm": six_digits(row.depth_mm),
+        "offset_mm": six_digits(row.offset_mm),
+        "k": six_digits(row.k),
+        "eps0": six_digits(row.eps0),
+        "deviance": six_digits(row.deviance),
+        "lack_of_fit": six_digits(row.lack_of_fit),
+        "p_fit": six_digits(row.p_fit),
+        "x_interval_mm": _interval(row.x_interval),
+        "depth_interval_mm": _interval(row.depth_interval),
+        "offset_interval_mm": _interval(row.offset_interval) if with_offset else None,
         "fits": row.fits,
         "at_bounds": list(row.at_bounds),
     }

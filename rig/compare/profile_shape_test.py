@@ -9,12 +9,13 @@ Profiles are in the signs of `shown` and at the positions of the schedule, in an
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.stimuli import StimulusRow
+from rig_shared.outputs import Name, Output, Ratio, Shape
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -28,6 +29,17 @@ THRESHOLDS = (0.02, 0.03, 0.05, 0.08, 0.10, 0.15)
 
 _RECOVERED = 0.5
 _FEWEST_POSITIONS = 5
+
+
+class ShapeTestChanceJson(Output):
+    """Share of random profiles that pass the shape test."""
+
+    shape: Shape
+    condition: Name
+    positions: int
+    smooth_over_mm: float | None
+    passes_by_chance: Ratio | None
+    draws: int
 
 
 @dataclass(frozen=True)
@@ -157,9 +169,9 @@ def passed_by_chance(
     return None if flags is None else float(flags.mean())
 
 
-def chance_rows(stimuli: Sequence[StimulusRow]) -> list[dict[str, Any]]:
+def chance_rows(stimuli: Sequence[StimulusRow]) -> list[ShapeTestChanceJson]:
     """Return, for each stimulus with a shape test, the share of equally smooth random profiles that pass."""
-    rows = []
+    rows: list[ShapeTestChanceJson] = []
     for stimulus in stimuli:
         if shape_flags(stimulus.indentor, stimulus.x_mm, stimulus.x_mm) is None:
             continue

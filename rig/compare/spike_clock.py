@@ -1,15 +1,16 @@
 """What a comparison says of recordings from spike times: presses left out, whose clock, and what a shift changes."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.recordings.recording import FromSpikes, Recording
-from rig.compare.recordings.spike_times import joined
+from rig.compare.recordings.spike_times import ClockSource, joined
 from rig.compare.verdict import AfferentVerdict, six_digits
 from rig.errors import RigError
+from rig_shared.outputs import File, Name, Output, Ratio, Shape
 from rig_shared.plural import number_of
 
 Recordings = Mapping[str, Recording]
@@ -18,6 +19,56 @@ Judge = Callable[[Recordings], object]
 
 SHIFTS_S = (0.02, 0.1, 0.5, 2.0)
 """Shifts of a clock that are tried, later and earlier."""
+
+
+class ClockJson(Output):
+    """Clock of the spike times; drift and the worst pulse are null without pulses."""
+
+    source: ClockSource
+    drift_ppm: Ratio | None
+    worst_ms: float | None
+    at_start_s: float | None
+    """Time of the file at the start of the run."""
+    clock_text: str
+
+
+class ClockShiftJson(Output):
+    """Smallest tried shift of the clock of the spike times that changes the answer; null if none does."""
+
+    later_s: float | None
+    earlier_s: float | None
+    tried_s: list[float]
+    shift_text: str
+
+
+class RecordedRateJson(Output):
+    """Rates at a recorded position: their mean, and those of the presses (repeats)."""
+
+    position_mm: float
+    rate: float
+    repeats: list[float]
+    unit: Name
+    """1/s, or the unit that the file states, such as a.u."""
+
+
+class RecordingJson(Output):
+    """A recording that was read. presses, observed_text, clock: null if it is a table of rates or counts."""
+
+    afferent: Name | None
+    """Null for the recordings of one afferent."""
+    shape: Shape
+    recording: File
+    positions: int
+    columns_text: str
+    """Columns that were read, and their units."""
+    window_s: float | None
+    """Window of the counts; null for rates."""
+    rates: list[RecordedRateJson]
+    presses: int | None
+    not_observed_mm: list[float]
+    """Positions of the presses at which the unit was not observed; they are left out."""
+    observed_text: str | None
+    clock: ClockJson | None
 
 
 class ClockShift(NamedTuple):
@@ -121,9 +172,9 @@ def recording_rows(recordings: Mapping[str, Recordings]) -> Iterator[tuple[str, 
                        " ".join([one.spikes.clock.text, *one.spikes.notes]))  # fmt: skip
 
 
-def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift | None) -> dict[str, Any]:
-    """Return the recordings and the effect of a shift of their clock for `--json`."""
-    rows = [
+def recordings_as_json(recordings: Mapping[str, Recordings]) -> list[RecordingJson]:
+    """Return the recordings for `--json`."""
+    return [
         {
             "afferent": afferent or None,
             "shape": key.partition("@")[0],
@@ -133,38 +184,46 @@ def recordings_as_json(recordings: Mapping[str, Recordings], shift: ClockShift |
             "window_s": one.window_s,
             "rates": [
                 {
-                    "position_mm": six_digits(float(position)),
-                    "rate": six_digits(float(rates.mean())),
-                    "repeats": [six_digits(float(rate)) for rate in rates],
+                    "position_mm": _rounded(position),
+                    "rate": _rounded(rates.mean()),
+                    "repeats": [_rounded(rate) for rate in rates],
                     "unit": one.rate_unit,
                 }
                 for position, rates in zip(one.position_mm, one.repeats, strict=True)
             ],
-            **_spikes_as_json(one.spikes),
+            "presses": None if one.spikes is None else one.spikes.presses,
+            "not_observed_mm": [] if one.spikes is None else list(one.spikes.lost_mm),
+            "observed_text": None if one.spikes is None else one.spikes.span,
+            "clock": None if one.spikes is None else _clock_as_json(one.spikes),
         }
         for afferent, some in recordings.items()
         for key, one in some.items()
     ]
-    return {"recordings": rows, "clock_shift": None if shift is None else _shift_as_json(shift)}
 
 
-def _shift_as_json(shift: ClockShift) -> dict[str, Any]:
-    return {**shift._asdict(), "tried_s": list(shift.tried_s), "shift_text": shift.sentence}
+def shift_as_json(shift: ClockShift | None) -> ClockShiftJson | None:
+    """Return the effect of a shift of the clock of the recordings for `--json`."""
+    if shift is None:
+        return None
+    return {
+        "later_s": shift.later_s,
+        "earlier_s": shift.earlier_s,
+        "tried_s": list(shift.tried_s),
+        "shift_text": shift.sentence,
+    }
 
 
-def _spikes_as_json(spikes: FromSpikes | None) -> dict[str, Any]:
-    if spikes is None:
-        return {"presses": None, "not_observed_mm": [], "observed_text": None, "clock": None}
+def _rounded(value: float) -> float:
+    """Round a recorded number, which is finite, to six digits."""
+    return float(f"{value:.6g}")
+
+
+def _clock_as_json(spikes: FromSpikes) -> ClockJson:
     clock = spikes.clock
     return {
-        "presses": spikes.presses,
-        "not_observed_mm": list(spikes.lost_mm),
-        "observed_text": spikes.span,
-        "clock": {
-            "source": clock.source,
-            "drift_ppm": six_digits(clock.drift_ppm),
-            "worst_ms": six_digits(clock.worst_ms),
-            "at_start_s": six_digits(clock.at_start_s),
-            "clock_text": " ".join([clock.text, *spikes.notes]),
-        },
+        "source": clock.source,
+        "drift_ppm": six_digits(clock.drift_ppm),
+        "worst_ms": six_digits(clock.worst_ms),
+        "at_start_s": six_digits(clock.at_start_s),
+        "clock_text": " ".join([clock.text, *spikes.notes]),
     }

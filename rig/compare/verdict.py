@@ -2,10 +2,14 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.compare.stimuli import CONTROLS
+from rig_shared.outputs import listed
+from sim.measures.measures import MEASURES
 
 Array = NDArray[np.float64]
 Limits = tuple[float, float]
@@ -15,6 +19,7 @@ LEVEL = 0.05
 """p below which a fit is rejected, and a pair leaves the model confidence set. Not corrected for many pairs."""
 
 A_CONSTANT = "a constant rate"
+Candidate = Annotated[str, listed((*MEASURES, *CONTROLS, A_CONSTANT))]
 
 
 class RecordingNoise(NamedTuple):

@@ -19,6 +19,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rig.control.local_socket import connected
 from rig.control.messages import BROKEN, Wire, encoded
 from rig.errors import RigError
+from rig_shared.outputs import CommandLine, Output, Time
 from rig_shared.user_files import read_bytes
 
 ASK_S = 1.0
@@ -179,14 +180,22 @@ def _private(folder: Path) -> Path:
 _ANSWER_S = 0.5
 
 
-def activity_of(owner: int) -> dict[str, str]:
-    """Return the activity of a process, its start, and the command that stops it; empty if it is not announced."""
+class ActivityJson(Output):
+    """Activity of a process, its start, and the command that stops it."""
+
+    does_text: str
+    since_utc: Time
+    stop: CommandLine
+
+
+def activity_of(owner: int) -> ActivityJson | None:
+    """Return the activity of a process; None if it is not announced."""
     try:
         found = next((one for one in announced() if one.pid == owner), None)
     except OSError:  # Then no process can be announced there.
         found = None
     if found is None:
-        return {}
+        return None
     since = datetime.fromtimestamp(found.began_unix_s, UTC).isoformat(timespec="seconds")
     return {"does_text": f"{_what(found)}, {_state(found)}", "since_utc": since, "stop": _stop(found)}
 

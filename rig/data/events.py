@@ -8,7 +8,7 @@ import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
-from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+from typing import Annotated, Any, Literal, NamedTuple, get_args, get_type_hints
 
 from rig.units import unit_of_key
 
@@ -375,7 +375,7 @@ class Column(NamedTuple):
     is_optional: bool = False
 
     @property
-    def dtype(self) -> str:
+    def dtype(self) -> Literal["bool", "text (UTF-8)", "float64"]:
         """Type in data.h5, where a missing number is NaN and a missing text empty."""
         return "text (UTF-8)" if self.type is str else "bool" if self.type is bool else "float64"
 

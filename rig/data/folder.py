@@ -19,6 +19,7 @@ import filelock
 
 from rig.clock import WallClock
 from rig.errors import BadInputError, RigError
+from rig_shared.outputs import Name, Output
 from rig_shared.user_files import read_bytes, read_text, sha256_of
 
 _SUMS, _LOCK = "SHA256SUMS", ".lock"
@@ -30,6 +31,13 @@ PLAN = "plan.jsonl"
 """Name of the steps that a run planned when it began."""
 SHAPE_COPY = "shape_"
 """Prefix of the copies of shape files."""
+
+
+class FileSizeJson(Output):
+    """A file."""
+
+    name: Name
+    bytes: int
 
 
 class FolderBusyError(RigError):

@@ -18,6 +18,7 @@ from rig.data.journal import listed_documents
 from rig.data.run_status import RunStatus
 from rig.data.run_time import RunTime
 from rig.errors import RigError
+from rig_shared.outputs import Name, Output
 from rig_shared.user_files import json_of, open_file, read_text
 
 if TYPE_CHECKING:
@@ -25,6 +26,13 @@ if TYPE_CHECKING:
 
 Event = dict[str, Any]
 Events = Mapping[str, Sequence[Event]]
+
+
+class PackageJson(Output):
+    """A package and its version."""
+
+    package: Name
+    version: Name
 
 
 class RunReadings(Sequence[Event]):

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Any
+from typing import Annotated, Any
 
 from rig_shared.errors import CodedError
+from rig_shared.outputs import listed
 
 
 class RunStatus(StrEnum):
@@ -34,6 +35,8 @@ class RunStatus(StrEnum):
         status = cls(stop["status"])
         return cls.INCOMPLETE if status is cls.DONE and missing else status
 
+
+State = Annotated[str, listed(tuple(RunStatus))]
 
 _REASONS = {
     RunStatus.INCOMPLETE: "the protocol ended before all planned indentations were done",

@@ -7,7 +7,7 @@ threshold. Each candidate's evidence is a mean over draws, which are refined whe
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +35,13 @@ SEPARATED = 0.8
 """Share of right choices between two candidates from which they count as separated."""
 
 
+DesignName = Literal["designed", "21 positions of one shape", "a grid of depths", "random presses", "all presses"]
+
+
 class OrderedDesign(NamedTuple):
     """A design as it is carried out: numbers of presses in order, their times (s), and the session's minutes."""
 
-    name: str
+    name: DesignName
     order: Ints
     time_s: Array
     minutes: float
@@ -51,7 +54,7 @@ class Confusion:
     Of the presses, `different` ones differ.
     """
 
-    name: str
+    name: DesignName
     minutes: float
     presses: int
     different: int

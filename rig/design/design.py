@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from rig.compare.place_grid import nodes
 from rig.compare.plausible_fingers import PlausibleFingers
 from rig.design.choose import QUICK, ChosenPresses, Effort, PressChooser, some_of
-from rig.design.confusion import Confusion, OrderedDesign, expected_confusion
+from rig.design.confusion import Confusion, DesignName, OrderedDesign, expected_confusion
 from rig.design.counts import CountModel
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
@@ -49,7 +49,7 @@ CURVE_MIN = (5.0, 10.0, 20.0, 40.0)
 BOUND_MIN = 60.0
 """Duration of the design of all presses, which bounds what this bench can separate (min)."""
 
-DESIGNED = "designed"
+DESIGNED: DesignName = "designed"
 
 DEPTHS_MM = (0.25, 0.5, 0.75, 1.0)
 """Depths to choose from, by default."""

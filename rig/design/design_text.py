@@ -1,12 +1,14 @@
 """A design in words, for the terminal and the page, and as JSON."""
 
 import math
-from typing import Any
+from typing import Literal
 
-from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, share_and_error
+from rig.compare.verdict import Candidate
+from rig.design.confusion import LEFT_OVER, SEPARATED, Confusion, DesignName, share_and_error
 from rig.design.design import DESIGNED, Design
 from rig.design.power import POWER, PowerRow, needed
 from rig.design.recorded_counts import FITS, SessionVerdict
+from rig_shared.outputs import Output, Ratio, Shape
 from rig_shared.plural import number_of
 
 SURE = 2.0
@@ -16,6 +18,86 @@ _DEPENDS = ((0.1, "hardly depend"), (0.3, "depend weakly"), (0.6, "depend modera
 """Words for the largest |correlation| of a press with the one before, up to each value."""
 
 FAILS = f"the truth is not in the 95 % set, or more than {LEFT_OVER} candidates are"
+
+
+class DesignedPressJson(Output):
+    """A press of a design, in order."""
+
+    shape: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+
+
+class DesignOutcomeJson(Output):
+    """Simulated experiments of a design; shares with their Monte Carlo errors.
+
+    An experiment fails if the truth is not in the 95 % set, or more than two candidates are.
+    """
+
+    design: DesignName
+    session_s: float
+    presses: int
+    experiments: int
+    failed: Ratio
+    failed_error: Ratio
+    truth_in_set: Ratio
+    truth_in_set_error: Ratio
+    right: Ratio
+    right_error: Ratio
+
+
+class ConfusionJson(Output):
+    """Share of experiments (row: true, column: most probable) and its Monte Carlo error."""
+
+    true: list[Candidate]
+    share: list[list[Ratio]]
+    error: list[list[Ratio]]
+
+
+class NotSeparatedJson(Output):
+    """Pair of candidates that all presses in an hour cannot separate."""
+
+    one: Candidate
+    other: Candidate
+    right: Ratio
+
+
+class SampleSizeJson(Output):
+    """Experiments with several fibers: share in which the set is the truth alone, or the truth and one other."""
+
+    session_s: float
+    presses: int
+    repeats: Ratio
+    fibers: int
+    few: Ratio
+    few_error: Ratio
+    one: Ratio
+    one_error: Ratio
+
+
+class DesignedJson(Output):
+    """A design of presses."""
+
+    candidates: list[Candidate]
+    shapes: list[Shape]
+    session_s: float
+    seed: int
+    quick: bool
+    possible_presses: int
+    refused_presses: int
+    fingers: int
+    presses: list[DesignedPressJson]
+    information_bits: float
+    effective_draws: Ratio
+    outcomes: list[DesignOutcomeJson]
+    confusion: ConfusionJson
+    not_separated: list[NotSeparatedJson]
+    separated_from: Ratio
+    dependence: Ratio
+    carried_over: Ratio | None
+    power: list[SampleSizeJson]
 
 
 def headline(found: Design) -> str:
@@ -106,7 +188,7 @@ def history_line(found: Design) -> str:
     )
 
 
-def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
+def as_json(found: Design, rows: list[PowerRow]) -> DesignedJson:
     """Return the design as JSON, without the names of files."""
     request = found.request
     outcome = found.outcome
@@ -120,7 +202,13 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
         "refused_presses": found.possible - len(found.table.presses),
         "fingers": found.fingers,
         "presses": [
-            {"shape": p.shape, "x_mm": p.x_mm, "target": p.kind, "value": p.target, "unit": p.kind.rpartition("_")[2]}
+            {
+                "shape": p.shape,
+                "x_mm": p.x_mm,
+                "target": p.kind,
+                "value": p.target,
+                "unit": "mm" if p.kind == "doi_mm" else "gwt",
+            }
             for p in found.presses
         ],
         "information_bits": outcome.bits,
@@ -139,12 +227,20 @@ def as_json(found: Design, rows: list[PowerRow]) -> dict[str, Any]:
     }
 
 
-def _power(row: PowerRow) -> dict[str, Any]:
-    found = row._asdict()
-    return {"session_s": 60 * found.pop("minutes"), **found}
+def _power(row: PowerRow) -> SampleSizeJson:
+    return {
+        "session_s": 60 * row.minutes,
+        "presses": row.presses,
+        "repeats": row.repeats,
+        "fibers": row.fibers,
+        "few": row.few,
+        "few_error": row.few_error,
+        "one": row.one,
+        "one_error": row.one_error,
+    }
 
 
-def _outcome(one: Confusion) -> dict[str, Any]:
+def _outcome(one: Confusion) -> DesignOutcomeJson:
     failed, failed_error = share_and_error(one.failed)
     kept, kept_error = share_and_error(one.kept)
     right, right_error = share_and_error(one.right)

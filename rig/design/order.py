@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.design.confusion import OrderedDesign
+from rig.design.confusion import DesignName, OrderedDesign
 from rig.design.press_times import PressTimes
 from rig.design.presses import PossiblePress
 
@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 _TRIED = 300
 
 
-def ordered(name: str, blocks: Sequence[Ints], times: PressTimes, minutes: float) -> OrderedDesign:
+def ordered(name: DesignName, blocks: Sequence[Ints], times: PressTimes, minutes: float) -> OrderedDesign:
     """Return presses in blocks, each of one shape, with the time of each (s)."""
     at_s, now_s = [], times.first_s
     for number, block in enumerate(blocks):

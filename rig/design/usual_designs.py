@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import cycle
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,9 @@ from rig.design.presses import PossiblePress
 
 Ints = NDArray[np.int64]
 
-SOURCE, DEPTHS, RANDOM = "21 positions of one shape", "a grid of depths", "random presses"
+SOURCE: Final = "21 positions of one shape"
+DEPTHS: Final = "a grid of depths"
+RANDOM: Final = "random presses"
 
 _USUAL = {"doi_mm": 0.73, "force_gwt": 8.0}  # step 1 at 8 gwt, the source's recordings
 _POSITIONS = 5

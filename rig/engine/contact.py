@@ -8,13 +8,14 @@ the state is that of its time, and unknown since.
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import datetime
-from typing import Any, Literal, get_args
+from typing import get_args
 
 from rig.devices.base import StageStatus
 from rig.engine.limits import AT_MM
+from rig.records import ContactKind
 from rig.settings import RigSettings
+from rig_shared.outputs import Output
 
-ContactKind = Literal["lifted", "raised", "disagreement", "touching", "unknown"]
 KINDS: tuple[ContactKind, ...] = get_args(ContactKind)
 
 FRESH_S = 1.0
@@ -35,6 +36,20 @@ _TO_DO: Mapping[ContactKind, str | None] = {
     "touching": FREE_THE_FINGER,
     "unknown": FREE_THE_FINGER,
 }
+
+
+class ContactJson(Output):
+    """State of contact between indentor and finger; null where nothing is on record.
+
+    measured_unix_s: when force and position were measured; null where the force never was.
+    """
+
+    contact: ContactKind | None
+    may_touch: bool | None
+    force_gwt: float | None
+    measured_unix_s: float | None
+    where_text: str
+    to_do_text: str | None
 
 
 @dataclass(frozen=True)
@@ -110,8 +125,8 @@ class KnownContact:
             return f"{x}, height unknown"
         return f"{x}, {abs(self.height_mm):.2f} mm {'above' if self.height_mm >= 0 else 'below'} the nominal apex"
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the fields that commands print as JSON."""
+    def as_json(self) -> ContactJson:
+        """Return the state as commands print it."""
         return {
             "contact": self.kind, "may_touch": self.may_touch, "force_gwt": self.force_gwt,
             "measured_unix_s": self.unix_s or None, "where_text": self.words, "to_do_text": self.to_do,

@@ -12,7 +12,7 @@ from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEv
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
 from rig.engine.bench import Bench, Heartbeat
-from rig.engine.contact import FRESH_S, ContactKind, KnownContact, judged
+from rig.engine.contact import FRESH_S, KnownContact, judged
 from rig.engine.dead_man import UP, jog_up_from_rest
 from rig.engine.limits import (
     AT_MM,
@@ -35,7 +35,7 @@ from rig.engine.motion import (
 )
 from rig.engine.sensing import ForceZero, NoReadingError, Sensing
 from rig.errors import NotReadyError, RecordError, TripError
-from rig.records import NO_PRESS, Phase, PressId, as_fine
+from rig.records import NO_PRESS, ContactKind, Phase, PressId, as_fine
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N

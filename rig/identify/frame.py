@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal, NotRequired
 
 import numpy as np
 import tomlkit
@@ -12,6 +13,7 @@ from scipy.special import stdtrit
 from rig.data import Run
 from rig.errors import BadInputError
 from rig.plan.config import Config
+from rig_shared.outputs import Output
 from sim.carriage import Pose, Turn
 from sim.finger.surface import FingertipSurface
 from sim.models.fingertip import Fingertip
@@ -24,6 +26,16 @@ _TOUCHED_RAD = 1.2  # on either side of the apex
 # Touches are accurate to a few micrometers: steps of the stage, and readings of a hundredth of a gram-weight.
 _LEAST_SD_MM = 0.003
 _WALK = (0.05, 0.05, 0.05, 1.0, 1.0)  # steps of the derivatives, mm and degrees
+
+
+class FingerFrameJson(Output):
+    """Position of the finger in machine coordinates."""
+
+    pad_centre_x_mm: float
+    apex_z_mm: float
+    pad_y_mm: NotRequired[float]
+    roll_deg: NotRequired[float]
+    tilt_deg: NotRequired[float]
 
 
 @dataclass(frozen=True)
@@ -45,6 +57,19 @@ class FittedFrame:
         for name, value in self.value.items():
             frame.add(name, tomlkit.value(f"{value:.4f}").comment(f"± {2 * self.sd[name]:.4f} (95 %)"))
         return tomlkit.dumps({"frame": frame})
+
+
+_FREE: tuple[Literal["pad_y_mm", "roll_deg", "tilt_deg"], ...] = ("pad_y_mm", "roll_deg", "tilt_deg")
+"""Keys that touches may leave undetermined."""
+
+
+def frame_as_json(frame: Mapping[str, float]) -> FingerFrameJson:
+    """Return the fitted keys of a frame, or their standard deviations, as commands print them."""
+    found: FingerFrameJson = {"pad_centre_x_mm": frame["pad_centre_x_mm"], "apex_z_mm": frame["apex_z_mm"]}
+    for name in _FREE:
+        if name in frame:
+            found[name] = frame[name]
+    return found
 
 
 class _Skin:

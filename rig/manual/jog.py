@@ -7,12 +7,13 @@ from dataclasses import dataclass
 
 from rig.clock import Clock
 from rig.devices.base import Axis, Stage, StageError, StageOverridden, StageStatus
-from rig.engine.contact import FRESH_S, ContactKind, KnownContact, contact_at
+from rig.engine.contact import FRESH_S, KnownContact, contact_at
 from rig.engine.dead_man import DOWN, SLICE_S, UP, Direction, dead_man_jog, jog_up_from_rest
 from rig.engine.limits import AT_MM, late_reading_s, park_height_mm
 from rig.engine.motion import InterruptedMotionError, StrayedError, insist
 from rig.errors import LimitError, RigError
 from rig.manual.guard import Guard
+from rig.records import ContactKind
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 

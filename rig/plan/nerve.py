@@ -253,18 +253,6 @@ class FiringSpeed:
             f"{silent}"
         )
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the entry of JSON output."""
-        return {
-            "model": self.model,
-            "afferents": self.afferents,
-            "sensitivity": self.sensitivity,
-            "firing_speed_mm_s": self.slowest_mm_s,
-            "doi_mm": self.doi_mm,
-            "press_speed_mm_s": self.fastest_mm_s,
-            "silent": self.silent,
-        }
-
 
 _OFFSETS_MM = np.arange(-2.0, 2.01, 0.25)
 """Places beside the middle of the indentor, whose edges strain the skin most."""

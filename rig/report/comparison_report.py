@@ -204,11 +204,11 @@ def _candidates(comparison: Comparison) -> str:
 
 def _by_chance(comparison: Comparison) -> str:
     """Return the share of random profiles that pass the shape test, as a sentence."""
-    rows = [row for row in chance_rows(comparison.stimuli) if row["passes_by_chance"] is not None]
-    shares = [f"{row['shape']} at {row['condition']} {100 * row['passes_by_chance']:.0f} %" for row in rows]
+    rows = [(row, row["passes_by_chance"]) for row in chance_rows(comparison.stimuli)]
+    shares = [f"{row['shape']} at {row['condition']} {100 * one:.0f} %" for row, one in rows if one is not None]
     return (
         f"Of {DRAWS} random profiles as smooth as the stimulus's own, these shares pass: {', '.join(shares)}."
-        if rows
+        if shares
         else ""
     )
 

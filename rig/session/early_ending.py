@@ -5,19 +5,18 @@ Terminal, report and JSON use the same sentences.
 
 import math
 import shlex
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
 
 from rig.data import Run
+from rig.data.ending import EndingJson, IndentorAtEndJson, Left
 from rig.data.folder import allowed, free_space, how_to_write
 from rig.data.run_status import RunStatus, reason_of
 from rig.engine import Engine, RecordError, RunAborted, ScriptError
-from rig.engine.contact import ContactKind, KnownContact
+from rig.engine.contact import KnownContact
 from rig.engine.limits import AT_MM
 from rig.errors import LostRecordError
-
-Left = Literal["lifted", "raised", "held", "not moved"]
+from rig.records import ContactKind
 
 _PUT_RIGHT = "correct the problem, then "
 _SEE_TO_THE_DEVICE = "check the device that failed"
@@ -85,6 +84,14 @@ class FinalPosition:
         """First step for the operator about the indentor, or None."""
         return None if self.left == "not moved" or self.may_touch is False else self._found.to_do
 
+    def as_json(self) -> IndentorAtEndJson:
+        """Return the position as commands print it."""
+        return {
+            "left": self.left, "x_mm": self.x_mm, "height_mm": self.height_mm, "trusted": self.trusted,
+            "may_touch": self.may_touch, "contact": self.contact, "force_gwt": self.force_gwt,
+            "measured_unix_s": self.measured_unix_s, "aged": self.aged,
+        }  # fmt: skip
+
     @property
     def _found(self) -> KnownContact:
         kind = self.contact
@@ -128,9 +135,9 @@ class Ending:
         found = {"where": self.at.words, "next": self.next, "resume": self.resume}
         return {about: words for about, words in found.items() if words is not None}
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the fields that commands print as JSON."""
-        return {"reason_text": self.reason, "indentor": asdict(self.at), "where_text": self.at.words,
+    def as_json(self) -> EndingJson:
+        """Return the ending as commands print it."""
+        return {"reason_text": self.reason, "indentor": self.at.as_json(), "where_text": self.at.words,
                 "next_text": self.next, "resume": self.resume}  # fmt: skip
 
 

@@ -1,9 +1,8 @@
 """Summary that `rig check` and `rig run` print before a motion: steps, forces, margins, stopping."""
 
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Literal, NotRequired
 
 from rig.devices.registry import stage_ports
 from rig.engine import EngineError
@@ -15,14 +14,104 @@ from rig.records import PlannedIndentation
 from rig.session.rehearse import Rehearsed, rehearsed
 from rig.session.session import Session
 from rig.units import GWT_N
+from rig_shared.outputs import Name, Output, Range, Ratio, Shape
 from rig_shared.plural import number_of
 from sim.config import FingertipConfig
 from sim.contact.shapes import with_size
 from sim.models.default_finger import is_default_finger
-from sim.models.small_strain_error import SmallStrain, small_strain
+from sim.models.small_strain_error import SmallStrain, SmallStrainJson, small_strain
 
 if TYPE_CHECKING:
     from sim.models.fingertip import Fingertip
+
+
+class MarginsJson(Output):
+    """Margins to the limits."""
+
+    force_gwt: float
+    doi_mm: float
+    mean_pressure_kpa: float
+    contact_s: float
+
+
+class PlannedStepJson(Output):
+    """A planned indentation; bands hold 90 % and are those of an identified finger."""
+
+    index: int
+    indentor: Shape
+    x_mm: float
+    target: Literal["doi_mm", "force_gwt"]
+    value: float
+    unit: Literal["mm", "gwt"]
+    increments: int
+    hold_s: float
+    doi_mm: float
+    force_gwt: float
+    force_band_gwt: NotRequired[Range]
+    doi_band_mm: NotRequired[Range]
+    highest_gwt: NotRequired[float]
+    contact_area_mm2: float
+    mean_pressure_kpa: float
+    peak_pressure_kpa: float
+    overshoot_gwt: float
+    ramp_mm_s: NotRequired[float]
+    """Speed of a ramp. The force limits below hold for the predicted stiffness."""
+    ramp_fastest_mm_s: NotRequired[float]
+    ramp_stop_mm: NotRequired[float]
+    """Stopping distance, with the delays of sensor, reading and controller."""
+    ramp_trip_gwt: NotRequired[float]
+    ramp_bound_gwt: NotRequired[float]
+    """Soft trip and overshoot of a press, which the ramp does not exceed either."""
+
+
+class PressSpeedJson(Output):
+    """Press speed that the force sensor allows, age of a sample, and highest rise of the force in it."""
+
+    sample_age_s: float
+    press_speed_mm_s: float
+    rise_gwt: float
+
+
+class PossiblePressesJson(Output):
+    """All presses that an adaptive run may choose."""
+
+    presses: int
+    peak_force_gwt: float
+    peak_pressure_kpa: float
+    soft_trip_n: float
+
+
+class FiringSpeedJson(Output):
+    """Slowest press at which the most sensitive afferent of a class fires; null if at none."""
+
+    model: Name
+    afferents: int
+    sensitivity: Ratio
+    firing_speed_mm_s: float | None
+    doi_mm: float
+    press_speed_mm_s: float
+    silent: bool
+
+
+class PreflightJson(PressSpeedJson):
+    """A plan against the limits."""
+
+    indentations: int
+    other_presses: int
+    duration_s: float
+    contact_s: float
+    peak_force_n: float
+    peak_force_gwt: float
+    small_strain: SmallStrainJson
+    peak_pressure_kpa: float
+    soft_trip_n: float
+    hard_trip_n: float
+    margins: MarginsJson
+    stop_distance_mm: float
+    overshoot_gwt: float
+    steps: list[PlannedStepJson]
+    possible: NotRequired[PossiblePressesJson]
+    firing: NotRequired[list[FiringSpeedJson]]
 
 
 @dataclass(frozen=True)
@@ -44,11 +133,11 @@ class Preflight:
         """Stopping from the fastest press that the limits allow."""
         return Stopping.of(self.config, self.config.limits.max_press_speed_mm_s)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PreflightJson:
         """Return the fields that `rig check --json` prints."""
         steps = [self._step(index, planned) for index, planned in enumerate(self.plan.indentations)]
         deepest_mm = max(planned.deepest_mm for planned in self.plan.all_presses)
-        limits, peak_gwt = self.config.limits, self.plan.peak_force_gwt
+        limits, peak_gwt, speed = self.config.limits, self.plan.peak_force_gwt, press_speed(self.config, self.plan)
         return {
             "indentations": len(steps),
             "other_presses": len(self.plan.all_presses) - len(steps),
@@ -66,23 +155,24 @@ class Preflight:
                 "mean_pressure_kpa": min(limits.max_pressure_kpa - step["mean_pressure_kpa"] for step in steps),
                 "contact_s": limits.max_contact_s - self.rehearsed.contact_s,
             },
-            **press_speed(self.config, self.plan),
+            "sample_age_s": speed["sample_age_s"],
+            "press_speed_mm_s": speed["press_speed_mm_s"],
+            "rise_gwt": speed["rise_gwt"],
             "stop_distance_mm": self.stopping.distance_mm,
             "overshoot_gwt": max(step["overshoot_gwt"] for step in steps),
             "steps": steps,
         }
 
-    def _step(self, index: int, planned: PlannedIndentation) -> dict[str, Any]:
-        return {
+    def _step(self, index: int, planned: PlannedIndentation) -> PlannedStepJson:
+        found: PlannedStepJson = {
             "index": index,
             "indentor": planned.indentor,
             "x_mm": planned.x_mm,
             "target": planned.target.kind,
             "value": planned.target.value,
-            "unit": planned.target.kind.rpartition("_")[2],
+            "unit": "mm" if planned.target.kind == "doi_mm" else "gwt",
             "increments": planned.increments,
             "hold_s": planned.hold_s,
-            **_band(planned),
             "doi_mm": planned.predicted_doi_mm,
             "force_gwt": planned.predicted_force_gwt,
             "contact_area_mm2": planned.contact_area_mm2,
@@ -91,39 +181,21 @@ class Preflight:
             "overshoot_gwt": self.stopping.overshoot_gwt(
                 self.trip_gwt, planned.predicted_force_gwt, planned.predicted_doi_mm
             ),
-            **self._ramp(planned),
         }
-
-    def _ramp(self, planned: PlannedIndentation) -> dict[str, Any]:
-        """Return speed and force limits of a ramp, if it is one."""
+        if planned.band is not None:
+            found["force_band_gwt"], found["doi_band_mm"] = planned.band.force_gwt, planned.band.doi_mm
+            found["highest_gwt"] = planned.band.highest_gwt
         bound = ramp_bound(self.plan, self.config, planned)
-        if bound is None:
-            return {}
-        return {
-            "ramp_mm_s": bound.speed_mm_s,
-            "ramp_fastest_mm_s": bound.fastest_mm_s,
-            "ramp_stop_mm": bound.stop_mm,
-            "ramp_trip_gwt": bound.trip_gwt,
-            "ramp_bound_gwt": bound.bound_gwt,
-        }
+        if bound is not None:
+            found["ramp_mm_s"], found["ramp_fastest_mm_s"] = bound.speed_mm_s, bound.fastest_mm_s
+            found["ramp_stop_mm"] = bound.stop_mm
+            found["ramp_trip_gwt"], found["ramp_bound_gwt"] = bound.trip_gwt, bound.bound_gwt
+        return found
 
 
-def _band(planned: PlannedIndentation) -> dict[str, Any]:
-    """Return the predicted band of an identified finger, if any."""
-    if planned.band is None:
-        return {}
-    force, depth = planned.band.force_gwt, planned.band.doi_mm
-    return {"force_band_gwt": list(force), "doi_band_mm": list(depth), "highest_gwt": planned.band.highest_gwt}
-
-
-def press_speed(config: Config, plan: Plan) -> dict[str, float]:
-    """Return the press speed that the force sensor allows, the age of a sample, and the highest rise in it.
-
-    Empty for a plan without presses.
-    """
+def press_speed(config: Config, plan: Plan) -> PressSpeedJson:
+    """Return the press speed that the force sensor allows to a plan with presses."""
     age, speeds = SampleAge.of(config), plan.speeds_mm_s
-    if not speeds:
-        return {}
     return {
         "sample_age_s": age.age_s,
         "press_speed_mm_s": max(age.press_speed_mm_s(speed_mm_s) for speed_mm_s, _ in speeds),
@@ -134,7 +206,7 @@ def press_speed(config: Config, plan: Plan) -> dict[str, float]:
     }
 
 
-def press_speed_in_words(found: Mapping[str, Any]) -> str:
+def press_speed_in_words(found: PressSpeedJson) -> str:
     """Return the result of `press_speed` as a sentence."""
     return (
         f"the sensor is read after each increment: press at most {found['press_speed_mm_s']:.2g} mm/s; a sample "
@@ -191,8 +263,9 @@ class Page:
     @property
     def speed(self) -> Lines:
         """Line about the press speed that the force sensor allows, if there is a press."""
-        found = press_speed(self.session.config, self._allowed)
-        return {"speed": press_speed_in_words(found)} if found else {}
+        if not self._allowed.speeds_mm_s:
+            return {}
+        return {"speed": press_speed_in_words(press_speed(self.session.config, self._allowed))}
 
     @property
     def _plan(self) -> Plan:

@@ -11,7 +11,9 @@ from sim.coding.operators import ForwardOperator
 Array = NDArray[np.float64]
 
 NoisePlace = Literal["receptor", "output"]
-SED_UNIT, RATE_UNIT = "pseudo-unit", "impulses/s"
+ReadingUnit = Literal["pseudo-unit", "impulses/s"]
+SED_UNIT: ReadingUnit = "pseudo-unit"
+RATE_UNIT: ReadingUnit = "impulses/s"
 """Units of readings: of SED without a receptor, of its rates with one."""
 NOISE_PLACES: tuple[NoisePlace, ...] = get_args(NoisePlace)
 """Location of the noise: before the receptor, on SED (Fig. 6-6), or on its output, the rate (§6.8)."""

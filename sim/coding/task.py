@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import Output, Ratio
 from sim.coding.bayes import FEWEST_FOR_CONTACTS, FittedReceptor, ModelError, Profile, decode_profile, decode_through
 from sim.coding.decoder_results import CodingError, Decoded, DecodingErrors, decoding_errors
 from sim.coding.decoders_by_search import PressureRange, converged_search, global_search, grid_search, table_search
@@ -111,6 +112,14 @@ class EncodeTask:
     finger: FingertipConfig = field(default_factory=FingertipConfig)
 
 
+class AgainstFiniteElementsJson(Output):
+    """Difference of the operator's SED from that of finite elements."""
+
+    relative_l2: Ratio
+    peak: Ratio
+    lateral_share: Ratio
+
+
 @dataclass(frozen=True)
 class SkinLoad:
     """Pressures on the skin (n,) in pseudo-units, and the operator that encodes them.
@@ -124,7 +133,7 @@ class SkinLoad:
     operator: ForwardOperator
     pressure: Array
     true: tuple[Array, Array] | None = None
-    missed: dict[str, float] | None = None
+    missed: AgainstFiniteElementsJson | None = None
     small_strain: SmallStrain | None = None
 
 
@@ -186,7 +195,7 @@ def load_of_press(section: SampledSection, name: OperatorName, energy: Energy, p
         operator = convolution(impulse_responses(section), 2 * half + 1, energy)
         pressure = contact.at(operator.place_mm)
     encoded = np.interp(section.sampling.place_mm, operator.receptor_mm, operator.sed(pressure))
-    missed = {
+    missed: AgainstFiniteElementsJson = {
         "relative_l2": float(np.linalg.norm(encoded - true) / np.linalg.norm(true)),
         "peak": float(encoded.max() / true.max() - 1),
         "lateral_share": contact.lateral_share,

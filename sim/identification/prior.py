@@ -4,11 +4,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import listed
 from sim.config import Tissue
 
 Array = NDArray[np.float64]
@@ -191,6 +192,9 @@ _LOGARITHM = "ln_"
 def named(name: str) -> str:
     """Return the quantity of a parameter: its name without the prefix of a logarithm."""
     return name.removeprefix(_LOGARITHM)
+
+
+ParameterName = Annotated[str, listed(named(one.name) for one in PARAMETERS)]
 
 
 def plain(name: str, value: float) -> float:

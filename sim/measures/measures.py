@@ -2,11 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import listed
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -120,6 +121,7 @@ BY_NAME = {measure.name: measure for measure in (
 """All measures. Shear strains are engineering strains; principal values ascend, so that 1 is the most compressive."""
 
 MEASURES = tuple(BY_NAME)
+MeasureName = Annotated[str, listed(MEASURES)]
 
 
 def shown(measure: str, values: Array) -> Array:

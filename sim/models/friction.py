@@ -24,7 +24,7 @@ from sim.contact.solver import TARGET_RESIDUAL, ContactState
 from sim.errors import ArgumentError, ForceOutOfReachError, refuse_unless_numbers
 from sim.models.condensed import CondensedModel, meshed_for
 from sim.models.pressing import PlacedIndentor, RimError
-from sim.models.result import IndentationResult
+from sim.models.result import IndentationResult, PressJson
 from sim.models.sources import HalfWidths, Recipe, half_widths, larger
 from sim.units import PSEUDO_E_EPIDERMIS
 
@@ -126,21 +126,20 @@ class FrictionResult(IndentationResult):
         p, _ = state.split
         return float(p[~state.slipping].sum() / p.sum()) if p.sum() > 0 else 1.0
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PressJson:
         """Return the JSON object of `rig indent --json`, without the build time of the model."""
-        errors, shear = self._friction_state.errors, self.shear_force_n
-        return super().as_json() | {
-            "friction": {
-                "coefficient": self.friction,
-                "increments": self.increments,
-                "sticking_share": self.sticking_share,
-                "shear_x_n": shear[0],
-                "shear_z_n": shear[1] if len(shear) > 1 else 0.0,
-                "normal_residual": errors.normal,
-                "cone_residual": errors.cone,
-                "slip_residual": errors.slip,
-            }
+        errors, shear, found = self._friction_state.errors, self.shear_force_n, super().as_json()
+        found["friction"] = {
+            "coefficient": self.friction,
+            "increments": self.increments,
+            "sticking_share": self.sticking_share,
+            "shear_x_n": shear[0],
+            "shear_z_n": shear[1] if len(shear) > 1 else 0.0,
+            "normal_residual": errors.normal,
+            "cone_residual": errors.cone,
+            "slip_residual": errors.slip,
         }
+        return found
 
 
 class PathOptions(NamedTuple):

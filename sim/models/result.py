@@ -3,11 +3,12 @@
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cached_property, partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NotRequired
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_shared.outputs import Name, Output, Range, Ratio
 from sim.config import FingertipConfig
 from sim.contact.indentor import Indentor
 from sim.contact.patch import X, Z
@@ -15,8 +16,8 @@ from sim.contact.points import ContactPose
 from sim.contact.profiles import IndentorProfile
 from sim.contact.solver import ContactState
 from sim.measures.measures import MEASURES
-from sim.models.pictures import ModelOutline, press_as_html
-from sim.models.small_strain_error import SmallStrain, small_strain
+from sim.models.pictures import ModelOutline, ReceptorsJson, press_as_html
+from sim.models.small_strain_error import SmallStrain, SmallStrainJson, small_strain
 from sim.models.stiffening import LINEAR_TISSUE, Stiffened
 from sim.units import GWT_N, PSEUDO_E_EPIDERMIS
 
@@ -27,6 +28,62 @@ REGION_GAP_MM = 0.3
 """Gap in mm above which contact regions are separate."""
 
 FILTER_SPACING_MM = 0.17
+
+
+class LoadingPathJson(Output):
+    """Dependence of the result on the loading path."""
+
+    may_depend: bool
+    spread: Ratio | None
+    others_over_force: list[Ratio]
+
+
+class PressureProfileJson(Output):
+    """Contact pressure in the receptor plane."""
+
+    x_mm: list[float]
+    kpa: list[float]
+
+
+class SolvedJson(Output):
+    """Model and solution of its contact."""
+
+    model: Name
+    nodes: int
+    iterations: int
+    kkt_residual: Ratio
+    converged: bool
+    contact_s: float
+
+
+class FrictionJson(Output):
+    """Friction, and the errors of contact and of Coulomb's law."""
+
+    coefficient: Ratio
+    increments: int
+    sticking_share: Ratio
+    """Share of the normal force that sticking points carry."""
+    shear_x_n: float
+    shear_z_n: float
+    normal_residual: Ratio
+    cone_residual: Ratio
+    slip_residual: Ratio
+
+
+class PressJson(Output):
+    """A press or a point load; a section's forces are per mm."""
+
+    force_n: float
+    force_gwt: float
+    doi_mm: float | None
+    peak_pressure_kpa: float | None
+    small_strain: NotRequired[SmallStrainJson]
+    path: NotRequired[LoadingPathJson]
+    contact_regions_mm: list[Range]
+    pressure: PressureProfileJson
+    receptors: ReceptorsJson
+    solver: SolvedJson
+    friction: NotRequired[FrictionJson]
 
 
 def median_of_four(x_mm: Array, pressure: Array) -> Array:
@@ -264,7 +321,7 @@ class IndentationResult:
         model = self.model
         return self.strained.measures(model.measures(self.receptor_strain), model.receptor_e, model.poisson)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PressJson:
         """Return the JSON object of `rig indent --json`, without the build time of the model.
 
         Returns
@@ -284,7 +341,7 @@ class IndentationResult:
                 "spread": self.path_spread,
                 "others_over_force": [other / self.force_n for other in self.other_forces_n],
             },
-            "contact_regions_mm": [list(region) for region in self.contact_regions_mm],
+            "contact_regions_mm": self.contact_regions_mm,
             "pressure": {"x_mm": x.tolist(), "kpa": p.tolist()},
             "receptors": self.model.receptors_as_json(self.receptor_measures),
             "solver": {
@@ -393,7 +450,7 @@ class PointLoadResult:
         """
         return self.model.measures(self.receptor_strain)
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> PressJson:
         """Return the same keys as for an indentation; keys that a point load lacks are null or empty.
 
         Returns

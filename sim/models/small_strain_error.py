@@ -9,12 +9,21 @@ from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from rig_shared.outputs import Ends, Output
 from sim.models.stiffening import FORCE_ERROR, SED_ERROR
 
 FILE = "small_strain.json"
 _LEAST_REPORTED = 0.01
+
+
+class SmallStrainJson(Output):
+    """Deviation of a linear result from finite strain: smallest and largest; null without a comparison."""
+
+    note_text: str
+    force: Ends | None
+    sed: Ends | None
 
 
 class DeviationRange(NamedTuple):
@@ -67,7 +76,7 @@ class SmallStrain:
             )
         return f"small strain: at {self.doi_mm:.2f} mm the linear force is {self.force}, SED {self.sed}"
 
-    def as_json(self) -> dict[str, Any]:
+    def as_json(self) -> SmallStrainJson:
         """Return the entry of JSON output."""
         return {"note_text": self.note, "force": self.force, "sed": self.sed}
 

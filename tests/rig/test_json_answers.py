@@ -7,18 +7,19 @@ is held against the schema of its command (tests/program.py).
 import json
 import os
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rig.cli.json_schemas import OUTPUTS
+from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.cli.output import one_line_errors, print_json
 from rig.cli.program import COMMANDS
 from rig.data import Run
 from rig.plan.nerve import MeasureTable, Visits
+from rig_shared.outputs import FORMATS, SUFFIXES, UNIT_FIELDS
 from sim.benchmark import QUICK_SCENES, Candidate, coarse
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -135,6 +136,50 @@ def test_every_command_with_json_has_a_schema_and_an_example_that_fits_it() -> N
     assert set(commands_with("as_json")) == set(OUTPUTS) <= set(COMMANDS)
     for command in OUTPUTS:
         as_in_its_schema(command, json.loads((EXAMPLES / f"{command}.json").read_text(encoding="utf-8")))
+
+
+def _values(schema: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
+    """What a value may be, in whatever lists; not the values of a map, whose keys are of a configuration."""
+    if "anyOf" in schema:
+        for one in schema["anyOf"]:
+            yield from _values(one)
+    elif schema.get("type") == "array":
+        for one in schema.get("prefixItems", [schema["items"]] if "items" in schema else []):
+            yield from _values(one)
+    else:
+        yield schema
+
+
+def _wrong(key: str, found: Mapping[str, Any], beside: Mapping[str, Any]) -> bool:
+    """Whether a number lacks its unit, a text its list or format, or a unit is not of the list."""
+    listed = {one for one in (*found.get("enum", ()), found.get("const")) if one is not None}
+    if key == "unit" or key.endswith("_unit"):
+        return found.get("type") not in ("object", None) and bool(listed - set(UNIT_FIELDS))
+    if key.endswith("_text"):
+        return found.get("type") not in ("string", "null") or bool(listed) or "format" in found
+    if found.get("type") == "number":
+        at_the_end = any(key == end or key.endswith(f"_{end}") for end in SUFFIXES)
+        return not (at_the_end or {"unit", f"{key}_unit"} & set(beside) or found.get("unit") == "1")
+    return found.get("type") == "string" and not listed and found.get("format") not in FORMATS
+
+
+@pytest.mark.parametrize("command", OUTPUTS)
+def test_a_key_has_its_unit_list_or_format(command: str) -> None:
+    objects = schema_of_command(command)["$defs"]
+    assert not [name for name, one in objects.items() if one["additionalProperties"]]
+    assert not [
+        (name, key)
+        for name, one in objects.items()
+        for key, schema in one["properties"].items()
+        for found in _values(schema)
+        if _wrong(key, found, one["properties"])
+    ]
+
+
+def test_json_schema_needs_no_other_argument(program: Program) -> None:
+    for command in ("stop", "calibrate", "calibrate steps", "compare"):
+        printed = program(*command.split(), "--json-schema")
+        assert (printed.code, json.loads(printed.out)) == (0, schema_of_command(command.split()[0]))
 
 
 def test_what_a_script_prints_is_not_beside_the_object(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from rig.cli.json_schemas import OUTPUTS, schema_of
+from rig.cli.json_schema import OUTPUTS, schema_of_command
 from rig.data.dictionary import MODEL_TABLES
 from rig.data.events import STREAMS
 from rig.plan.config import Config
@@ -18,7 +18,7 @@ IN_PSEUDO_UNITS = ("encode", "decode", "impulse", "shift-invariance")
 def _json_keys() -> Iterator[tuple[str, str]]:
     for command in OUTPUTS:
         if command not in IN_PSEUDO_UNITS:
-            yield from ((f"{command} --json", key) for key in _keys(schema_of(command)))
+            yield from ((f"{command} --json", key) for key in _keys(schema_of_command(command)))
 
 
 def _keys(schema: object) -> Iterator[str]:

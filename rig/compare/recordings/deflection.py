@@ -8,13 +8,13 @@ from the proximal edge. Without x, the points lie on the center line of the pad;
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.columns import Row, column_list, no_rows, read_table
+from rig_shared.outputs import Output
 from sim.contact.patch import Z
 from sim.models.result import IndentationResult
 
@@ -90,7 +90,20 @@ def _between_rows(values: Array, rows_mm: Array, z_mm: Array) -> Array:
     return np.where((part >= 0) & (part <= 1), between, np.nan)
 
 
-def compared_deflection(result: IndentationResult, measured: SkinDeflection) -> dict[str, Any]:
+class DeflectionJson(Output):
+    """Measured skin deflection beside the model's."""
+
+    points: int
+    beside_the_patch: int
+    mean_mm: float | None
+    rms_mm: float | None
+    x_mm: list[float]
+    z_mm: list[float]
+    measured_mm: list[float]
+    model_mm: list[float | None]
+
+
+def compared_deflection(result: IndentationResult, measured: SkinDeflection) -> DeflectionJson:
     """Return measured and simulated deflections at each location, and statistics of measured − model on the patch.
 
     The statistics are null if no location lies on the patch."""
@@ -109,7 +122,7 @@ def compared_deflection(result: IndentationResult, measured: SkinDeflection) -> 
     }
 
 
-def in_words(found: dict[str, Any]) -> str:
+def in_words(found: DeflectionJson) -> str:
     """Return the comparison as a line for the terminal."""
     on = found["points"] - found["beside_the_patch"]
     if not on:

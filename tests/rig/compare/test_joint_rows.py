@@ -120,11 +120,12 @@ def test_on_plausible_fingers_limits_hold_where_those_of_one_finger_do_not(stimu
 def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus: StimulusRow) -> None:
     comparison = compared(stimulus, recorded(5, TRUE_PLACE), RANGES)
     told = fingers_as_json(comparison)
+    assert told is not None
     assert told == fingers_as_json(comparison)
-    assert (told["fingers"]["ranges"], told["fingers"]["built"]) == (
+    assert (told["ranges"], told["built"]) == (
         [{"name": "tissue.epidermis_mm", "low": 0.3, "high": 0.5, "unit": "mm"}], 3,
     )  # fmt: skip
-    row, given = (of(rows, "ep1") for rows in (told["fingers"]["joint"], as_json(comparison, "")["joint"]))
+    row, given = (of(rows, "ep1") for rows in (told["joint"], as_json(comparison, "")["joint"]))
     assert row["best_finger"][0]["value"] == pytest.approx(0.4 + 0.1 * TRUE_PLACE, abs=0.05)
     assert row["k_interval"][0] < K < row["k_interval"][1]
     assert row["r2"] > row["on_this_finger"]["r2"]
@@ -136,6 +137,6 @@ def test_rows_on_plausible_fingers_stand_beside_those_on_the_run_s_own(stimulus:
 def test_a_finger_that_is_known_gives_the_ordinary_row(stimulus: StimulusRow) -> None:
     known = replace(stimulus, on_fingers=stimulus.measures[None])
     ranges = PlausibleFingers("--fingers x.toml", {"tissue.epidermis_mm": (0.4, 0.4)}, "abc")
-    row = of(fingers_as_json(compared(known, recorded(3), ranges))["fingers"]["joint"], "ep1")
+    row = of(fingers_as_json(compared(known, recorded(3), ranges))["joint"], "ep1")
     assert row["k_interval"] is not None
     assert {name: row[name] for name in row["on_this_finger"]} == row["on_this_finger"]

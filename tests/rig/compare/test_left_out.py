@@ -36,7 +36,7 @@ def test_what_is_left_out_at_each_receptor(judged: Callable[..., Comparison]) ->
             {"receptor_mm": 0.0, "positions_mm": [-3.0, 3.0]},
             {"receptor_mm": 0.5, "positions_mm": [-3.0, 2.0, 3.0]},
         ],
-        "range_needed_mm": [-4.0, 3.5],
+        "range_needed_mm": (-4.0, 3.5),
         "covered_receptor_x_mm": [],
         "command": "",
         "covered_by_command": 3,

@@ -69,9 +69,9 @@ def test_every_device_is_found_and_its_file_is_right(
         config = load_config(to)
         assert (stage_ports(config.stage), config.force.port) == (tuple(ports), of_force[force])
         assert bench_problems(config) == []
-        seen = look(config, closely=True)
-        assert seen["stage"]["identity"], "the driver connects with that file"
-        assert seen["force"]["force_n"] == 0.0
+        its_stage, its_sensor = look(config, closely=True)
+        assert its_stage["identity"], "the driver connects with that file"
+        assert its_sensor["force_n"] == 0.0
         of_stage_kind = find(StageKind, stage)
         own = getattr(config.stage, of_stage_kind.place, None)
         for port, key in zip(ports, of_stage_kind.serial_keys, strict=bool(of_stage_kind.serial_keys)):
