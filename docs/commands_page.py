@@ -13,7 +13,8 @@ The output of `rig COMMAND --help` for all commands.
 
 Exit codes: 0 done; 1 stopped by a limit, a trip or a device, or closed output; 2 bad input or a file
 that cannot be written (one line: what, where, what was expected); 130 stopped by Ctrl-C. `--json` prints
-exactly one JSON object on standard output; all else goes to standard error.
+exactly one JSON object on standard output; all else goes to standard error. With `--json` comes
+`--json-schema`, which prints the schema of that object.
 
 In `rig dry-run`, `run` and `resume`, Ctrl-C (or a closed terminal) stops at the next safe point and lifts; a second
 Ctrl-C stops at once. It ends every other command at once, `rig serve` with 0. These three commands print the time

@@ -118,7 +118,7 @@ def test_a_recommended_range_is_accepted(
             shape, np.array([low, high]), np.array(receptors), {}, kind=one.kind, commanded=one.commanded
         )
         (again,) = left_out_rows(_compared([last], run, finger, to_mm))
-        assert again["range_needed_mm"] == ([low, high] if again["left_out"] else again["range_needed_mm"])
+        assert again["range_needed_mm"] == ((low, high) if again["left_out"] else again["range_needed_mm"])
         covered = {x for r in again["left_out"] for x in r["positions_mm"]}
         assert RECORDED - len(covered) == row["covered_by_command"]
 
