@@ -113,7 +113,7 @@ def test_the_command(compared: Callable[..., Ended], tmp_path: Path, work: Count
     page = a.read_text(encoding="utf-8")
     assert "Plausible fingers" in page
     assert hashlib.sha256(ranges.read_bytes()).hexdigest() in page
-    assert f"--fingers {ranges}" in page
+    assert f"--fingers={ranges}" in page
     assert answer["fingers"]["ranges"] == [{"name": "tissue.epidermis_mm", "low": 0.3, "high": 0.5, "unit": "mm"}]
     assert answer["fingers"]["built"] == 3
     row = next(row for row in answer["fingers"]["joint"] if row["measure"] == "sed")
