@@ -6,12 +6,12 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from html import escape
 from pickle import dumps, loads
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_shared.outputs import Output, Unit
+from rig_shared.outputs import UNIT_FIELDS, Keywords, Unit
 from sim.contact.patch import PatchNodes, X, Z
 from sim.measures.measures import BY_NAME, MEASURES, MeasureName, measures_in_layers
 from sim.measures.receptors import ReceptorSet
@@ -26,31 +26,19 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class ReceptorsJson(Output):
-    """Measures at receptors, one item each; tension is positive. unit: of each measure."""
-
-    x_mm: list[float]
-    depth_mm: list[float]
-    z_mm: list[float]
-    unit: dict[MeasureName, Unit]
-    e11: list[float]
-    e22: list[float]
-    e33: list[float]
-    e12: list[float]
-    e23: list[float]
-    e13: list[float]
-    ep1: list[float]
-    ep2: list[float]
-    ep3: list[float]
-    s11: list[float]
-    s22: list[float]
-    s33: list[float]
-    sp1: list[float]
-    sp2: list[float]
-    sp3: list[float]
-    mean: list[float]
-    sed: list[float]
-    third: list[float]
+_LISTS = ("x_mm", "depth_mm", "z_mm", *MEASURES)
+ReceptorsJson = Annotated[
+    dict[str, list[float] | dict[MeasureName, Unit]],
+    Keywords(
+        description="Places of receptors and the measures there, one item each; tension is positive. unit: of each "
+        "measure.",
+        properties={name: {"type": "array", "items": {"type": "number"}} for name in _LISTS}
+        | {"unit": {"type": "object", "additionalProperties": {"enum": list(UNIT_FIELDS)}}},
+        required=[*_LISTS, "unit"],
+        additionalProperties=False,
+    ),
+]
+"""Entry `receptors` of an indentation."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,31 +85,9 @@ class ModelOutline:
     def receptors_as_json(self, measures: dict[str, Array]) -> ReceptorsJson:
         """Return the entry `receptors` of `rig indent --json`."""
         x_mm, _, z_mm = self.receptors.position_mm.T
-        lists = {name: values.tolist() for name, values in measures.items()}
-        return {
-            "x_mm": x_mm.tolist(),
-            "depth_mm": self.receptors.depths_mm.tolist(),
-            "z_mm": z_mm.tolist(),
-            "e11": lists["e11"],
-            "e22": lists["e22"],
-            "e33": lists["e33"],
-            "e12": lists["e12"],
-            "e23": lists["e23"],
-            "e13": lists["e13"],
-            "ep1": lists["ep1"],
-            "ep2": lists["ep2"],
-            "ep3": lists["ep3"],
-            "s11": lists["s11"],
-            "s22": lists["s22"],
-            "s33": lists["s33"],
-            "sp1": lists["sp1"],
-            "sp2": lists["sp2"],
-            "sp3": lists["sp3"],
-            "mean": lists["mean"],
-            "sed": lists["sed"],
-            "third": lists["third"],
-            "unit": {name: BY_NAME[name].unit for name in measures},
-        }
+        places = {"x_mm": x_mm, "depth_mm": self.receptors.depths_mm, "z_mm": z_mm}
+        lists = {name: values.tolist() for name, values in {**places, **measures}.items()}
+        return {**lists, "unit": {name: BY_NAME[name].unit for name in measures}}
 
     def receptor_columns(self, measures: dict[str, Array]) -> dict[str, Array]:
         """Return the columns x_mm, depth_mm and the 18 measures, one row for each receptor."""
