@@ -18,7 +18,7 @@ from typing import Any, Self
 from rig.clock import WallClock
 from rig.control.client import Announced, ControlError, announced
 from rig.data.documents import Document
-from rig.data.events import Column, HoldEndEvent, SampleEvent, TouchEvent, columns_of, stream_of
+from rig.data.events import TIME, Column, HoldEndEvent, SampleEvent, TouchEvent, columns_of, stream_of
 from rig.data.folder import RunFolder
 from rig.data.run import Following
 from rig.errors import RigError
@@ -33,9 +33,8 @@ NO_REPLY = "no_reply"
 """Code of a process that does not reply in time."""
 PROGRAM = ["-m", "rig"]
 
-_TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 ROWS = {
-    stream_of(event): (_TIME, *(column for column in columns_of(event) if not column.is_optional))
+    stream_of(event): (TIME, *(column for column in columns_of(event) if not column.is_optional))
     for event in (SampleEvent, TouchEvent, HoldEndEvent)
 }
 """Streams of the journal that become events, with their columns."""
@@ -361,7 +360,7 @@ class BlueskyBench:
         self._process.wait()
         found = json.loads(text) if text.strip() else {}
         words = found.get("error_text") or (found.get("ending") or {}).get("reason_text") or "the run has ended"
-        return PressFailedError(f"{words}", found.get("code", "ended"))
+        return PressFailedError(words, found.get("code", "ended"))
 
     # --- orders ---
 
@@ -397,7 +396,7 @@ class BlueskyBench:
                     with suppress(ControlError):  # The first error is reported.
                         self._stop()
                 if error.code != "busy" or self._clock.monotonic_s() >= deadline_s:
-                    return PressFailedError(f"{error}", error.code)
+                    return PressFailedError(str(error), error.code)
             self._clock.wait_s(LOOK_S)
 
     def _stop(self) -> None:

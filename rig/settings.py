@@ -436,7 +436,7 @@ class StopSettings(Settings):
             if self.kind != kind and getattr(self, key) is not None:
                 raise RuleError(f"{key}: allowed only with kind = {kind!r}", "expected_with_kind_only")
         if self.key_code is not None and self.kind != "key":
-            raise RuleError(f"key_code: allowed only with kind = {'key'!r}", "expected_with_kind_only")
+            raise RuleError("key_code: allowed only with kind = 'key'", "expected_with_kind_only")
         if self.trip_gwt is not None and self.trip_input is None:
             raise RuleError("trip_gwt: allowed only together with trip_input", "no_trip_input")
         if self.trip_input is not None and self.trip_input == self.input:

@@ -29,7 +29,7 @@ UNITS = {
     "bits": "bit",
     "g": "g",
 }
-"""Units by the end of a key of the configuration or of a run's tables."""
+"""Units by the end of a key of the configuration or of a run's tables; longer ends first (`mm_s` before `s`)."""
 
 SUFFIXES: Mapping[str, str] = UNITS | {
     "mm2": "mm²",

@@ -47,7 +47,7 @@ def refuse_choose(script: Script, source: str, within_s: float, *, virtual: bool
 
     if not (math.isfinite(within_s) and 0 < within_s <= _MOST_WITHIN_S):
         raise BadInputError(
-            f"--count-within-s {within_s:g}: must be more than {0.0:g} and at most {_MOST_WITHIN_S:g}",
+            f"--count-within-s {within_s:g}: must be more than 0 and at most {_MOST_WITHIN_S:g}",
             "outside_range",
         )
     refuse_source(source)

@@ -460,10 +460,10 @@ def identify_command(
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
-        raise BadInputError(f"--width {width:g}: must be {1} to {50} %", "outside_range")
+        raise BadInputError(f"--width {width:g}: must be 1 to 50 %", "outside_range")
     if not 1 <= most_gwt <= settings.limits.max_force_gwt:
         raise BadInputError(
-            f"--most-gwt {most_gwt:g}: must be {1} to {settings.limits.max_force_gwt:g} gwt", "outside_range"
+            f"--most-gwt {most_gwt:g}: must be 1 to {settings.limits.max_force_gwt:g} gwt", "outside_range"
         )
 
 

@@ -442,7 +442,7 @@ def _receptors(x_mm: str | None, depth_mm: str, z_mm: str | None) -> ReceptorPla
     depths = numbers("--receptor-depth-mm", depth_mm)
     for depth in depths:
         if not 0.1 <= depth <= 3.0:
-            raise BadInputError(f"--receptor-depth-mm {depth:g}: must be {0.1:.1f} to {3.0:.1f} mm", "outside_range")
+            raise BadInputError(f"--receptor-depth-mm {depth:g}: must be 0.1 to 3.0 mm", "outside_range")
     return ReceptorPlaces(x, depths, None if z_mm is None else numbers("--receptor-z-mm", z_mm))
 
 

@@ -143,11 +143,9 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     from rig.plan.nerve import SpikeRequest
 
     if not 0 <= seed < MOST_SEED:
-        raise BadInputError(f"--seed {seed:g}: must be {0:g} to {MOST_SEED - 1:g}", "outside_range")
+        raise BadInputError(f"--seed {seed:g}: must be 0 to {MOST_SEED - 1:g}", "outside_range")
     if not 0 < path_m <= MOST_PATH_M:
-        raise BadInputError(
-            f"--path-m {path_m:g}: must be more than {0.0:g} and at most {MOST_PATH_M:g}", "outside_range"
-        )
+        raise BadInputError(f"--path-m {path_m:g}: must be more than 0 and at most {MOST_PATH_M:g}", "outside_range")
     wanted = SpikeRequest(afferents, seed, path_m)
     wanted.refuse()
     return wanted

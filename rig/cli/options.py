@@ -59,7 +59,7 @@ MOST_FRICTION = 10.0
 def checked_friction(friction: float) -> float:
     """Return the friction coefficient of --friction; raise BadInputError if it is out of range."""
     if not 0 <= friction <= MOST_FRICTION:
-        raise BadInputError(f"--friction {friction:g}: must be {0.0:g} to {MOST_FRICTION:g}", "outside_range")
+        raise BadInputError(f"--friction {friction:g}: must be 0 to {MOST_FRICTION:g}", "outside_range")
     return friction
 
 

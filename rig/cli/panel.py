@@ -61,7 +61,7 @@ def panel_command(
     with one_line_errors(as_json=as_json):
         if port != 0 and not _LOWEST_PORT <= port <= 65535:
             raise BadInputError(
-                f"--port {port}: must be {_LOWEST_PORT} to {65535}, or 0 for a free port", "outside_range"
+                f"--port {port}: must be {_LOWEST_PORT} to 65535, or 0 for a free port", "outside_range"
             )
         panel = _panel(config, out_dir, port)
         if as_json:

@@ -143,7 +143,7 @@ def serve_command(
                 "no_terminals",
             )
         if tcp is not None and not 0 <= tcp <= 65534:
-            raise BadInputError(f"--tcp {tcp}: must be {0} to {65534}", "outside_range")
+            raise BadInputError(f"--tcp {tcp}: must be 0 to 65534", "outside_range")
         if random_finger is not None:
             settings = with_random_finger(settings, random_finger)
         both = stage is None and force is None

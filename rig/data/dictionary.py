@@ -6,6 +6,7 @@ from rig.data.events import (
     EVENTS,
     OF_THE_PRESS,
     PRESS_EVENTS,
+    TIME,
     Column,
     HoldEndEvent,
     OfThePress,
@@ -25,9 +26,8 @@ FAMILIES = {
 }
 """Descriptions by prefix; tables that end in `_superseded` hold indentations that were repeated."""
 
-_TIME = Column("t_s", "s", float, "time of the event since the start of the run")
 _TABLES: Mapping[str, type] = {PRESSES: PressRecord, **{stream_of(event): event for event in EVENTS}}
-_ALSO = {column.name: column for column in (_TIME, *columns_of(OfThePress), *columns_of(OfTheSensor))}
+_ALSO = {column.name: column for column in (TIME, *columns_of(OfThePress), *columns_of(OfTheSensor))}
 
 _OF_HOLD_END = {column.name: column.what for column in columns_of(HoldEndEvent)}
 OF_A_HOLD = {
@@ -112,7 +112,7 @@ def _columns(stream: str) -> Iterator[Column]:
     table = _TABLES[stream]
     of_a_press = table in PRESS_EVENTS
     if table is not PressRecord:
-        yield _TIME
+        yield TIME
     yield from (one for one in columns_of(table) if not of_a_press or one.name not in OF_THE_PRESS)
     if of_a_press:
         yield from columns_of(OfThePress)

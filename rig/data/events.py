@@ -380,6 +380,10 @@ class Column(NamedTuple):
         return "text (UTF-8)" if self.type is str else "bool" if self.type is bool else "float64"
 
 
+TIME = Column("t_s", "s", float, "time of the event since the start of the run")
+"""First column of every table of events."""
+
+
 @cache
 def columns_of(table: type) -> tuple[Column, ...]:
     """Return the columns of a class of events, or of another table."""

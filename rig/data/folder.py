@@ -270,8 +270,8 @@ def refuse_full_disk(out: Path, events: int) -> None:
     free, needed = shutil.disk_usage(there).free, events * _EVENT_BYTES + _RUN_BYTES
     if free < needed:
         raise BadInputError(
-            f"{out}: the disk has {free / 1000000.0:.0f} MB free, and the run needs about "
-            f"{needed / 1000000.0:.0f} MB; free some, or record on another disk with --out",
+            f"{out}: the disk has {free / 1e6:.0f} MB free, and the run needs about "
+            f"{needed / 1e6:.0f} MB; free some, or record on another disk with --out",
             "disk_full",
         )
 

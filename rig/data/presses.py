@@ -5,7 +5,6 @@ from bisect import bisect_right
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import zip_longest
 from typing import Annotated, Any
 
 from rig.data.events import (
@@ -73,19 +72,14 @@ def presses(run: Run) -> list[PressRecord]:
     starts = sorted(_all(run, "indentation_start"), key=_time)
     moves = sorted(_all(run, "move"), key=_time)
     moved_s, within = [move["t_s"] for move in moves], _by_press(run)
-    rows = []
-    for start, next_start in zip_longest(starts, starts[1:]):
-        until_s = math.inf if next_start is None else next_start["t_s"]
-        moved = bisect_right(moved_s, start["t_s"])
-        along_mm = moves[moved - 1].get("along_mm") if moved else None
-        rows.append(
-            _press(
-                start,
-                along_mm,
-                {stream: event for stream, event in within[start["index"]] if start["t_s"] <= event["t_s"] < until_s},
-            )
-        )
-    return rows
+    rows, begun_again_s = [], dict[int, float]()
+    for start in reversed(starts):
+        index, begun_s = start["index"], start["t_s"]
+        until_s, begun_again_s[index] = begun_again_s.get(index, math.inf), begun_s
+        last = {stream: event for stream, event in within[index] if begun_s <= event["t_s"] < until_s}
+        moved = bisect_right(moved_s, begun_s)
+        rows.append(_press(start, moves[moved - 1].get("along_mm") if moved else None, last))
+    return rows[::-1]
 
 
 def presses_table(run: Run) -> list[dict[str, Any]]:

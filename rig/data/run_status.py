@@ -2,8 +2,9 @@
 
 from collections.abc import Mapping
 from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated, Any, Never
 
+from rig.errors import BadInputError
 from rig_shared.errors import CodedError
 from rig_shared.outputs import listed
 
@@ -19,6 +20,10 @@ class RunStatus(StrEnum):
     FAILED = "failed"
     KILLED = "killed"
     RUNNING = "running"
+
+    @classmethod
+    def _missing_(cls, value: object) -> Never:
+        raise BadInputError(f"the state of a run is {value!r}: must be one of {', '.join(cls)}", "unknown_state")
 
     @classmethod
     def of_error(cls, error: BaseException) -> "RunStatus":

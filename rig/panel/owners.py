@@ -115,7 +115,7 @@ def stop_all(owners: Sequence[Owner], sent: SentStops, pool: ThreadPoolExecutor)
             raise problem
     stopped = [one.pid for one, answer in zip(targets, answers, strict=True) if not isinstance(answer, ControlError)]
     if not stopped:
-        raise RefusedError(f"{'; '.join(map(str, answers))}", "all_refuse")
+        raise RefusedError("; ".join(map(str, answers)), "all_refuse")
     return {"stopped": stopped, "words": f"the stop reached process {', '.join(map(str, stopped))}"}
 
 
@@ -171,7 +171,7 @@ class ManualProcess:
                     return
                 if self._process.poll() is not None:
                     if self.last_line:
-                        raise NotTakenError(f"{self.last_line}", "refused")
+                        raise NotTakenError(self.last_line, "refused")
                     code = self._process.returncode
                     raise NotTakenError(f"it ended with exit code {code}", "ended")
                 await asyncio.sleep(_POLL_S)

@@ -288,7 +288,7 @@ class Posts:
             if stop.done:
                 return {"stopped": list(stop.notified), "words": stop.words}
             words = stop.words if isinstance(error, NoOwnerError) else f"{error}. {stop.words}"
-            return ControlError(f"{words}", "not_confirmed" if stop.sent else "not_sent")
+            return ControlError(words, "not_confirmed" if stop.sent else "not_sent")
         finally:
             answered.set()
 

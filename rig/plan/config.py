@@ -194,7 +194,6 @@ def with_finger(config: Config, path: Path | None, *, force: bool = False) -> Co
     return config.model_copy(update={"finger": found.finger, "identified": found.identified, "virtual": virtual})
 
 
-# Longer endings first: `mm_s` before `s`.
 ABSENT = "…"
 _KINDS: dict[Any, str] = {
     bool: "true | false",

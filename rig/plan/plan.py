@@ -127,8 +127,8 @@ def make_plan(
     try:
         with impatient():
             script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
-        if same is not None:
-            same.end()
+        for one in compared:
+            one.end()
     except FingerLostError:
         raise
     except (Exception, SystemExit, SilentScriptError) as error:

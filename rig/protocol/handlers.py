@@ -62,6 +62,10 @@ class ResumeHandler:
         """Notes and rests that differ from the journal, in words."""
         return self._same.differences
 
+    def end(self) -> None:
+        """Raise the refusal of a step that a script caught."""
+        self._same.end()
+
     def _answer(self, step: Step[E, A], spot: Spot) -> A:
         (press,) = spot.ids
         if type(step) not in self._answers:

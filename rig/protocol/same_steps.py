@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
@@ -42,24 +43,49 @@ _STARTS: dict[Purpose, str] = {
 }
 
 
-class SameSteps:
+class _Comparison:
+    """Comparison of steps. Once it has refused one it refuses all others, since a script may catch the refusal."""
+
+    def __init__(self) -> None:
+        self.differences: list[str] = []
+        self._refusal: BadInputError | None = None
+
+    @contextmanager
+    def _for_good(self) -> Iterator[None]:
+        if self._refusal is not None:
+            raise self._refusal
+        try:
+            yield
+        except BadInputError as refusal:
+            self._refusal = refusal
+            raise
+
+    def end(self) -> None:
+        """Raise the refusal that a script caught."""
+        with self._for_good():
+            pass
+
+
+class SameSteps(_Comparison):
     """Steps in the journal of a stopped run, to be compared with those that its script makes now."""
 
     def __init__(self, before: Journalled) -> None:
+        super().__init__()
         self._recorded = dict(_recorded(before))
         self._notes = [str(event.get("text", "")) for event in before.stream("note")]
         self._rests_s = [float(event["rest_s"]) for event in before.stream("rest") if "rest_s" in event]
-        self.differences: list[str] = []
 
     def compare(self, step: Step[Any, Any], spot: Spot, press_mm_s: float) -> None:
         """Compare a step; raise BadInputError for another press, and list another note or rest.
 
         press_mm_s: speed of a press that names none.
         """
-        for press in spot.ids:
-            recorded = self._recorded.get((press.purpose, press.index))
-            if recorded is not None:
-                _refuse_other(recorded, asked_of(step, spot, press, press_mm_s), _press(press.purpose, press.index))
+        with self._for_good():
+            for press in spot.ids:
+                recorded = self._recorded.get((press.purpose, press.index))
+                if recorded is not None:
+                    name = _press(press.purpose, press.index)
+                    _refuse_other(recorded, asked_of(step, spot, press, press_mm_s), name)
         if isinstance(step, Note) and self._notes:
             was = self._notes.pop(0)
             if was != step.text:
@@ -69,19 +95,19 @@ class SameSteps:
             self.differences.append(_other(step.verb, step.seconds, known_s[0]))
 
 
-class SamePlan:
+class SamePlan(_Comparison):
     """Steps that were planned when a run began, to be compared with those that its script plans now.
 
     Both plans give the script the predicted answers, so that only the script, or what it reads, can differ.
     """
 
     def __init__(self, planned: Sequence[Asked]) -> None:
+        super().__init__()
         self._planned = [one for one in planned if one.get("verb") not in _REPORTED]
         self._reported = {
             verb: iter([one["what"] for one in planned if one.get("verb") == verb]) for verb in _REPORTED
         }
         self._n = 0
-        self.differences: list[str] = []
 
     def compare(self, asked: Asked) -> None:
         """Compare the next step; raise BadInputError for another one, and list another note or rest."""
@@ -90,18 +116,21 @@ class SamePlan:
             if not _equal(was, asked["what"]):
                 self.differences.append(_other(asked["verb"], asked["what"], was))
             return
-        if self._n == len(self._planned):
-            raise _another_run(_name(asked), _in_words(asked, [*asked]), "no further step")
-        recorded, self._n = self._planned[self._n], self._n + 1
-        if _name(asked) != _name(recorded):
-            raise _another_run(f"step {self._n}", _name(asked), _name(recorded))
-        _refuse_other(recorded, asked, _name(recorded))
+        with self._for_good():
+            if self._n == len(self._planned):
+                raise _another_run(_name(asked), _in_words(asked, [*asked]), "no further step")
+            recorded, self._n = self._planned[self._n], self._n + 1
+            if _name(asked) != _name(recorded):
+                raise _another_run("next step", _name(asked), _name(recorded))
+            _refuse_other(recorded, asked, _name(recorded))
 
     def end(self) -> None:
-        """Raise BadInputError if steps that were planned are missing."""
+        """Raise BadInputError if a step differed or is missing, and list missing notes and rests."""
+        super().end()
         if self._n < len(self._planned):
-            left = self._planned[self._n]
-            raise _another_run(_name(left), "no further step", _in_words(left, [*left]))
+            raise _another_run("next step", "no further one", _name(self._planned[self._n]))
+        for verb, left in self._reported.items():
+            self.differences += [f"{verb}: none, where the run has {_said(was)}" for was in left]
 
 
 def planned_step(step: Step[Any, Any], spot: Spot, press_mm_s: float) -> Asked | None:
@@ -170,8 +199,12 @@ def _recorded(before: Journalled) -> Iterator[tuple[tuple[Purpose, int], Asked]]
 
 def _other(verb: str, now: Any, was: Any) -> str:
     """Return in words how a note or a rest differs from that of the run."""
-    one, other = (repr(what) if isinstance(what, str) else f"{what:g} s" for what in (now, was))
-    return f"{verb}: {one}, where the run has {other}"
+    return f"{verb}: {_said(now)}, where the run has {_said(was)}"
+
+
+def _said(what: Any) -> str:
+    """Return the text of a note or the duration of a rest in words."""
+    return repr(what) if isinstance(what, str) else f"{what:g} s"
 
 
 def _refuse_other(recorded: Asked, asked: Asked, name: str) -> None:

@@ -172,7 +172,16 @@ def script_error(
     return kind(f"{where_in_script(path, error)}: {problem}", code_of(problem))
 
 
-_RUN_FILES = {"protocol.py", "config.toml", "data.h5", "run.nwb", "report.html", "choice.csv", "sha256sums"}
+_RUN_FILES = {
+    "protocol.py",
+    "config.toml",
+    "data.h5",
+    "run.nwb",
+    "report.html",
+    "presses.csv",
+    "choice.csv",
+    "sha256sums",
+}
 _RUN_PREFIXES = (".", "shape_", "model_", "synthetic_", "identification", "finger_after")
 
 

@@ -352,7 +352,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except ENDINGS as error:
         return error
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
-        return RunAborted(f"{with_trip(engine, session.stopped_by)}", "stopped_at_once")
+        return RunAborted(with_trip(engine, session.stopped_by), "stopped_at_once")
     finally:
         if engine.may_touch:
             with suppress(RecordError):  # The record already assumes contact.

@@ -44,18 +44,24 @@ def _told(
     return dict(json.loads(capsys.readouterr().out))
 
 
-def test_a_complete_run_is_read_and_exported(tmp_path: Path) -> None:
-    """Every table has the rows that were stored with the run; a later version may add columns."""
-    folder = _copy("complete", tmp_path)
+@pytest.mark.parametrize(("name", "presses"), [("complete", 5), ("complete_with_a_schedule", 8)])
+def test_a_complete_run_is_read_and_exported(name: str, presses: int, tmp_path: Path) -> None:
+    """Every table has the rows that were stored with the run; a later version may add columns.
+
+    On the virtual clock a press may begin at the instant at which the one before ended.
+    """
+    folder = _copy(name, tmp_path)
     stored = {path.name: _rows(path) for path in folder.glob("*.csv")}
     run = read_run(folder)
-    assert (run.complete, len(run.done), run.missing, run.repeated) == (True, 5, 0, 0)
+    assert (run.complete, len(run.done), run.missing, run.repeated) == (True, presses, 0, 0)
     for path in folder.glob("*.csv"):
         path.unlink()
     export_run(run)
-    assert {path.name for path in folder.glob("*.csv")} == {"presses.csv", *stored}
+    assert {path.name for path in folder.glob("*.csv")} >= {"presses.csv", *stored}
     for table, rows in stored.items():
         _is_in(rows, _rows(folder / table), table)
+    ends_s = [row["end_s"] for row in _rows(folder / "presses.csv")]
+    assert ends_s == [row["t_s"] for row in _rows(folder / "indentation_end.csv")]
     assert export_nwb(run).is_file()
 
 
