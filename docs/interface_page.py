@@ -7,7 +7,7 @@ from typing import Any
 from names_page import one_name
 from pydantic import BaseModel
 
-from rig.plan.config import unit
+from rig.units import unit_of_key
 
 _DEVICES = """\
 # Device interface
@@ -47,7 +47,7 @@ def _fields(settings: Any) -> str:
     if not issubclass(settings, BaseModel) or not settings.model_fields:
         return ""
     rows = [
-        f"| `{name}` | {unit(name)} | {(field.description or '').replace('|', chr(92) + '|')} |\n"
+        f"| `{name}` | {unit_of_key(name)} | {(field.description or '').replace('|', chr(92) + '|')} |\n"
         for name, field in settings.model_fields.items()
     ]
     return "".join(["\n| field | unit | what it is |\n|---|---|---|\n", *rows])
