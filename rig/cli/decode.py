@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -28,6 +29,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import busy, one_line_errors, out, print_json
+from rig.cli.request import takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig.printable import either
@@ -386,7 +388,10 @@ def _draw_pressures(found: DecodeResult, picture: Path) -> None:
     write_picture(decoded_figure(drawn), picture)
 
 
-def decode_command(
+@dataclass(frozen=True)
+class DecodeRequest:
+    """What `rig decode` is asked for."""
+
     pressure: Annotated[
         str | None,
         typer.Option(
@@ -394,7 +399,7 @@ def decode_command(
             help="Pressures to encode first, in pseudo-units: 20,14, or a CSV (column pressure).",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     shape: Annotated[
         str | None,
         typer.Option(
@@ -402,7 +407,7 @@ def decode_command(
             help="Indentor along the finger, as in rig indent.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     readings: Annotated[
         Path | None,
         typer.Option(
@@ -410,7 +415,7 @@ def decode_command(
             help="Receptor readings with locations, depths and noise (docs/coding.md).",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     axial: Annotated[
         str | None,
         typer.Option(
@@ -418,11 +423,11 @@ def decode_command(
             help="Contact along the finger, with --readings: ellipse:HALF-LENGTH in mm, 0.3 to 10; ellipse fits it.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     x_mm: Annotated[
         float,
         typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
-    ] = 0.0,
+    ] = 0.0
     doi_mm: Annotated[
         float | None,
         typer.Option(
@@ -430,10 +435,10 @@ def decode_command(
             help="DOI, in mm. Default: none; --shape needs it.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     decoder: Annotated[
         str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
-    ] = "bayes",
+    ] = "bayes"
     operator: Annotated[
         str | None,
         typer.Option(
@@ -441,10 +446,10 @@ def decode_command(
             help=f"Operator: {' or '.join(OPERATORS)}. Default: convolution with --pressure, else influence.",
             rich_help_panel=_DECODER,
         ),
-    ] = None,
-    energy: EnergyOption = "finite",
-    snr_db: SnrOption = None,
-    noise: NoisePlaceOption = "receptor",
+    ] = None
+    energy: EnergyOption = "finite"
+    snr_db: SnrOption = None
+    noise: NoisePlaceOption = "receptor"
     gain: Annotated[
         str | None,
         typer.Option(
@@ -452,7 +457,7 @@ def decode_command(
             help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.",
             rich_help_panel=NOISE,
         ),
-    ] = None,
+    ] = None
     threshold: Annotated[
         str | None,
         typer.Option(
@@ -460,7 +465,7 @@ def decode_command(
             help="Threshold S₀ of SED, in pseudo-units, e.g. 1.5±0.2. Default: no receptor.",
             rich_help_panel=NOISE,
         ),
-    ] = None,
+    ] = None
     start: Annotated[
         str | None,
         typer.Option(
@@ -468,7 +473,7 @@ def decode_command(
             help="Starting pressures for univariate and grid, e.g. 10,10. Default: best uniform pressure.",
             rich_help_panel=_DECODER,
         ),
-    ] = None,
+    ] = None
     within: Annotated[
         str | None,
         typer.Option(
@@ -477,7 +482,7 @@ def decode_command(
             help="Pressure range, in pseudo-units, not for bayes. Default: set by the readings.",
             rich_help_panel=_DECODER,
         ),
-    ] = None,
+    ] = None
     grid_step: Annotated[
         float | None,
         typer.Option(
@@ -485,40 +490,58 @@ def decode_command(
             help="Grid spacing for the grid decoder, in pseudo-units. Default: range / 30.",
             rich_help_panel=_DECODER,
         ),
-    ] = None,
+    ] = None
     seed: Annotated[
         int,
         typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
-    ] = 0,
-    spacing_mm: SpacingOption = SPACING_MM,
-    half_length: HalfLengthOption = HALF_LENGTH,
-    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: FingertipOption = None,
-    picture: PictureOption = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = 0
+    spacing_mm: SpacingOption = SPACING_MM
+    half_length: HalfLengthOption = HALF_LENGTH
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM
+    config: FingertipOption = None
+    picture: PictureOption = None
+    as_json: JsonOption = False
+
+
+@takes(DecodeRequest)
+def decode_command(request: DecodeRequest) -> None:
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
-    with one_line_errors(as_json=as_json):
-        refuse_together(pressure, shape, readings, snr_db=snr_db, operator=operator, doi_mm=doi_mm)
-        name = named("--decoder", decoder, DECODERS)
-        by = None if operator is None else named("--operator", operator, OPERATORS)
-        receptor, at = receptor_of(gain, threshold), named("--noise", noise, NOISE_PLACES)
-        added, kind = noise_of(snr_db, at, seed), named("--energy", energy, ENERGIES)
-        search = search_of(name, start, within, grid_step, seed)
-        sampling = sampling_of(spacing_mm, half_length, receptor_depth_mm)
-        half_lengths = axial_of(axial, name, readings)
-        checked_picture(picture)
-        finger = load_config(config).finger
-        source = _source(pressure, shape, readings, x_mm, doi_mm, finger, spacing_mm)
-        whole = isinstance(source, FileReadings) and (source.z_mm is not None or axial is not None)
+    with one_line_errors(as_json=request.as_json):
+        refuse_together(
+            request.pressure,
+            request.shape,
+            request.readings,
+            snr_db=request.snr_db,
+            operator=request.operator,
+            doi_mm=request.doi_mm,
+        )
+        name = named("--decoder", request.decoder, DECODERS)
+        by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
+        receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)
+        added, kind = noise_of(request.snr_db, at, request.seed), named("--energy", request.energy, ENERGIES)
+        search = search_of(name, request.start, request.within, request.grid_step, request.seed)
+        sampling = sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm)
+        half_lengths = axial_of(request.axial, name, request.readings)
+        checked_picture(request.picture)
+        finger = load_config(request.config).finger
+        source = _source(
+            request.pressure,
+            request.shape,
+            request.readings,
+            request.x_mm,
+            request.doi_mm,
+            finger,
+            request.spacing_mm,
+        )
+        whole = isinstance(source, FileReadings) and (source.z_mm is not None or request.axial is not None)
         task = DecodeTask(source, name, by, kind, receptor, added, at, sampling, half_lengths, search, finger)
         model = "fingertip: loading or building it" if whole else "plane-strain section: building it"
-        with busy(f"{model}, then estimating the pressures …", as_json=as_json):
+        with busy(f"{model}, then estimating the pressures …", as_json=request.as_json):
             found = _decoded(task)
-        if picture is not None:
+        if request.picture is not None:
             with busy("drawing the figure …", quick=True):
-                draw(found, picture)
-        if as_json:
+                draw(found, request.picture)
+        if request.as_json:
             print_json(as_json_object(name, finger, found))
         else:
             print_decoded(finger, name, found)

@@ -1,5 +1,6 @@
 """`rig encode`, `rig impulse` and `rig shift-invariance`: from pressure on the skin to receptor responses."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -26,6 +27,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
+from rig.cli.request import takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
@@ -212,7 +214,10 @@ class ShiftInvarianceJson(Output):
     all: MeanLawsJson
 
 
-def encode_command(
+@dataclass(frozen=True)
+class EncodeRequest:
+    """What `rig encode` is asked for."""
+
     pressure: Annotated[
         str | None,
         typer.Option(
@@ -220,7 +225,7 @@ def encode_command(
             help="Skin pressures in pseudo-units: 20,14, or a CSV with a column pressure.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     shape: Annotated[
         str | None,
         typer.Option(
@@ -228,11 +233,11 @@ def encode_command(
             help="Indentor that lies along the finger, as in rig indent, e.g. bar:3.0.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     x_mm: Annotated[
         float,
         typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
-    ] = 0.0,
+    ] = 0.0
     doi_mm: Annotated[
         float | None,
         typer.Option(
@@ -240,7 +245,7 @@ def encode_command(
             help="DOI, in mm. Default: none; --shape needs it.",
             rich_help_panel=INPUT,
         ),
-    ] = None,
+    ] = None
     operator: Annotated[
         str,
         typer.Option(
@@ -248,14 +253,14 @@ def encode_command(
             help=f"Operator from pressure to strain energy density (SED): {' or '.join(OPERATORS)}.",
             rich_help_panel=SAMPLING,
         ),
-    ] = "convolution",
-    energy: EnergyOption = "finite",
-    snr_db: SnrOption = None,
-    noise: NoisePlaceOption = "receptor",
+    ] = "convolution"
+    energy: EnergyOption = "finite"
+    snr_db: SnrOption = None
+    noise: NoisePlaceOption = "receptor"
     gain: Annotated[
         float,
         typer.Option(metavar="K", help="Gain k, rate = k (SED − threshold), per unit of SED.", rich_help_panel=NOISE),
-    ] = 1.0,
+    ] = 1.0
     threshold: Annotated[
         float | None,
         typer.Option(
@@ -263,47 +268,57 @@ def encode_command(
             help="Threshold S₀ of the receptor, in pseudo-units of SED. Default: no receptor.",
             rich_help_panel=NOISE,
         ),
-    ] = None,
+    ] = None
     seed: Annotated[
         int,
         typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
-    ] = 0,
-    spacing_mm: SpacingOption = SPACING_MM,
-    half_length: HalfLengthOption = HALF_LENGTH,
-    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM,
-    config: FingertipOption = None,
-    picture: PictureOption = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = 0
+    spacing_mm: SpacingOption = SPACING_MM
+    half_length: HalfLengthOption = HALF_LENGTH
+    receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM
+    config: FingertipOption = None
+    picture: PictureOption = None
+    as_json: JsonOption = False
+
+
+@takes(EncodeRequest)
+def encode_command(request: EncodeRequest) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
-    with one_line_errors(as_json=as_json):
-        kind, by = named("--energy", energy, ENERGIES), named("--operator", operator, OPERATORS)
-        at, sampling = named("--noise", noise, NOISE_PLACES), sampling_of(spacing_mm, half_length, receptor_depth_mm)
-        if (pressure is None) == (shape is None):
+    with one_line_errors(as_json=request.as_json):
+        kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
+        at, sampling = (
+            named("--noise", request.noise, NOISE_PLACES),
+            sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
+        )
+        if (request.pressure is None) == (request.shape is None):
             raise BadInputError("give exactly one of --pressure and --shape", "exactly_one")
         added = (
             None
-            if snr_db is None
-            else Noise(bounded("--snr-db", snr_db, -40, 100), at, int(bounded("--seed", seed, 0, 2**32)))
+            if request.snr_db is None
+            else Noise(
+                bounded("--snr-db", request.snr_db, -40, 100), at, int(bounded("--seed", request.seed, 0, 2**32))
+            )
         )
         receptor = (
             None
-            if threshold is None
-            else Receptor(bounded("--gain", gain, 1e-9, 1e9), bounded("--threshold", threshold, 0, 1e9))
+            if request.threshold is None
+            else Receptor(
+                bounded("--gain", request.gain, 1e-9, 1e9), bounded("--threshold", request.threshold, 0, 1e9)
+            )
         )
-        checked_picture(picture)
-        if shape is not None:
-            source: NDArray[np.float64] | SectionPress = press_of(shape, x_mm, doi_mm)
+        checked_picture(request.picture)
+        if request.shape is not None:
+            source: NDArray[np.float64] | SectionPress = press_of(request.shape, request.x_mm, request.doi_mm)
         else:
-            assert pressure is not None
-            source = pressures_of(pressure, sampling.spacing_mm)
-        with busy("plane-strain section: building it, then computing the readings …", as_json=as_json):
-            finger = load_config(config).finger
+            assert request.pressure is not None
+            source = pressures_of(request.pressure, sampling.spacing_mm)
+        with busy("plane-strain section: building it, then computing the readings …", as_json=request.as_json):
+            finger = load_config(request.config).finger
             found = encode_task(EncodeTask(source, by, kind, receptor, added, sampling, finger))
-        if picture is not None:
+        if request.picture is not None:
             with busy("drawing the figure …", quick=True):
-                _draw(found, picture, receptor=receptor is not None)
-        if as_json:
+                _draw(found, request.picture, receptor=receptor is not None)
+        if request.as_json:
             print_json(_as_json(found, receptor, at))
         else:
             _print(found, added, receptor)

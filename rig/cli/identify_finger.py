@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, NoReturn, NotRequired, TypeVar
@@ -23,6 +23,7 @@ from rig.cli.options import (
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
+from rig.cli.request import takes
 from rig.cli.run import prompt_for
 from rig.cli.script_execution import AtTheTerminal, RunOwner, code_of_end, leave, loaded, new_run, owning
 from rig.cli.signals import at_a_safe_point, at_once
@@ -366,14 +367,17 @@ class IdentificationAttendant(AtTheTerminal):
         super().begins(folder)
 
 
-def identify_command(
+@dataclass(frozen=True)
+class IdentifyRequest:
+    """What `rig identify` is asked for."""
+
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
-    ] = None,
-    more: Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")] = None,
-    config: FingerConfigOption = None,
-    dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False,
-    to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml"),
+    ] = None
+    more: Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")] = None
+    config: FingerConfigOption = None
+    dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False
+    to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml")
     width: Annotated[
         float,
         typer.Option(
@@ -381,10 +385,10 @@ def identify_command(
             help="Stop when the 90 % bands of all forces are within ± this value, 1 to 50 %.",
             rich_help_panel=_PRESSES,
         ),
-    ] = 8.0,
+    ] = 8.0
     presses: Annotated[
         int, typer.Option(metavar="N", min=1, max=8, help="Maximum number of presses.", rich_help_panel=_PRESSES)
-    ] = 8,
+    ] = 8
     most_gwt: Annotated[
         float,
         typer.Option(
@@ -392,7 +396,7 @@ def identify_command(
             help="Do not press where the predicted force is larger, 1 gwt to limits.max_force_gwt.",
             rich_help_panel=_PRESSES,
         ),
-    ] = 20.0,
+    ] = 20.0
     shapes: Annotated[
         str,
         typer.Option(
@@ -400,38 +404,41 @@ def identify_command(
             help="Indentors that you can mount, separated by commas, e.g. sphere:r=2,bar:3.",
             rich_help_panel=_PRESSES,
         ),
-    ] = ",".join(SHAPES),
-    out_dir: OutOption = Path("runs"),
-    subject: SubjectOption = None,
-    mounted: MountedOption = None,
-    yes: YesOption = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = ",".join(SHAPES)
+    out_dir: OutOption = Path("runs")
+    subject: SubjectOption = None
+    mounted: MountedOption = None
+    yes: YesOption = False
+    as_json: JsonOption = False
+
+
+@takes(IdentifyRequest)
+def identify_command(request: IdentifyRequest) -> None:
     """Press gently, print the result of each press, and write the finger file."""
-    beginning = Beginning(aloud=not dry)
-    with one_line_errors(as_json=as_json, beginning=beginning), ExitStack() as opened:
-        settings = with_reliable_touch(load_config(config))
-        _refuse(width, most_gwt, settings)
-        checked_file("--to", to, ".toml")
-        names = tuple(one.strip() for one in shapes.split(","))
-        for name in (*names, *([] if mounted is None else [mounted])):
+    beginning = Beginning(aloud=not request.dry)
+    with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+        settings = with_reliable_touch(load_config(request.config))
+        _refuse(request.width, request.most_gwt, settings)
+        checked_file("--to", request.to, ".toml")
+        names = tuple(one.strip() for one in request.shapes.split(","))
+        for name in (*names, *([] if request.mounted is None else [request.mounted])):
             parse_shape(name)
-        requested = None if protocol is None else load_script(protocol, more or [])
-        into = new_run(out_dir, subject)
-        if dry:
+        requested = None if request.protocol is None else load_script(request.protocol, request.more or [])
+        into = new_run(request.out_dir, request.subject)
+        if request.dry:
             refuse_twinless(settings.stage, settings.force)
         else:
-            ready_for_a_real_run("identify", settings, out_dir, yes=yes)
-            refuse_mounts("identify", names, mounted)
+            ready_for_a_real_run("identify", settings, request.out_dir, yes=request.yes)
+            refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
-        stage = None if dry else opened.enter_context(closing(_stage(settings, into)))
-        owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, config))
-        process = None if dry else opened.enter_context(FingerProcess(settings.finger))
+        stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
+        owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, request.config))
+        process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
         with busy("checking the script …", quick=True):
             goals = usual_goals(names) if requested is None else goals_of(requested, settings, finger)
-        options = IdentificationOptions(goals, width / 100, presses, most_gwt, names)
-        prior = Prior(kinds=KINDS if dry or is_virtual(settings) else REAL_KINDS)
+        options = IdentificationOptions(goals, request.width / 100, request.presses, request.most_gwt, names)
+        prior = Prior(kinds=KINDS if request.dry or is_virtual(settings) else REAL_KINDS)
         predicted = PredictedForces.over(settings.finger, prior, *scope_of(options))
         with at_once():  # what ends this ends the processes that help it
             refused = predicted.have(options.indentors, _counted)
@@ -450,12 +457,12 @@ def identify_command(
         session = Session(script.as_script(), settings, finger, Plan(), into, handler=script.handler)
         if stage is not None:
             lines = page_lines(settings, options, expected)
-            confirmed_with(lines, yes=yes, asking=owner.asking, button=owner.button)
-        done = _carried_out(session, script, owner, beginning, stage, mounted)
+            confirmed_with(lines, yes=request.yes, asking=owner.asking, button=owner.button)
+        done = _carried_out(session, script, owner, beginning, stage, request.mounted)
         with busy("writing the finger file and the page …", quick=True):
-            _write(done, identification, settings, to)
-        _print(done, identification, to, as_json=as_json)
-    _leave(done, identification, to)
+            _write(done, identification, settings, request.to)
+        _print(done, identification, request.to, as_json=request.as_json)
+    _leave(done, identification, request.to)
 
 
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:

@@ -12,6 +12,7 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
+from rig.cli.request import takes
 from rig.compare.recordings.deflection import (
     DeflectionJson,
     SkinDeflection,
@@ -260,14 +261,17 @@ _PLACED_MM = 1e-6
 _SAME = 1e-8
 
 
-def indent_command(
-    shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)],
+@dataclass(frozen=True)
+class IndentRequest:
+    """What `rig indent` is asked for."""
+
+    shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)]
     x_mm: Annotated[
         float | None,
         typer.Option(
             metavar="X", help="x of the indentor from the pad center, in mm. Default: 0.", rich_help_panel=_PRESS
         ),
-    ] = None,
+    ] = None
     doi_mm: Annotated[
         float | None,
         typer.Option(
@@ -275,13 +279,13 @@ def indent_command(
             help="Depth of indentation (DOI), in mm. Give this or --force-gwt.",
             rich_help_panel=_PRESS,
         ),
-    ] = None,
+    ] = None
     force_gwt: Annotated[
         float | None,
         typer.Option(
             metavar="F", help="Force to reach, in gwt (gram-weight). Give this or --doi-mm.", rich_help_panel=_PRESS
         ),
-    ] = None,
+    ] = None
     z_mm: Annotated[
         float | None,
         typer.Option(
@@ -289,11 +293,11 @@ def indent_command(
             help="z along the finger, in mm, for line, round shapes and point. Default: the receptor plane.",
             rich_help_panel=_PRESS,
         ),
-    ] = None,
+    ] = None
     model: Annotated[
         str,
         typer.Option(metavar="M", help=f"Model: {', '.join(reversed(MODELS))} or auto.", rich_help_panel=_MODEL),
-    ] = "finger",
+    ] = "finger"
     tolerance: Annotated[
         str | None,
         typer.Option(
@@ -302,7 +306,7 @@ def indent_command(
             help=f"Relative error that auto allows, e.g. 0.02. Default: {TOLERANCE}.",
             rich_help_panel=_MODEL,
         ),
-    ] = None,
+    ] = None
     quantity: Annotated[
         str | None,
         typer.Option(
@@ -310,7 +314,7 @@ def indent_command(
             help=f"Quantities that auto holds to --tol: {', '.join(QUANTITIES)}. Default: {QUANTITY}.",
             rich_help_panel=_MODEL,
         ),
-    ] = None,
+    ] = None
     length_mm: Annotated[
         float | None,
         typer.Option(
@@ -318,7 +322,7 @@ def indent_command(
             help="Length that multiplies the force per mm of a section, up to 50 mm. Default: force in N/mm.",
             rich_help_panel=_MODEL,
         ),
-    ] = None,
+    ] = None
     receptor_x_mm: Annotated[
         str | None,
         typer.Option(
@@ -326,13 +330,13 @@ def indent_command(
             help="Receptor x, in mm, also FROM:TO:STEP. Default: ten receptors.",
             rich_help_panel=_RECEPTORS,
         ),
-    ] = None,
+    ] = None
     receptor_depth_mm: Annotated[
         str,
         typer.Option(
             metavar="D,D…", help="Depths of the receptors below the skin, in mm.", rich_help_panel=_RECEPTORS
         ),
-    ] = f"{DEFAULT_DEPTH_MM:g}",
+    ] = f"{DEFAULT_DEPTH_MM:g}"
     receptor_z_mm: Annotated[
         str | None,
         typer.Option(
@@ -340,24 +344,24 @@ def indent_command(
             help="Receptor z along the finger, in mm. Default: the receptor plane.",
             rich_help_panel=_RECEPTORS,
         ),
-    ] = None,
+    ] = None
     reference: Annotated[
         str,
         typer.Option(metavar="contact|apex", help="Zero of DOI: first contact or the apex.", rich_help_panel=_PRESS),
-    ] = "contact",
+    ] = "contact"
     friction: Annotated[
         float,
         typer.Option(
             metavar="MU", help="Friction coefficient. Default: 0.", rich_help_panel=_PRESS, show_default=False
         ),
-    ] = 0.0,
-    config: FingertipOption = None,
+    ] = 0.0
+    config: FingertipOption = None
     picture: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.svg", help="Plot the contact to a new .svg or .png file.", rich_help_panel=_OUTPUT
         ),
-    ] = None,
+    ] = None
     deflection: Annotated[
         Path | None,
         typer.Option(
@@ -365,7 +369,7 @@ def indent_command(
             help="Measured skin deflection to compare (deflection_mm with x_mm, z_mm or both).",
             rich_help_panel=_OUTPUT,
         ),
-    ] = None,
+    ] = None
     other_paths: Annotated[
         bool,
         typer.Option(
@@ -373,55 +377,66 @@ def indent_command(
             help="Press in smaller steps too, and report how much the forces differ.",
             rich_help_panel=_OUTPUT,
         ),
-    ] = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = False
+    as_json: JsonOption = False
+
+
+@takes(IndentRequest)
+def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
-    with one_line_errors(as_json=as_json):
-        request = ModelRequest.parse(model, tolerance, quantity, length_mm)
-        _refuse_friction(checked_friction(friction), shape, model, other_paths=other_paths)
-        settings = load_config(config)
-        receptors = _receptors(receptor_x_mm, receptor_depth_mm, receptor_z_mm)
-        origin = _reference(reference)
-        _refuse_picture(picture, shape)
-        measured = _measured(deflection, shape)
-        indentor = None if shape == "point" else parse_shape(shape)
-        _refuse_place(shape, indentor, x_mm, z_mm)
+    with one_line_errors(as_json=request.as_json):
+        wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
+        _refuse_friction(
+            checked_friction(request.friction), request.shape, request.model, other_paths=request.other_paths
+        )
+        settings = load_config(request.config)
+        receptors = _receptors(request.receptor_x_mm, request.receptor_depth_mm, request.receptor_z_mm)
+        origin = _reference(request.reference)
+        _refuse_picture(request.picture, request.shape)
+        measured = _measured(request.deflection, request.shape)
+        indentor = None if request.shape == "point" else parse_shape(request.shape)
+        _refuse_place(request.shape, indentor, request.x_mm, request.z_mm)
         if indentor is None:
-            pressed = request.for_point()
-            force = pressed.force_per_mm(_force_of_point(doi_mm, force_gwt))
+            pressed = wanted.for_point()
+            force = pressed.force_per_mm(_force_of_point(request.doi_mm, request.force_gwt))
             assert force is not None
             with busy(THE_FINGER, quick=True):
                 finger = pressed.load(settings.finger, ALONG, receptors)
             with busy("pressing a point …", quick=True):
-                loaded = finger.point_load(x_mm or 0.0, force, z_mm=z_mm)
-            _print_point_load(loaded, pressed, finger.build_s, as_json=as_json)
+                loaded = finger.point_load(request.x_mm or 0.0, force, z_mm=request.z_mm)
+            _print_point_load(loaded, pressed, finger.build_s, as_json=request.as_json)
             return
-        request.refuse(settings.finger, receptors)
-        chosen = request.choose(
-            indentor, x_mm or 0.0, z_mm, doi_mm, force_gwt, reference=origin, config=settings.finger
+        wanted.refuse(settings.finger, receptors)
+        chosen = wanted.choose(
+            indentor,
+            request.x_mm or 0.0,
+            request.z_mm,
+            request.doi_mm,
+            request.force_gwt,
+            reference=origin,
+            config=settings.finger,
         )
-        if chosen.choice is not None and not as_json:
+        if chosen.choice is not None and not request.as_json:
             out.print(f"auto chose {chosen.model}, level {chosen.choice.level}: {chosen.choice.outlook}")
         with busy(THE_FINGER, quick=True):
             finger = chosen.load(settings.finger, indentor.axes, receptors)
-        force = chosen.force_per_mm(force_gwt)
+        force = chosen.force_per_mm(request.force_gwt)
         press = partial(
             finger.indent,
             indentor,
-            x_mm or 0.0,
-            z_mm=z_mm,
+            request.x_mm or 0.0,
+            z_mm=request.z_mm,
             reference=origin,
-            other_paths=other_paths,
-            friction=friction,
+            other_paths=request.other_paths,
+            friction=request.friction,
         )
-        with busy(f"pressing {shape} …", quick=True):
-            result = press(doi_mm=doi_mm, force_gwt=force)
-        if picture is not None:
+        with busy(f"pressing {request.shape} …", quick=True):
+            result = press(doi_mm=request.doi_mm, force_gwt=force)
+        if request.picture is not None:
             with busy("drawing the figure …", quick=True):
-                _draw(result, picture)
+                _draw(result, request.picture)
         beside = None if measured is None else compared_deflection(result, measured)
-        if as_json:
+        if request.as_json:
             answer = chosen.described(result, finger.build_s)
             if not result.state.converged:
                 answer["code"] = "not_converged"

@@ -16,6 +16,7 @@ from rig.bench.checks import refuse_bench, today
 from rig.bench.find_devices import PortFound, PortFoundJson, find_devices, serial_ports
 from rig.cli.options import JsonOption, checked_file
 from rig.cli.output import NotConfirmedError, busy, complain, err, one_line_errors, out, print_json
+from rig.cli.request import takes
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
 from rig.data.folder import replace_text
@@ -60,7 +61,10 @@ class InitJson(Output):
     """Command to enter next."""
 
 
-def init_command(
+@dataclass(frozen=True)
+class InitRequest:
+    """What `rig init` is asked for."""
+
     port: Annotated[
         list[str] | None,
         typer.Option(
@@ -68,7 +72,7 @@ def init_command(
             help="Port to search: serial or tcp://HOST:PORT. May be repeated. Default: all serial ports.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     stage: Annotated[
         str | None,
         typer.Option(
@@ -76,13 +80,13 @@ def init_command(
             help=f"Kind of stage: {either(names('stage'))}. Default: the one that is found.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     stage_port: Annotated[
         str | None,
         typer.Option(
             metavar="PORT", help="Port of the stage. Default: where one is found.", rich_help_panel=_DEVICES
         ),
-    ] = None,
+    ] = None
     sensor: Annotated[
         str | None,
         typer.Option(
@@ -90,7 +94,7 @@ def init_command(
             help=f"Kind of force sensor: {either(names('force'))}. Default: the one that is found.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     sensor_port: Annotated[
         str | None,
         typer.Option(
@@ -98,7 +102,7 @@ def init_command(
             help="Port of the force sensor. Default: where one is found.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     travel_mm: Annotated[
         str | None,
         typer.Option(
@@ -106,7 +110,7 @@ def init_command(
             help="Travel of the axes from home, in mm. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
-    ] = None,
+    ] = None
     steps_per_mm: Annotated[
         str | None,
         typer.Option(
@@ -115,7 +119,7 @@ def init_command(
             "Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
-    ] = None,
+    ] = None
     range_gwt: Annotated[
         str | None,
         typer.Option(
@@ -123,7 +127,7 @@ def init_command(
             help="Largest force that the sensor measures, in gwt. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
-    ] = None,
+    ] = None
     trip_n: Annotated[
         str | None,
         typer.Option(
@@ -131,7 +135,7 @@ def init_command(
             help="Force that trips a run, in N, at most 5. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
-    ] = None,
+    ] = None
     finger: Annotated[
         str | None,
         typer.Option(
@@ -139,27 +143,38 @@ def init_command(
             help="Simulated finger: none yet, the built-in one, or the human-sized example. Default: prompted.",
             rich_help_panel=_ANSWERS,
         ),
-    ] = None,
-    to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml"),
-    force: Annotated[bool, typer.Option("--replace", help="Replace an existing file.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    to: Annotated[Path, typer.Option("--to", metavar="TOML", help="Configuration file to write.")] = Path("rig.toml")
+    force: Annotated[bool, typer.Option("--replace", help="Replace an existing file.")] = False
+    yes: Annotated[bool, typer.Option("--yes", help="Do not prompt; take all answers from options.")] = False
+    as_json: JsonOption = False
+
+
+@takes(InitRequest)
+def init_command(request: InitRequest) -> None:
     """Find the devices on the ports, ask for the rest, and write a configuration file.
 
     Each port is asked with questions only: nothing moves and nothing is zeroed. Opening a port restarts many boards.
     """
-    with one_line_errors(as_json=as_json):
-        checked_file("--to", to, ".toml")
-        if to.exists() and not force:
-            raise _exists_already(to)
-        given = {"stage": _DeviceOptions(stage, stage_port), "force": _DeviceOptions(sensor, sensor_port)}
+    with one_line_errors(as_json=request.as_json):
+        checked_file("--to", request.to, ".toml")
+        if request.to.exists() and not request.force:
+            raise _exists_already(request.to)
+        given = {
+            "stage": _DeviceOptions(request.stage, request.stage_port),
+            "force": _DeviceOptions(request.sensor, request.sensor_port),
+        }
         for room in WORDS:
             _refuse_unknown_kind(room, given[room].kind)
-        found = _looked_at(_ports(port, given), quiet=as_json and not err.is_terminal)
-        answers = {"travel_mm": travel_mm, "steps_per_mm": steps_per_mm, "range_gwt": range_gwt, "trip_n": trip_n,
-                   "finger": finger}  # fmt: skip
-        talk = _Talk(interactive=not yes and sys.stdin.isatty() and sys.stderr.isatty())
+        found = _looked_at(_ports(request.port, given), quiet=request.as_json and not err.is_terminal)
+        answers = {
+            "travel_mm": request.travel_mm,
+            "steps_per_mm": request.steps_per_mm,
+            "range_gwt": request.range_gwt,
+            "trip_n": request.trip_n,
+            "finger": request.finger,
+        }
+        talk = _Talk(interactive=not request.yes and sys.stdin.isatty() and sys.stderr.isatty())
         draft = _Draft()
         for room in WORDS:
             _choose(room, given[room], found, draft, talk)
@@ -168,16 +183,16 @@ def init_command(
         talk.refuse_missing()
         config = draft.config()
         refuse_bench(config)
-        write_new(to, _file(config, draft), replace=force)
-        following = shlex.join(["rig", "doctor", "--config", str(to)])
-        if as_json:
+        write_new(request.to, _file(config, draft), replace=request.force)
+        following = shlex.join(["rig", "doctor", "--config", str(request.to)])
+        if request.as_json:
             written: InitJson = {
-                "config": str(to), "ports": [one.as_json() for one in found],
+                "config": str(request.to), "ports": [one.as_json() for one in found],
                 "stage": draft.device("stage"), "force": draft.device("force"), "next": following,
             }  # fmt: skip
             print_json(written)
             return
-        out.print(f"wrote {to}")
+        out.print(f"wrote {request.to}")
         out.print(f"next: {following}")
 
 

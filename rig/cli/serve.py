@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, NotRequired, cast
 
@@ -21,6 +22,7 @@ from rig.cli.output import (
     print_json,
     resting,
 )
+from rig.cli.request import takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -63,7 +65,10 @@ class RandomFingerJson(Output):
     parameters: list[TrueParameterJson]
 
 
-def serve_command(
+@dataclass(frozen=True)
+class ServeRequest:
+    """What `rig serve` is asked for."""
+
     stage: Annotated[
         str | None,
         typer.Option(
@@ -71,7 +76,7 @@ def serve_command(
             help=f"Kind of stage: {either(names('stage'))}. Default: the configured one.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     force: Annotated[
         str | None,
         typer.Option(
@@ -80,11 +85,11 @@ def serve_command(
             help=f"Kind of force sensor: {either(names('force'))}. Default: the configured one.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     pty: Annotated[
         bool,
         typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES),
-    ] = False,
+    ] = False
     tcp: Annotated[
         int | None,
         typer.Option(
@@ -93,7 +98,7 @@ def serve_command(
             "Default: pseudo-terminals; free TCP ports on Windows.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     indentor: Annotated[
         str | None,
         typer.Option(
@@ -101,7 +106,7 @@ def serve_command(
             help="Mounted indentor, as in rig indent. Default: the configured one.",
             rich_help_panel=_DEVICES,
         ),
-    ] = None,
+    ] = None
     random_finger: Annotated[
         int | None,
         typer.Option(
@@ -110,7 +115,7 @@ def serve_command(
             help="Serve a random finger of this seed, to be identified. Default: the configured finger.",
             rich_help_panel=_FINGER,
         ),
-    ] = None,
+    ] = None
     reveal: Annotated[
         int | None,
         typer.Option(
@@ -119,40 +124,43 @@ def serve_command(
             help="Seed of a random finger to print instead of serving. Default: serve devices.",
             rich_help_panel=_FINGER,
         ),
-    ] = None,
+    ] = None
     beside: Annotated[
         Path | None,
         typer.Option(metavar="TOML", help="Finger file to compare with --reveal.", rich_help_panel=_FINGER),
-    ] = None,
-    config: FingerConfigOption = None,
-    as_json: JsonOption = False,
-) -> None:
+    ] = None
+    config: FingerConfigOption = None
+    as_json: JsonOption = False
+
+
+@takes(ServeRequest)
+def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
-    if reveal is not None:
-        _reveal(reveal, beside, as_json=as_json)
+    if request.reveal is not None:
+        _reveal(request.reveal, request.beside, as_json=request.as_json)
         return
-    with one_line_errors(as_json=as_json):
-        if beside is not None:
+    with one_line_errors(as_json=request.as_json):
+        if request.beside is not None:
             raise BadInputError("--beside requires --reveal; add it", "needs_option")
-        settings = _with_indentor(load_config(config), indentor)
-        if pty and tcp is not None:
+        settings = _with_indentor(load_config(request.config), request.indentor)
+        if request.pty and request.tcp is not None:
             raise BadInputError("--pty and --tcp cannot be combined; give one of them", "not_together")
-        if pty and sys.platform == "win32":
+        if request.pty and sys.platform == "win32":
             raise BadInputError(
                 "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
                 "no_terminals",
             )
-        if tcp is not None and not 0 <= tcp <= 65534:
-            raise BadInputError(f"--tcp {tcp}: must be 0 to 65534", "outside_range")
-        if random_finger is not None:
-            settings = with_random_finger(settings, random_finger)
-        both = stage is None and force is None
+        if request.tcp is not None and not 0 <= request.tcp <= 65534:
+            raise BadInputError(f"--tcp {request.tcp}: must be 0 to 65534", "outside_range")
+        if request.random_finger is not None:
+            settings = with_random_finger(settings, request.random_finger)
+        both = request.stage is None and request.force is None
         with busy(THE_FINGER, quick=True):
             bench = ServedBench(
                 settings,
-                stage=_kind("stage", stage, settings.stage.kind if both else None),
-                force=_kind("force", force, settings.force.kind if both else None),
-                tcp=tcp,
+                stage=_kind("stage", request.stage, settings.stage.kind if both else None),
+                force=_kind("force", request.force, settings.force.kind if both else None),
+                tcp=request.tcp,
                 complain=complain,
             )
         with bench:
