@@ -9,6 +9,7 @@ import itertools
 import json
 import os
 import queue
+import re
 import threading
 import time
 import uuid
@@ -524,6 +525,7 @@ def add_to_end(path: Path, more: Mapping[str, Any], unix_s: float) -> None:
 # The text is split between events, as the journal writes them. Any other, torn, damaged or non-ASCII journal is read
 # in full.
 
+_NUMBER = re.compile(rb'\{"doc": "\w+", "crc32": "\w{8}", (?:"uid": "\w+", )?"seq": (\d+),')
 _BETWEEN = '}}\n{"doc": "event", '
 _READING = 'sample", "data": {'
 """Nine lines in ten are readings and contain this."""
@@ -535,7 +537,22 @@ _BLOCK = 1 << 15
 
 def listed_documents(path: Path, streams: Collection[str]) -> list[Document] | None:
     """Return all documents except most events of other streams; None if it must be read in full. Raises OSError."""
+    if not _is_whole(path):
+        return None
     return _documents(_BETWEEN.join(_selected(path, tuple(f'{_STREAM}{stream}"' for stream in streams))))
+
+
+def _is_whole(path: Path) -> bool:
+    """Return whether the lines of a journal are unchanged and numbered without a gap; those of 0.2 have no number."""
+    with open_file(path) as file:
+        for expected in itertools.count():
+            line = file.readline(MOST_ON_A_LINE + 1)
+            number = _NUMBER.match(line)
+            if number is None:
+                return not line or expected == 0
+            if int(number[1]) != expected or not fits(line.rstrip(b"\n")):
+                return False
+    return True
 
 
 def _selected(path: Path, prefixes: tuple[str, ...]) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """Frame of the finger, fitted to touches of a sphere."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NotRequired
@@ -120,15 +121,17 @@ def find(run: Run, config: Config, finger: Fingertip) -> FittedFrame:
     return _lie(fit.x, _by_differences(off_mm, walk)(fit.x), off_mm(fit.x), free, config)
 
 
+_SPHERE = re.compile(r"sphere:(?:(?P<of>[rd])=)?(?P<mm>[^:]+)")
+
+
 def _radius(run: Run, touches: Sequence[Mapping[str, object]]) -> float:
-    names = {str(event["indentor"]) for event in touches}
-    kind, _, radius = next(iter(names), "").partition(":")
-    if len(names) != 1 or kind != "sphere":
+    found = [_SPHERE.fullmatch(name) for name in {str(event["indentor"]) for event in touches}]
+    if len(found) != 1 or found[0] is None:
         raise BadInputError(
             f"run folder {run.folder.path} has no touches by a single sphere; give a run of the protocol find_finger",
             "not_one_sphere",
         )
-    return float(radius)
+    return float(found[0]["mm"]) / (2 if found[0]["of"] == "d" else 1)
 
 
 def _full(found: Array, free: list[int]) -> Array:

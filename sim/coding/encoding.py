@@ -1,5 +1,6 @@
 """Block diagram of Raju (1998, Fig. 6-6): pressure, SED, noise, receptor, rate."""
 
+import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -7,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim.coding.operators import ForwardOperator
+from sim.errors import ArgumentError, refuse_unless_numbers
 
 Array = NDArray[np.float64]
 
@@ -38,6 +40,14 @@ class Noise:
     snr_db: float
     at: NoisePlace = "receptor"
     seed: int = 0
+
+    def __post_init__(self) -> None:
+        refuse_unless_numbers(snr_db=self.snr_db, seed=self.seed)
+        if not (math.isfinite(self.snr_db) and int(self.seed) == self.seed >= 0):
+            raise ArgumentError(
+                f"snr_db = {self.snr_db} and seed = {self.seed}: must be finite, and a whole number from 0",
+                "bad_noise",
+            )
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from sim.config import FingertipConfig
 from sim.errors import ModelRangeError
 from sim.finger.surface import FingertipSurface
 from sim.measures.receptors import ReceptorError, points_below
-from sim.tables import TableError, header_of, read_numbered
+from sim.tables import TableError, header_of, numbers_of, read_numbered
 from sim.units import PSEUDO_E_EPIDERMIS
 
 Array = NDArray[np.float64]
@@ -275,7 +275,7 @@ def _refuse_other_places(path: Path, column: str, numbered: Sequence[tuple[int, 
 
 def checked_pressures(values: ArrayLike) -> Array:
     """Return 1 to 400 pressures as an (n,) array. Raises CodingError for more, none, or what is not finite or < 0."""
-    pressure = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    pressure = np.atleast_1d(numbers_of("pressure", values))
     if not 1 <= len(pressure) <= MOST_SAMPLES:
         raise CodingError(
             f"pressure: {len(pressure)} samples; must be 1 to {MOST_SAMPLES}", "wrong_count", ("pressure",)

@@ -23,6 +23,7 @@ from sim.nerve.integrator import MOST_STEP_S
 from sim.nerve.models import BUILT_IN, AfferentModel, spikes_of
 from sim.nerve.skin import Signal, SkinUnderIndentor, table_of_presses
 from sim.nerve.stimulus import Stimulus
+from sim.tables import numbers_of
 
 Array = NDArray[np.float64]
 Models = Mapping[str, AfferentModel]
@@ -66,7 +67,7 @@ _OTHER_SPREAD = 3.0
 def sensitivity_of(model: str, normal: ArrayLike, spread: float | None = None) -> Array:
     """Return sensitivities with median 1 at standard normal numbers, with the spread of a class or another."""
     spread = SENSITIVITY_SPREAD.get(model, _OTHER_SPREAD) if spread is None else spread
-    return np.asarray(np.exp(math.log(spread) * np.asarray(normal)))
+    return np.asarray(np.exp(math.log(spread) * numbers_of("normal", normal)))
 
 
 PAD_SHARE = 0.7

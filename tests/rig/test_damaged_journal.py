@@ -15,6 +15,7 @@ from rig.cli.script_execution import RunOwner
 from rig.data import Run, read_run
 from rig.data.documents import as_line, fits, read_lines
 from rig.data.journal import add_to_end, mend_journal
+from rig.data.tables import LISTED, summary_of
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
 from rig.protocol.script import load_script
@@ -115,6 +116,8 @@ def test_a_damaged_press_is_left_out_and_the_others_stay(folder: Path, what: str
         assert 1 not in run.done
     for events in run.events.values():
         assert all(event.get("index") not in run.damaged for event in events)
+    listed = summary_of(read_run(folder, only=LISTED))  # as `rig runs` reads it
+    assert (listed.done, listed.state) == (len(run.done), summary_of(run).state)
 
 
 def test_the_checksum_of_each_line_fits_it_alone(folder: Path) -> None:

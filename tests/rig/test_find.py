@@ -104,10 +104,11 @@ def test_on_exact_touches_the_points_of_the_skin_cost_a_fraction_of_a_micrometre
     assert "roll_deg" in config.as_toml()  # so that it is stored with every run
 
 
-def test_a_small_sphere_will_do(finger: Fingertip) -> None:
+@pytest.mark.parametrize("indentor", ["sphere:0.8", "sphere:r=0.8", "sphere:d=1.6"])
+def test_a_small_sphere_will_do_however_its_size_is_written(finger: Fingertip, indentor: str) -> None:
     plane, apex = finger.config.receptor_plane_mm, finger.apex_height_mm
     heights = [finger.touch_height_mm("sphere:0.8", x, z_mm=plane + a) - apex for x, a in WIDE]
-    lie = find(_run(WIDE, heights, "sphere:0.8"), Config(), finger)
+    lie = find(_run(WIDE, heights, indentor), Config(), finger)
     assert lie.residual_mm < 0.001
     assert list(lie.value.values())[:3] == pytest.approx(FRAME[:3], abs=0.03)
 

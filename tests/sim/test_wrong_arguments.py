@@ -11,8 +11,11 @@ import pytest
 from PIL import Image
 
 from sim import Aim, Fingertip, HeightMap, MeasuredProfile, ShapeError, choose, indent_many, load, parse_shape
+from sim.coding.encoding import Noise
+from sim.coding.task import EncodeTask, encode_task
 from sim.contact.shapes import shape_size
 from sim.errors import ArgumentError
+from sim.nerve.population import sensitivity_of
 from sim.nerve.stimulus import Stimulus, Vibration
 from tests.error_codes import raises
 
@@ -81,6 +84,8 @@ ONE_NUMBER: list[tuple[str, Callable[[Fingertip, Any], Any]]] = [
     ("amplitude_um", lambda _, value: Stimulus([0.0], [0.1], vibrations=[Vibration(10.0, value, 0.0, 1.0)])),
     ("doi_mm", lambda _, value: Stimulus.ramp(value, 1.0, 1.0)),
     ("speed_mm_s", lambda _, value: Stimulus.ramp(0.1, value, 1.0)),
+    ("snr_db", lambda _, value: Noise(value)),
+    ("seed", lambda _, value: Noise(20.0, seed=value)),
 ]
 """Every argument of the library that is one number."""
 
@@ -138,6 +143,8 @@ ARRAY: list[tuple[str, Callable[[Fingertip, Any], Any]]] = [
     ("height_mm", lambda _, value: MeasuredProfile.from_arrays([0, 1], value)),
     ("times_s", lambda _, value: Stimulus(value, [0.0, 0.1])),
     ("depths_mm", lambda _, value: Stimulus([0.0, 0.1], value)),
+    ("pressure", lambda _, value: encode_task(EncodeTask(value))),
+    ("normal", lambda _, value: sensitivity_of("SA1", value)),
 ]
 """Every argument of the library that is an array of numbers."""
 
