@@ -950,6 +950,15 @@ KINDS = {
     "mat, one unit as a text": Case("it is that of all rows", lambda folder: mat(time_s=TIMES, unit="a1")(folder)
                                     + "#a1", ("sync=none",), rates=ALL, pulses=False),
     **{
+        f"mat, {name} in a row of letters": Case("one name, or one for each row?", mat_spikes(
+            **{name: "ab" * len(TIMES)}), ("sync=none",), code="not_understood",
+            says=(f"column {name}", "a row of 86 letters", "N × 1", "cell array"), pulses=False)
+        for name in ("unit", "kind")
+    },
+    "mat, repeats in a row of letters": Case("one name, or one for each row?", mat(
+        position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], rep="11112222"), code="not_understood",
+        says=("column rep", "a row of 8 letters", "N × 1")),
+    **{
         f"mat, units in {what}": Case("there, and not understood", mat_spikes(unit=unit), ("sync=none",),
                                       code="not_understood", says=("column unit", what, "one for each row"),
                                       pulses=False)
