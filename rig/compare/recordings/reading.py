@@ -77,6 +77,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
     read_as = columns_read(rows, columns.window_s if counted else None) + _close_positions(placed)
+    read_as += _named_repeats(rows)
     found = replace(found, changes=changes, read_as=read_as)
     return _of_a_finger(path, with_enough_positions(path, found), rows)
 
@@ -152,6 +153,18 @@ def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
                 raise row.wrong(role_name("repeat"), "no_repeat", problem)
 
 
+def _named_repeats(rows: Sequence[Row]) -> str:
+    """Return a sentence on the repeats that are names, of which one may be that of sums or means; "" for numbers."""
+    said = [row.cells.get(role_name("repeat"), "") for row in rows]
+    names = [name for name in dict.fromkeys(said) if name and not _is_number(name)]
+    if not names:
+        return ""
+    listed = ", ".join(names[:_MOST_LISTED]) + f" and {len(names) - _MOST_LISTED} more" * (len(names) > _MOST_LISTED)
+    are = "The repeat {} is counted as a press" if len(names) == 1 else "The repeats {} are counted as presses"
+    return f" {are.format(listed)}: delete rows of sums and means."
+
+
+_MOST_LISTED = 20
 _SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
 _SUMMARY_WORD = re.compile(
     r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"

@@ -591,8 +591,16 @@ ROWS = {
         read_as="-0.5 and -0.498 mm lie within 0.01 mm"),
     "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
                                                                           "0,2,mean"), code="no_repeat"),
-    "repeats with names": Case("allowed", table("position_mm,rate,repeat", *(
-        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL),
+    "repeats with names": Case("allowed, and said", table("position_mm,rate,repeat", *(
+        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL,
+        read_as="The repeats a, b are counted as presses: delete rows of sums and means."),
+    **{
+        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the names are said", table(
+            "position_mm,rate,repeat", *(f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE),
+            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), rates=ALL,
+            read_as=f"The repeats a, b, {word} are counted as presses")
+        for word in ("alle", "gemiddelde", "\u03a3", "\u00d8")
+    },
     "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
                           code="totals", says=("row 6", "'43'", "sums")),
     "a row of sums of counts": Case("no press", table("position_mm,count,window_s", "-1,6,1", "-.5,24,1", "1.5,12,1",
