@@ -182,6 +182,8 @@ class Case:
     width_s: float = 0.01
     read_as: str = ""
     """Words of the sentences on the recording."""
+    silent: str | None = None
+    """Words that must not be among them."""
 
 
 UNOBSERVED = {
@@ -1143,11 +1145,25 @@ DOUBLES = {
     "each spike again 0.6 to 1.9 ms later": Case(
         "a detector or a neuron that fires in pairs: said",
         of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)]), **PULSES),
-        rates=[2 * rate for rate in ALL], read_as="43 of 86 spikes are the second of a pair",
+        rates=[2 * rate for rate in ALL], read_as="43 of 85 intervals between spikes (51 %) are shorter than 2 ms",
     ),
     "bursts of three": Case(
         "a neuron fires so", of_amplifier(np.sort([*TIMES, *later(0.0012, 0.0018), *later(0.0025, 0.0035, 1)]),
                                           **PULSES), rates=[3 * rate for rate in ALL],
+        read_as="echoes of a threshold, of a detector that triggers several times on a spike, or bursts",
+    ),
+    "two echoes after each spike": Case(
+        "no pairs, and said", of_amplifier(np.sort([*TIMES, *later(0.0007, 0.0013), *later(0.0019, 0.0024, 1)]),
+                                           **PULSES), rates=[3 * rate for rate in ALL],
+        read_as="of 128 intervals between spikes (67 %) are shorter than 2 ms",
+    ),
+    "40 % of the spikes again 0.6 to 1.9 ms later": Case(
+        "said", of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)[:17]]), **PULSES),
+        rates=[12.0, 35.0, *ALL[2:]], read_as="17 of 59 intervals between spikes (29 %) are shorter than 2 ms",
+    ),
+    "one short interval of 43": Case(
+        "few", of_amplifier(np.sort([*TIMES, TIMES[-1] + 0.0012]), **PULSES), rates=[*ALL[:3], 2.0],
+        silent="shorter than 2 ms",
     ),
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
@@ -1417,7 +1433,9 @@ def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
-    assert case.read_as in " ".join([found.read_as, *recording_sentences(found)])
+    sentences = " ".join([found.read_as, *recording_sentences(found)])
+    assert case.read_as in sentences
+    assert case.silent is None or case.silent not in sentences
 
 
 def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path) -> None:
