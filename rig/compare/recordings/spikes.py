@@ -190,8 +190,8 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
     found = replace(found, notes=(*found.notes, *notes))
     if found.observed_s is not None:
-        found = replace(found, notes=(*found.notes, *_not_observed(found.spike_s, found.observed_s)))
-        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, found.notes, found.read_as)
+        every = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
+        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, every, found.read_as)
     events = extent(spike_s, fit.run_s(found.pulse_s))
     if fit.complete or not len(events):
         return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes, read_as=found.read_as)
