@@ -1254,7 +1254,7 @@ NO_PULSES_THERE = {
 
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
-    ink: str = "", fill: str = "", number: int = 200, header: str = "rate",
+    ink: str = "", fill: str = "", number: int = 200, header: str = "rate", pattern: str = "",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
@@ -1279,7 +1279,7 @@ def styled(
             "<fonts><font/><font>" + "<strike/>" * (style == "struck") + f"{ink and f'<color {ink}/>'}</font></fonts>"
         )
         solid = fill and f'<patternFill patternType="solid"><fgColor {fill}/></patternFill>'
-        fills = f"<fills><fill/><fill>{solid}</fill></fills>"
+        fills = f"<fills><fill/><fill>{solid or pattern}</fill></fills>"
         parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}</styleSheet>"
         with zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
@@ -1344,6 +1344,16 @@ SHOWN = {
             ("", 'rgb="FF000000"'),
         )
     },
+    **{
+        f"text {ink} on {pattern}": Case("openpyxl writes no fill so", styled(ink=ink, pattern=pattern),
+                                         code="unclear_rows", says=("do not show", "(2, 3, 4, 5)"))
+        for ink in ('rgb="FFFFFFFF"', 'theme="0"', 'indexed="9"') for pattern in (
+            "<patternFill/>", '<patternFill><fgColor rgb="FF4472C4"/></patternFill>',
+            '<patternFill patternType="none"/>')
+    },
+    "white text on a gradient": Case("a reader sees it", styled(
+        ink='rgb="FFFFFFFF"', pattern='<gradientFill><stop position="0"><color theme="4"/></stop></gradientFill>'),
+        rates=ALL),
     **{
         f"text {ink} on {fill}": Case("a reader sees it", styled(ink=ink, fill=fill), rates=ALL)
         for ink, fill in (
