@@ -569,7 +569,7 @@ ROWS = {
     **{
         f"repeat {again!r} after {first!r}": Case(
             "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", f"0.25,12,{more}"),
-            code="place_twice", says=("row 3", "first in row 2", "repeat"),
+            code="place_twice", says=("row 3", "first in row 2", f"both have {again!r} in the column repeat"),
         )
         for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"))
     },
@@ -968,6 +968,12 @@ KINDS = {
     "mat, repeats in a row of letters": Case("one name, or one for each row?", mat(
         position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], rep="11112222"), code="not_understood",
         says=("column rep", "a row of 8 letters", "N × 1")),
+    **{
+        f"mat, one repeat {said!r} for eight presses": Case("the column is there", mat(
+            position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], rep=one), code="place_twice",
+            says=("row 6", "first in row 2", "the column rep is there", f"one value for all rows, {said!r}"))
+        for one, said in (("abc", "abc"), (1.0, "1"))
+    },
     **{
         f"mat, units in {what}": Case("there, and not understood", mat_spikes(unit=unit), ("sync=none",),
                                       code="not_understood", says=("column unit", what, "one for each row"),
