@@ -84,7 +84,9 @@ def read_afferents(
         raise RecordingError(f"{path}: {number_of(len(wrong), 'recordings')} cannot be used\n{problems}", "bad_rows")
     if not found:
         raise no_rows(table, "recordings")
-    turned = set(map(str, to_mirror((shape_key(key) for some in found.values() for key in some), mirror)))
+    keys = [shape_key(key) for some in found.values() for key in some]
+    only = {stimulus.shape: stimulus.condition for stimulus in stimuli}  # of keys without a condition: see _refuse
+    turned = set(map(str, to_mirror(keys, mirror, only)))
     return {
         afferent: of_one_afferent({key: one.mirrored() if key in turned else one for key, one in some.items()})
         for afferent, some in found.items()

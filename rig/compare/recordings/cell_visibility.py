@@ -34,8 +34,11 @@ def color_of(element: ElementTree.Element | None) -> Color:
 
 
 def background_of(pattern: ElementTree.Element | None, namespace: str) -> Color:
-    """Return the color of a fill by its only child; white without a fill, None for hatching and gradients."""
-    if pattern is None or pattern.get("patternType") == "none":
+    """Return the color of a fill by its only child; white without a fill, None for hatching and gradients.
+
+    A pattern without a type is none, as openpyxl writes it.
+    """
+    if pattern is None or (pattern.tag == f"{namespace}patternFill" and pattern.get("patternType", "none") == "none"):
         return WHITE
     return color_of(pattern.find(f"{namespace}fgColor")) if pattern.get("patternType") == "solid" else None
 

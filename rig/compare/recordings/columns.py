@@ -396,7 +396,7 @@ def read_table(
         for name, k in at.items() if not rows else ():
             refuse_not_understood(path, columns[name].name, cells[k])
         unread = {name: cells[k] for k, name in enumerate(header) if k not in at.values()}
-        read = {name: same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
+        read = {name: _same_name(cells[k]) if name in _NAMES else cells[k] for name, k in at.items()}
         rows.append((number, read, unread))
     numbers = number_format((cells for _, cells, _ in rows), semicolons=has_semicolons(path))
     found = [Row(path, number, cells, columns, numbers, unread) for number, cells, unread in rows]
@@ -408,6 +408,11 @@ def read_table(
                 f"a vector with a number for each row; only {', '.join(_MAY_BE_SAME)} may be a scalar",
             )
     return found
+
+
+def _same_name(cell: str) -> str:
+    name = same_name(cell)
+    return SameInAllRows(name) if isinstance(cell, SameInAllRows) else name
 
 
 _NAMES = ("unit", "repeat")

@@ -55,6 +55,12 @@ class MatlabVariable(NamedTuple):
         assert self.values is not None
         return [f"{value:.17g}" for value in self.values]
 
+    def row_problem(self, rows: int) -> str:
+        """What a row of as many letters as the table has rows is, with its article; "" for others."""
+        if self.kind != "char" or rows == 1 or self.shape != (1, rows):
+            return ""
+        return f"a row of {rows} letters, as many as there are rows: one name, or a letter for each"
+
     @property
     def _is_vector(self) -> bool:
         return len(self.shape) - self.shape.count(1) <= 1 and math.prod(self.shape) > 0

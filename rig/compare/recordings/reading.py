@@ -36,7 +36,7 @@ from rig.compare.recordings.recording import (
     with_enough_positions,
 )
 from rig.compare.recordings.spikes import SPIKES, SPIKES_IN_NEO, SPIKES_IN_NWB, rates_in_run, read_spike_times
-from rig.compare.recordings.table_cells import file_and_sheet
+from rig.compare.recordings.table_cells import SameInAllRows, file_and_sheet
 from rig.data import Run
 from rig_shared.user_files import sha256_of
 from sim.contact.shapes import shape_name
@@ -77,6 +77,7 @@ def read_srp(path: Path, columns: ColumnMap | None = None) -> Recording:
         dict.fromkeys([*columns.changes(*required, *optional), *header_changes(rows, required, optional)])
     )
     read_as = columns_read(rows, columns.window_s if counted else None) + _close_positions(placed)
+    read_as += _named_repeats(rows)
     found = replace(found, changes=changes, read_as=read_as)
     return _of_a_finger(path, with_enough_positions(path, found), rows)
 
@@ -128,14 +129,27 @@ def _placed(rows: list[Row]) -> Iterator[tuple[Row, float]]:
         position = round(row.number(name), SAME_PLACE_DECIMALS) + 0.0
         place = (position, label_key(said))
         if place in seen:
-            column = row.columns[repeat].name if repeat in row.columns else repeat
             raise RecordingError(
                 f"{row.path}, row {row.row}, column {row.columns[name].name}: position {row.cells[name]} is repeated "
-                f"(first in row {seen[place].row}); number repeated presses in a column {column}",
+                f"(first in row {seen[place].row}); {_numbered(row)}",
                 "place_twice",
             )
         seen[place] = row
         yield row, position
+
+
+def _numbered(row: Row) -> str:
+    """Return how to tell repeated presses apart, and why a column of repeats that is there does not."""
+    repeat = role_name("repeat")
+    if repeat not in row.columns:
+        return f"number repeated presses in a column {repeat}"
+    column, said = row.columns[repeat].name, row.cells[repeat]
+    if isinstance(said, SameInAllRows):
+        return (
+            f"the column {column} is there, but has one value for all rows, {said!r}: it must be a vector, a column "
+            "of letters (N × 1) or a cell array, with a number for each row"
+        )
+    return f"both have {said!r} in the column {column}: give each press at one position a number of its own"
 
 
 def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
@@ -152,6 +166,18 @@ def _refuse_summaries(rows: Sequence[Row], repeats: Sequence[str]) -> None:
                 raise row.wrong(role_name("repeat"), "no_repeat", problem)
 
 
+def _named_repeats(rows: Sequence[Row]) -> str:
+    """Return a sentence on the repeats that are names, of which one may be that of sums or means; "" for numbers."""
+    said = [row.cells.get(role_name("repeat"), "") for row in rows]
+    names = [name for name in dict.fromkeys(said) if name and not _is_number(name)]
+    if not names:
+        return ""
+    listed = ", ".join(names[:_MOST_LISTED]) + f" and {len(names) - _MOST_LISTED} more" * (len(names) > _MOST_LISTED)
+    are = "The repeat {} is counted as a press" if len(names) == 1 else "The repeats {} are counted as presses"
+    return f" {are.format(listed)}: delete rows of sums and means."
+
+
+_MOST_LISTED = 20
 _SUMMARIES = ("all", "overall", "sd", "std", "se", "sem", "min", "max")
 _SUMMARY_WORD = re.compile(
     r"(?<![^\W\d_])(means?|avg|averages?|medians?|sums?|totals?|pooled|mittel(?:wert)?|durchschnitt|summe|gesamt"
@@ -316,11 +342,18 @@ def read_recordings(
     return of_one_afferent({str(key): one.mirrored() if key in turned else one for key, one in found.items()})
 
 
-def to_mirror(held: Iterable[ShapeKey], mirror: Sequence[str]) -> set[ShapeKey]:
-    """Return the recordings that --mirror names; a shape without a condition is all of its. Raises RecordingError."""
-    keys, turned = list(dict.fromkeys(held)), set[ShapeKey]()
+def to_mirror(
+    held: Iterable[ShapeKey], mirror: Sequence[str], only: Mapping[str, str] | None = None
+) -> set[ShapeKey]:
+    """Return the recordings that --mirror names; a shape without a condition is all of its. Raises RecordingError.
+
+    `only`: the only condition of each shape whose recordings state none.
+    """
+    keys, turned, only = list(dict.fromkeys(held)), set[ShapeKey](), only or {}
     for shape in mirror:
-        meant = [key for key in keys if shape_key(shape) in (key, ShapeKey(key.shape, ""))]
+        said = shape_key(shape)
+        meant = [key for key in keys if said.shape == key.shape
+                 and said.condition in ("", key.condition or only.get(key.shape, ""))]  # fmt: skip
         if not meant:
             remedy = f"use one of {', '.join(map(str, keys))}" if keys else f"add --recorded {shape}=FILE"
             raise RecordingError(f"--mirror {shape}: there is no recording of it; {remedy}", "nothing_to_mirror")

@@ -120,15 +120,14 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
             "them with more decimals; else check their unit of time",
             "spikes_twice",
         )
-    notes = _echoes(path, unit, gaps_s)
-    if close:
-        comes = "spike comes" if close == 1 else "spikes come"
-        notes += [f"{close} {comes} less than {1e3 * _REFRACTORY_S:g} ms after another, and all are counted."]
-    return replace(found, notes=(*found.notes, *notes))
+    _refuse_echoes(path, unit, gaps_s)
+    comes = "spike comes" if close == 1 else "spikes come"
+    note = f"{close} {comes} less than {1e3 * _REFRACTORY_S:g} ms after another, and all are counted."
+    return replace(found, notes=(*found.notes, note)) if close else found
 
 
-def _echoes(path: Path, unit: str, gaps_s: Array) -> list[str]:
-    """Return a note on spikes of which many come in pairs closer than 2 ms; refuse those with one delay.
+def _refuse_echoes(path: Path, unit: str, gaps_s: Array) -> None:
+    """Refuse spikes of which many come less than 2 ms after another with one delay.
 
     A detector that triggers on both phases of each spike gives such pairs, at the same delay or, if noise moves the
     crossings of the threshold, at nearly the same. A neuron that fires in bursts has intervals that vary more, and
@@ -148,13 +147,20 @@ def _echoes(path: Path, unit: str, gaps_s: Array) -> list[str]:
                 "both phases of each spike: delete one of the two",
                 "spikes_twice",
             )
-    pairs = int(np.count_nonzero(paired))
-    return [f"{pairs} of {spikes} spikes are the second of a pair closer than {1e3 * _ECHO_S:g} ms, and all are "
-            "counted: unless the neuron fires in pairs, the detector may have triggered on both phases of each spike."
-           ] if pairs > most else []  # fmt: skip
 
 
-_ECHO_S, _SAME_S, _JITTER_S, _MOST_ECHOES = 2e-3, 2e-5, 1.5e-4, 0.3
+def _short_intervals(run_s: Array, end_s: float) -> list[str]:
+    """Return a sentence on the intervals below 2 ms within the run if they are more than a tenth; none for fewer."""
+    gaps_s = np.diff(run_s[(run_s >= 0) & (run_s <= end_s)])
+    short = int(np.count_nonzero(gaps_s < _ECHO_S))
+    if short <= _MOST_SHORT * len(gaps_s):
+        return []
+    share = f"{short} of {number_of(len(gaps_s), 'intervals')} between spikes ({100 * short / len(gaps_s):.0f} %)"
+    return [f"{share} are shorter than {1e3 * _ECHO_S:g} ms, and all spikes are counted: they may be echoes of a "
+            "threshold, of a detector that triggers several times on a spike, or bursts."]  # fmt: skip
+
+
+_ECHO_S, _SAME_S, _JITTER_S, _MOST_ECHOES, _MOST_SHORT = 2e-3, 2e-5, 1.5e-4, 0.3, 0.1
 _REFRACTORY_S = 5e-4
 _TICK_S = 1e-6
 _FEW, _MOST_SAME, _MOST_CLOSE = 2, 0.01, 0.05
@@ -181,10 +187,11 @@ def _on_the_runs_clock(path: Path, found: UnitSpikes, run: Run) -> SpikeTimes:
     else:
         fit = _without_pulses(path, found, len(rise_s))
     spike_s = fit.run_s(found.spike_s)
-    found = replace(found, notes=(*found.notes, *_outside_run(found.spike_s, spike_s, run.end_s)))
+    notes = [*_outside_run(found.spike_s, spike_s, run.end_s), *_short_intervals(spike_s, run.end_s)]
+    found = replace(found, notes=(*found.notes, *notes))
     if found.observed_s is not None:
-        notes = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
-        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, notes, found.read_as)
+        every = (*found.notes, *_not_observed(found.spike_s, found.observed_s))
+        return SpikeTimes(spike_s, fit.run_s(found.observed_s), True, fit.clock, every, found.read_as)
     events = extent(spike_s, fit.run_s(found.pulse_s))
     if fit.complete or not len(events):
         return SpikeTimes(spike_s, clock=fit.clock, notes=found.notes, read_as=found.read_as)

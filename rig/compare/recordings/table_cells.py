@@ -59,8 +59,8 @@ def refuse_not_understood(path: Path, column: str, cell: str) -> None:
     """Refuse a column that is there and cannot be read. Raises RecordingError."""
     if isinstance(cell, NotUnderstood):
         raise RecordingError(
-            f"{path}, column {column}: is {cell}; it must be a full vector of numbers (full, double), or a cell "
-            "array of texts (cellstr), with one for each row",
+            f"{path}, column {column}: is {cell}; it must be a full vector of numbers (full, double), a column of "
+            "letters (N × 1), or a cell array of texts (cellstr), with one for each row",
             "not_understood",
         )
 
@@ -458,7 +458,10 @@ def _of_matlab(path: Path, content: bytes) -> Lines:
             "save(FILE, 'position_mm', 'rate', '-v7'), the fields of a struct with -struct",
             "no_mat_table",
         )
-    return _as_lines({name: one.column() for name, one in columns.items()}, others, max(lengths))
+    rows = max(lengths)
+    unclear = {name: NotUnderstood(problem) for name, one in columns.items() if (problem := one.row_problem(rows))}
+    read = {name: one.column() for name, one in columns.items() if name not in unclear}
+    return _as_lines(read, others | unclear, rows)
 
 
 def _as_lines(columns: Mapping[str, Sequence[str]], others: Mapping[str, "NotUnderstood"], length: int) -> Lines:

@@ -69,7 +69,8 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
         (["step:1@0.5mm"], ["a1 step:1@0.5 mm"]),
         (["step:1"], ["a1 step:1@0.5 mm", "a1 step:1@1 mm"]),
         (["step:1", "step:1@1mm", "bar:3"], ["a1 step:1@0.5 mm", "a1 step:1@1 mm", "a2 bar:3"]),
-        (["bar:3@1mm"], "nothing_to_mirror"),
+        (["bar:3@1mm"], ["a2 bar:3"]),
+        (["bar:3@2mm"], "nothing_to_mirror"),
         (["step:1@2mm"], "nothing_to_mirror"),
         (["step:1", "cylinder:3"], "nothing_to_mirror"),
     ],
@@ -77,7 +78,10 @@ def test_a_table(folder: Path, stimuli: list[StimulusRow]) -> None:
 def test_mirror_means_the_same_as_for_one_afferent(
     folder: Path, stimuli: list[StimulusRow], mirror: list[str], mirrored: list[str] | str
 ) -> None:
-    """A shape with a condition is that one alone; what no recording has is refused."""
+    """A shape with a condition is that one alone; what no recording has is refused.
+
+    A recording without a condition has the only one of the runs.
+    """
     path = table(folder, "a1,step:1,0.5,a.csv", "a1,step:1,1,b.csv", "a2,bar:3,,c.csv")
     if isinstance(mirrored, str):
         with raises(RecordingError, mirrored, shape=mirror[-1]):

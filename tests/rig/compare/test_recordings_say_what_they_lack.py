@@ -182,6 +182,8 @@ class Case:
     width_s: float = 0.01
     read_as: str = ""
     """Words of the sentences on the recording."""
+    silent: str | None = None
+    """Words that must not be among them."""
 
 
 UNOBSERVED = {
@@ -567,7 +569,7 @@ ROWS = {
     **{
         f"repeat {again!r} after {first!r}": Case(
             "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", f"0.25,12,{more}"),
-            code="place_twice", says=("row 3", "first in row 2", "repeat"),
+            code="place_twice", says=("row 3", "first in row 2", f"both have {again!r} in the column repeat"),
         )
         for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"))
     },
@@ -591,8 +593,16 @@ ROWS = {
         read_as="-0.5 and -0.498 mm lie within 0.01 mm"),
     "repeats with names, and a mean": Case("a summary is no press", table("position_mm,rate,repeat", "0,1,a", "0,3,b",
                                                                           "0,2,mean"), code="no_repeat"),
-    "repeats with names": Case("allowed", table("position_mm,rate,repeat", *(
-        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL),
+    "repeats with names": Case("allowed, and said", table("position_mm,rate,repeat", *(
+        f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE)), rates=ALL,
+        read_as="The repeats a, b are counted as presses: delete rows of sums and means."),
+    **{
+        f"repeats with names, and {word!r}": Case("no list has all words for a mean, so the names are said", table(
+            "position_mm,rate,repeat", *(f"{x},{y},{'ab'[n - 1]}" for x, y, n in TWICE),
+            *(f"{x},{y},{word}" for x, y in zip((-0.5, 0, 0.25, 1), ALL, strict=True))), rates=ALL,
+            read_as=f"The repeats a, b, {word} are counted as presses")
+        for word in ("alle", "gemiddelde", "\u03a3", "\u00d8")
+    },
     "a row of sums": Case("no press", table("position_mm,rate", "-0.6,6", "0.1,24", "0.4,12", "1,1", "0.9,43"),
                           code="totals", says=("row 6", "'43'", "sums")),
     "a row of sums of counts": Case("no press", table("position_mm,count,window_s", "-1,6,1", "-.5,24,1", "1.5,12,1",
@@ -950,6 +960,21 @@ KINDS = {
     "mat, one unit as a text": Case("it is that of all rows", lambda folder: mat(time_s=TIMES, unit="a1")(folder)
                                     + "#a1", ("sync=none",), rates=ALL, pulses=False),
     **{
+        f"mat, {name} in a row of letters": Case("one name, or one for each row?", mat_spikes(
+            **{name: "ab" * len(TIMES)}), ("sync=none",), code="not_understood",
+            says=(f"column {name}", "a row of 86 letters", "N × 1", "cell array"), pulses=False)
+        for name in ("unit", "kind")
+    },
+    "mat, repeats in a row of letters": Case("one name, or one for each row?", mat(
+        position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], rep="11112222"), code="not_understood",
+        says=("column rep", "a row of 8 letters", "N × 1")),
+    **{
+        f"mat, one repeat {said!r} for eight presses": Case("the column is there", mat(
+            position_mm=[x for x, *_ in TWICE], rate=[y for _, y, _ in TWICE], rep=one), code="place_twice",
+            says=("row 6", "first in row 2", "the column rep is there", f"one value for all rows, {said!r}"))
+        for one, said in (("abc", "abc"), (1.0, "1"))
+    },
+    **{
         f"mat, units in {what}": Case("there, and not understood", mat_spikes(unit=unit), ("sync=none",),
                                       code="not_understood", says=("column unit", what, "one for each row"),
                                       pulses=False)
@@ -1126,11 +1151,25 @@ DOUBLES = {
     "each spike again 0.6 to 1.9 ms later": Case(
         "a detector or a neuron that fires in pairs: said",
         of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)]), **PULSES),
-        rates=[2 * rate for rate in ALL], read_as="43 of 86 spikes are the second of a pair",
+        rates=[2 * rate for rate in ALL], read_as="43 of 85 intervals between spikes (51 %) are shorter than 2 ms",
     ),
     "bursts of three": Case(
         "a neuron fires so", of_amplifier(np.sort([*TIMES, *later(0.0012, 0.0018), *later(0.0025, 0.0035, 1)]),
                                           **PULSES), rates=[3 * rate for rate in ALL],
+        read_as="echoes of a threshold, of a detector that triggers several times on a spike, or bursts",
+    ),
+    "two echoes after each spike": Case(
+        "no pairs, and said", of_amplifier(np.sort([*TIMES, *later(0.0007, 0.0013), *later(0.0019, 0.0024, 1)]),
+                                           **PULSES), rates=[3 * rate for rate in ALL],
+        read_as="of 128 intervals between spikes (67 %) are shorter than 2 ms",
+    ),
+    "40 % of the spikes again 0.6 to 1.9 ms later": Case(
+        "said", of_amplifier(np.sort([*TIMES, *later(0.0006, 0.0019)[:17]]), **PULSES),
+        rates=[12.0, 35.0, *ALL[2:]], read_as="17 of 59 intervals between spikes (29 %) are shorter than 2 ms",
+    ),
+    "one short interval of 43": Case(
+        "few", of_amplifier(np.sort([*TIMES, TIMES[-1] + 0.0012]), **PULSES), rates=[*ALL[:3], 2.0],
+        silent="shorter than 2 ms",
     ),
     "one spike twice": Case(
         "one in 43 is a fault of a sorter, and is said", of_amplifier([*TIMES, TIMES[0]], **PULSES),
@@ -1221,7 +1260,7 @@ NO_PULSES_THERE = {
 
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
-    ink: str = "", fill: str = "", number: int = 200, header: str = "rate",
+    ink: str = "", fill: str = "", number: int = 200, header: str = "rate", pattern: str = "",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
@@ -1246,7 +1285,7 @@ def styled(
             "<fonts><font/><font>" + "<strike/>" * (style == "struck") + f"{ink and f'<color {ink}/>'}</font></fonts>"
         )
         solid = fill and f'<patternFill patternType="solid"><fgColor {fill}/></patternFill>'
-        fills = f"<fills><fill/><fill>{solid}</fill></fills>"
+        fills = f"<fills><fill/><fill>{solid or pattern}</fill></fills>"
         parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}</styleSheet>"
         with zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
@@ -1311,6 +1350,16 @@ SHOWN = {
             ("", 'rgb="FF000000"'),
         )
     },
+    **{
+        f"text {ink} on {pattern}": Case("openpyxl writes no fill so", styled(ink=ink, pattern=pattern),
+                                         code="unclear_rows", says=("do not show", "(2, 3, 4, 5)"))
+        for ink in ('rgb="FFFFFFFF"', 'theme="0"', 'indexed="9"') for pattern in (
+            "<patternFill/>", '<patternFill><fgColor rgb="FF4472C4"/></patternFill>',
+            '<patternFill patternType="none"/>')
+    },
+    "white text on a gradient": Case("a reader sees it", styled(
+        ink='rgb="FFFFFFFF"', pattern='<gradientFill><stop position="0"><color theme="4"/></stop></gradientFill>'),
+        rates=ALL),
     **{
         f"text {ink} on {fill}": Case("a reader sees it", styled(ink=ink, fill=fill), rates=ALL)
         for ink, fill in (
@@ -1400,7 +1449,9 @@ def test_a_recording_says_what_it_lacks(name: str, tmp_path: Path) -> None:
     found = read_recordings(recorded, [], [run], replace(reading, columns=column_map(case.columns)))["bar:3"]
     np.testing.assert_allclose(found.rate, case.rates, atol=1e-9, err_msg=case.why)
     assert (0 if found.spikes is None else found.spikes.not_observed) == case.lost, case.why
-    assert case.read_as in " ".join([found.read_as, *recording_sentences(found)])
+    sentences = " ".join([found.read_as, *recording_sentences(found)])
+    assert case.read_as in sentences
+    assert case.silent is None or case.silent not in sentences
 
 
 def test_the_answer_says_how_far_a_shift_of_the_clock_changes_it(tmp_path: Path) -> None:
