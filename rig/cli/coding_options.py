@@ -21,6 +21,10 @@ from sim.tables import TableError
 INPUT, SAMPLING, NOISE = "Input", "Sampling", "Noise and receptor"
 """Panels of options."""
 
+SeedOption = Annotated[
+    int,
+    typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
+]
 SpacingOption = Annotated[
     float,
     typer.Option(

@@ -58,7 +58,7 @@ _RECORDING, _MODEL, _RECEPTORS, _OUTPUT = "Recording", "Model", "Receptors", "Ou
 
 @dataclass(frozen=True)
 class CompareRequest:
-    """What `rig compare` is asked for."""
+    """Arguments and options of `rig compare`."""
 
     runs: Annotated[
         list[Path] | None, typer.Argument(metavar="RUN...", help="Run folders to compare with the recordings.")

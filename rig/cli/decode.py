@@ -18,6 +18,7 @@ from rig.cli.coding_options import (
     EnergyOption,
     HalfLengthOption,
     NoisePlaceOption,
+    SeedOption,
     SnrOption,
     SpacingOption,
     bounded,
@@ -390,7 +391,7 @@ def _draw_pressures(found: DecodeResult, picture: Path) -> None:
 
 @dataclass(frozen=True)
 class DecodeRequest:
-    """What `rig decode` is asked for."""
+    """Arguments and options of `rig decode`."""
 
     pressure: Annotated[
         str | None,
@@ -491,10 +492,7 @@ class DecodeRequest:
             rich_help_panel=_DECODER,
         ),
     ] = None
-    seed: Annotated[
-        int,
-        typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
-    ] = 0
+    seed: SeedOption = 0
     spacing_mm: SpacingOption = SPACING_MM
     half_length: HalfLengthOption = HALF_LENGTH
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM

@@ -88,7 +88,7 @@ class SessionJson(Output):
 
 @dataclass(frozen=True)
 class DesignOptions:
-    """What `rig design` is asked for."""
+    """Arguments and options of `rig design`."""
 
     candidates: Annotated[
         str | None,

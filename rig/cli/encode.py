@@ -17,6 +17,7 @@ from rig.cli.coding_options import (
     EnergyOption,
     HalfLengthOption,
     NoisePlaceOption,
+    SeedOption,
     SnrOption,
     SpacingOption,
     bounded,
@@ -216,7 +217,7 @@ class ShiftInvarianceJson(Output):
 
 @dataclass(frozen=True)
 class EncodeRequest:
-    """What `rig encode` is asked for."""
+    """Arguments and options of `rig encode`."""
 
     pressure: Annotated[
         str | None,
@@ -269,10 +270,7 @@ class EncodeRequest:
             rich_help_panel=NOISE,
         ),
     ] = None
-    seed: Annotated[
-        int,
-        typer.Option(metavar="N", help="Seed of the random generator, 0 to 2^32.", rich_help_panel=NOISE),
-    ] = 0
+    seed: SeedOption = 0
     spacing_mm: SpacingOption = SPACING_MM
     half_length: HalfLengthOption = HALF_LENGTH
     receptor_depth_mm: DepthOption = DEFAULT_DEPTH_MM

@@ -369,7 +369,7 @@ class IdentificationAttendant(AtTheTerminal):
 
 @dataclass(frozen=True)
 class IdentifyRequest:
-    """What `rig identify` is asked for."""
+    """Arguments and options of `rig identify`."""
 
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")

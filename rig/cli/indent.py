@@ -263,7 +263,7 @@ _SAME = 1e-8
 
 @dataclass(frozen=True)
 class IndentRequest:
-    """What `rig indent` is asked for."""
+    """Arguments and options of `rig indent`."""
 
     shape: Annotated[str, typer.Option(metavar="S", help=f"Indentor: {EXPECTED}; or point.", rich_help_panel=_PRESS)]
     x_mm: Annotated[

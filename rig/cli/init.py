@@ -63,7 +63,7 @@ class InitJson(Output):
 
 @dataclass(frozen=True)
 class InitRequest:
-    """What `rig init` is asked for."""
+    """Arguments and options of `rig init`."""
 
     port: Annotated[
         list[str] | None,

@@ -64,7 +64,6 @@ class Excludes(NamedTuple):
 
     option: str
     others: Sequence[str]
-    sentence: str = "{option} and {other} cannot be combined; remove one"
     code: str = "cannot_combine"
 
 
@@ -83,7 +82,7 @@ def refuse(request: object, rules: Sequence[Excludes | Needs]) -> None:
             raise BadInputError(f"{rule.option} requires {rule.other}; add it", "needs_option")
         if isinstance(rule, Excludes) and rule.option in given:
             for other in (other for other in rule.others if other in given):
-                raise BadInputError(rule.sentence.format(option=rule.option, other=other), rule.code)
+                raise BadInputError(f"{rule.option} and {other} cannot be combined; remove one", rule.code)
 
 
 def given_options(request: object, *, without: Sequence[str] = ()) -> list[str]:

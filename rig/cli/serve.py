@@ -67,7 +67,7 @@ class RandomFingerJson(Output):
 
 @dataclass(frozen=True)
 class ServeRequest:
-    """What `rig serve` is asked for."""
+    """Arguments and options of `rig serve`."""
 
     stage: Annotated[
         str | None,

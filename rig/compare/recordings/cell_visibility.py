@@ -1,4 +1,4 @@
-"""What a reader of a workbook sees of a cell, by the color of its text and by its number format."""
+"""Whether a cell of a workbook shows its number: color of the text, and number format."""
 
 import math
 import re
@@ -36,7 +36,7 @@ def color_of(element: ElementTree.Element | None) -> Color:
 def background_of(pattern: ElementTree.Element | None, namespace: str) -> Color:
     """Return the color of a fill by its only child; white without a fill, None for hatching and gradients.
 
-    A pattern without a type is none, as openpyxl writes it.
+    openpyxl writes a pattern without a type where there is no fill.
     """
     if pattern is None or (pattern.tag == f"{namespace}patternFill" and pattern.get("patternType", "none") == "none"):
         return WHITE
