@@ -218,7 +218,7 @@ def test_contact_counts_while_a_finger_touches_in_a_rest(bench: FingerBench) -> 
     touched = [sample for sample in bench.witness.samples if sample.force_gwt >= bench.least_gwt]
     assert touched, "it came up"
     touched_s = touched[-1].t_s - touched[0].t_s
-    assert engine.contact.total_s >= touched_s - FACT_S - 0.5
+    assert engine.contact_time.total_s >= touched_s - FACT_S - 0.5
 
 
 # --- a trip is left behind ---

@@ -172,7 +172,7 @@ class FingerMachine(RuleBasedStateMachine):
     @rule(seconds=tenths(0.5, 8.0), finger=MEANWHILE)
     def rest(self, seconds: float, finger: Meanwhile) -> None:
         self._meanwhile(finger, seconds)
-        begun, before_s = len(self.bench.witness.samples), self.bench.engine.contact.total_s
+        begun, before_s = len(self.bench.witness.samples), self.bench.engine.contact_time.total_s
         self._do(lambda engine: verbs.rest(engine, seconds))
         self._judge_rest(begun, before_s)
 
@@ -302,7 +302,7 @@ class FingerMachine(RuleBasedStateMachine):
         """Let the run end, as a session does."""
         self.over = True
         self.bench.pause, self.bench.at_event = Pause(), lambda stream: None
-        if self.bench.engine.may_touch:
+        if self.bench.engine.contact.may_touch:
             self.bench.memory.touched(self.bench.engine.known_contact)
         self.bench.close()
         self.bench.ask()
@@ -321,7 +321,7 @@ class FingerMachine(RuleBasedStateMachine):
             judge(made_gwt <= SLOW_MADE_GWT, f"{made_gwt:.2f} gwt more above the trip than the finger alone")
             for said in witness.lies(self._heard):
                 judge(False, f"{said.by}: {said.words}, at {said.force_gwt:.1f} gwt for {said.touched_s:.1f} s")
-        contact_s, most_s = engine.contact.total_s, bench.config.limits.max_contact_s
+        contact_s, most_s = engine.contact_time.total_s, bench.config.limits.max_contact_s
         running = not self.over and engine.state is State.READY
         judge(not running or contact_s <= most_s + LOOK_S, f"touched for {contact_s:.1f} s")
         self._heard = len(witness.said)
@@ -345,7 +345,7 @@ class FingerMachine(RuleBasedStateMachine):
             stood_s = low[-1].t_s - low[0].t_s
             judge(stood_s <= late_s, f"rested for {stood_s:.1f} s above the trip")
         touched_s = [spell[-1].t_s - spell[0].t_s for spell in bench.witness.spells(2 * bench.least_gwt, begun)]
-        least_s, counted_s = sum(max(s - late_s, 0.0) for s in touched_s), engine.contact.total_s - before_s
+        least_s, counted_s = sum(max(s - late_s, 0.0) for s in touched_s), engine.contact_time.total_s - before_s
         judge(counted_s >= least_s, f"counted {counted_s:.1f} s of contact, not {least_s:.1f} s")
 
     def _judge_zero(self) -> None:
