@@ -105,7 +105,7 @@ class Bench(Protocol):
     def operator(self) -> Operator: ...
 
 
-class Memory(Protocol):
+class EngineMemory(Protocol):
     """Record of contact and zero for the next command."""
 
     def touched(self, known: KnownContact) -> None:
@@ -127,7 +127,7 @@ class NoMemory:
         """Do nothing."""
 
 
-class WatchedBench(Bench, Memory, Protocol):
+class WatchedBench(Bench, EngineMemory, Protocol):
     """Bench for a whole script."""
 
     @property

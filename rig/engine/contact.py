@@ -144,7 +144,7 @@ class KnownContact:
 
 
 @dataclass(frozen=True)
-class Contact:
+class ContactRecord:
     """Contact as an engine knows it: the last measurement at rest, and what has happened since.
 
     measured_s: time of the measurement on a clock that also counts while the computer sleeps. at_rest: whether

@@ -12,8 +12,8 @@ from typing import NoReturn, Protocol, TypeVar
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
-from rig.engine.bench import Bench, Heartbeat, Memory, NoMemory
-from rig.engine.contact import Contact, KnownContact, judged
+from rig.engine.bench import Bench, EngineMemory, Heartbeat, NoMemory
+from rig.engine.contact import ContactRecord, KnownContact, judged
 from rig.engine.dead_man import UP, jog_up_from_rest
 from rig.engine.limits import (
     AT_MM,
@@ -81,7 +81,7 @@ class Engine:
         contact_s: float = 0.0,
         stiffness: FingerStiffness | None = None,
         *,
-        memory: Memory | None = None,
+        memory: EngineMemory | None = None,
         stop_inputs: StopInputs = no_stop_inputs,
         sensing: Sensing | None = None,
         first_reference_gwt: Sequence[float] | None = None,
@@ -100,7 +100,7 @@ class Engine:
         self.indentor: str | None = None
         self.placed = False  # moved to a position since homing
         self.first_reference_gwt = first_reference_gwt
-        self.contact = Contact()
+        self.contact = ContactRecord()
         self.trips = Trips(settings.limits, soft_trip_n)
         self.sensing = sensing or Sensing(settings, bench.clock, bench.force)
         self.motion = Motion(settings, bench.stage, bench.clock)

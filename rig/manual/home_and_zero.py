@@ -10,7 +10,7 @@ from rig.devices.base import ForceError, Stage, StageError
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import Contact, KnownContact
+from rig.engine.contact import ContactRecord, KnownContact
 from rig.engine.dead_man import DOWN, UP, Direction
 from rig.engine.limits import AT_MM
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
@@ -76,7 +76,7 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
     memory = BenchMemory(settings)
     known = memory.read().contact
     engine = Engine(settings, bench, NoJournal(), memory=memory, sensing=sensing)
-    engine.contact = Contact(may_touch=known is not None and known.may_touch)
+    engine.contact = ContactRecord(may_touch=known is not None and known.may_touch)
     try:
         with stopped_at_once(engine):
             verbs.home(engine)

@@ -56,6 +56,7 @@ def _method(step: Callable[P, Step[Any, A]]) -> Callable[Concatenate["Rig", P], 
     method.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
         [inspect.Parameter("self", inspect.Parameter.POSITIONAL_OR_KEYWORD), *own], return_annotation=answer
     )
+    method.__wrapped__ = made.execute  # type: ignore[attr-defined]
     method.__name__, method.__qualname__ = made.verb, f"Rig.{made.verb}"
     method.__doc__, method.__module__ = made.__doc__, __name__
     return method

@@ -14,7 +14,7 @@ from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
 from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, Contact, ContactKind, KnownContact, judged
+from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, ContactRecord, KnownContact, judged
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
@@ -71,7 +71,7 @@ def _engine_that(known: KnownContact) -> Engine:
     bench.stage = Stage()  # type: ignore[assignment]
     engine.settings, engine.bench = Config(), bench
     engine.state, engine.clock = verbs.State.READY, VirtualClock(1.7e9)
-    engine.contact = Contact(known, engine.clock.monotonic_s(), at_rest=True, may_touch=known.may_touch)
+    engine.contact = ContactRecord(known, engine.clock.monotonic_s(), at_rest=True, may_touch=known.may_touch)
 
     class Motion:
         begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm
