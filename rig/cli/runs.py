@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from datetime import date
 from itertools import groupby
 from pathlib import Path
@@ -184,7 +184,7 @@ def runs_command(
     with one_line_errors(as_json=as_json):
         if state not in (None, *RunStatus):
             raise RunError(f"--state {state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
-        chosen = RunFilter(subject, shape, protocol, state, _day("--since", since), _day("--until", until))
+        chosen = RunFilter(subject, _shape(shape), protocol, state, _day("--since", since), _day("--until", until))
         if table is not None:
             checked_file("--table", table, ".csv")
         entries = _entries(runs)
@@ -219,6 +219,14 @@ def _day(option: str, text: str | None) -> date | None:
         return None if text is None else date.fromisoformat(text)
     except ValueError:
         raise RunError(f"{option} {text!r}: must be {_DAY}", "no_day") from None
+
+
+def _shape(text: str | None) -> Callable[[str], bool] | None:
+    if text is None:
+        return None
+    from sim.contact.shapes import shape_filter  # imports numpy, which a list of all runs does not need
+
+    return shape_filter(text)
 
 
 def _list(found: Sequence[IndexEntry]) -> str:
