@@ -9,6 +9,7 @@ import typer
 from numpy.typing import NDArray
 
 from rig.cli.options import unit_of
+from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig.printable import either
 from sim.coding.decoder_results import CodingError
@@ -117,10 +118,12 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
         raise in_options(error) from None
 
 
+SHAPE_NEEDS_DEPTH = Needs("--shape", ("--doi-mm",))
+
+
 def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:
-    """Return a press of the section; raise BadInputError without a depth, ShapeError for an unknown shape."""
-    if doi_mm is None:
-        raise BadInputError("--shape requires --doi-mm; add it", "needs_option")
+    """Return a press of the section; raise ShapeError for an unknown shape."""
+    assert doi_mm is not None
     return SectionPress(parse_shape(shape), x_mm, doi_mm)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import typer
 
@@ -14,7 +14,7 @@ from rig.cli.compare_group import GroupInput, compare_group, named_group, read_g
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rules, given_options, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -175,14 +175,15 @@ class CompareRequest:
     exact: ExactOption = False
     as_json: JsonOption = False
 
+    rules: ClassVar[Rules] = (
+        Alone("--example", ("--out", "--json"), "example_alone", "it brings its own rehearsal and recording"),
+        Excludes("--friction", ("--place", "--fingers"), "friction_with"),
+        Needs("--depth-range-mm", ("--place",)),
+        Needs("--offset-mm", ("--place",)),
+        Needs("--place", ("--recorded",)),
+    )
 
-_RULES = (
-    Excludes("--friction", ("--place", "--fingers"), code="friction_with"),
-    Needs("--depth-range-mm", "--place"),
-    Needs("--offset-mm", "--place"),
-    Needs("--place", "--recorded"),
-)
-_WITH_EXAMPLE = ("--example", "--out", "--json")
+
 _WITH_GROUPS = (
     *("RUNS", "--recorded", "--columns", "--mirror", "--window-s", "--field-centre-mm", "--receptor-x-mm"),
     *("--receptor-depth-mm", "--friction", "--out", "--json"),
@@ -196,8 +197,7 @@ def command(request: CompareRequest) -> None:
     with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
         if request.example is not None:
-            _refuse_with_example(request, request.example)
-            compare_example(request.out_file or Path(f"{request.example}.html"), as_json=request.as_json)
+            _compare_example(request, request.example)
             return
         if not request.runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
@@ -205,7 +205,6 @@ def command(request: CompareRequest) -> None:
         group = named_group(request.recorded or [])
         if group is not None:
             refuse_options(given_options(request, without=_WITH_GROUPS))
-        refuse(request, _RULES)
         reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
         if request.out_file is not None:
             checked_file("--out", request.out_file, *HTML)
@@ -300,13 +299,10 @@ def _compare_afferents(request: CompareRequest, runs: list[Run], reading: Readin
 _NOT_OF_THE_REPORT = ("--out", "--json")
 
 
-def _refuse_with_example(request: CompareRequest, example: str) -> None:
+def _compare_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
-    for option in given_options(request, without=_WITH_EXAMPLE):
-        raise BadInputError(
-            f"--example {example} brings its own rehearsal and recording; remove {option}", "example_alone"
-        )
+    compare_example(request.out_file or Path(f"{example}.html"), as_json=request.as_json)
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"

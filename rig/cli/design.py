@@ -4,7 +4,7 @@ import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, ClassVar, TypeVar
 
 import typer
 
@@ -19,7 +19,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, refuse, repeats, takes
+from rig.cli.request import Excludes, Rules, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
@@ -154,6 +154,8 @@ class DesignOptions:
     ] = 60.0
     as_json: JsonOption = False
 
+    rules: ClassVar[Rules] = (Excludes("--depths-mm", ("--forces-gwt",)),)
+
 
 @takes(DesignOptions)
 def command(request: DesignOptions) -> None:
@@ -163,7 +165,6 @@ def command(request: DesignOptions) -> None:
         page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
         checked_file("--to", request.to, ".py")
         checked_file("--out", page_file, *HTML)
-        refuse(request, [Excludes("--depths-mm", ["--forces-gwt"])])
         option, targets = "--depths-mm", request.depths_mm
         if request.forces_gwt is not None:
             option, targets = "--forces-gwt", request.forces_gwt

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 import typer
@@ -13,6 +13,7 @@ from rig.cli.coding_options import (
     INPUT,
     NOISE,
     SAMPLING,
+    SHAPE_NEEDS_DEPTH,
     DepthOption,
     EnergyOption,
     HalfLengthOption,
@@ -28,8 +29,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
-from rig.cli.request import takes
-from rig.errors import BadInputError
+from rig.cli.request import ExactlyOne, Rules, takes
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
@@ -278,6 +278,8 @@ class EncodeRequest:
     picture: PictureOption = None
     as_json: JsonOption = False
 
+    rules: ClassVar[Rules] = (ExactlyOne(("--pressure", "--shape")), SHAPE_NEEDS_DEPTH)
+
 
 @takes(EncodeRequest)
 def encode_command(request: EncodeRequest) -> None:
@@ -288,8 +290,6 @@ def encode_command(request: EncodeRequest) -> None:
             named("--noise", request.noise, NOISE_PLACES),
             sampling_of(request.spacing_mm, request.half_length, request.receptor_depth_mm),
         )
-        if (request.pressure is None) == (request.shape is None):
-            raise BadInputError("give exactly one of --pressure and --shape", "exactly_one")
         added = (
             None
             if request.snr_db is None

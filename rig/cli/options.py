@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
 MoreArgument = Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")]
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", help="Folder of the run.")]
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="K=V", help="Protocol parameter, KEY=VALUE. May be repeated.")
 ]

@@ -2,24 +2,31 @@
 
 import inspect
 import shlex
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 from typer.models import ArgumentInfo, ParameterInfo
 
+from rig.cli.output import one_line_errors
 from rig.errors import BadInputError
+from rig.printable import either
 
 R = TypeVar("R")
 
 
-class _Option(NamedTuple):
+class Option(NamedTuple):
     """Field of a request, with its name on the command line; arguments have none."""
 
     field: str
     name: str
     hint: Any
     usual: Any  # MISSING if it is required
+
+    @property
+    def label(self) -> str:
+        """Name in sentences and rules; of an argument, its field in capitals."""
+        return self.name or self.field.upper()
 
     def is_given(self, request: object) -> bool:
         """Return whether a request has another value than without the option."""
@@ -38,13 +45,19 @@ class _Option(NamedTuple):
 
 
 def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., None]]:
-    """Make a function of a request a command, with an argument or option for each field of its dataclass."""
+    """Make a function of a request a command, with an argument or option for each field of its dataclass.
+
+    Its class attribute `rules` has the rules between options; a request that breaks one is refused.
+    """
 
     def command(carry_out: Callable[[R], None]) -> Callable[..., None]:
         def run(**given: Any) -> None:
-            carry_out(request(**given))
+            requested = request(**given)
+            with one_line_errors(as_json=getattr(requested, "as_json", False)):
+                refuse(requested)
+            carry_out(requested)
 
-        options = list(_options(request))
+        options = options_of(request)
         run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
             inspect.Parameter(
                 one.field, inspect.Parameter.KEYWORD_ONLY, annotation=one.hint,
@@ -54,9 +67,13 @@ def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., Non
         ])  # fmt: skip
         run.__annotations__ = {one.field: one.hint for one in options}
         run.__doc__, run.__module__, run.__name__ = carry_out.__doc__, carry_out.__module__, carry_out.__name__
+        run.request = request  # type: ignore[attr-defined]
         return run
 
     return command
+
+
+# Rules name an option, an option with its value, as "--model auto", or an argument, as "RUN".
 
 
 class Excludes(NamedTuple):
@@ -65,42 +82,87 @@ class Excludes(NamedTuple):
     option: str
     others: Sequence[str]
     code: str = "cannot_combine"
+    because: str = ""
+
+    def problem(self, given: Sequence[str]) -> str | None:
+        """Return what is wrong with a request that has these options."""
+        other = next((one for one in self.others if {one, self.option} <= set(given)), None)
+        why = self.because and f": {self.because}"
+        return other and f"{self.option} and {other} cannot be combined{why}; remove one"
+
+
+class Alone(NamedTuple):
+    """Option that cannot be combined with any other, but for some."""
+
+    option: str
+    but: Sequence[str]
+    code: str = "cannot_combine"
+    because: str = ""
+
+    def problem(self, given: Sequence[str]) -> str | None:
+        """Return what is wrong with a request that has these options."""
+        others = [one for one in given if one not in (self.option, *self.but) and " " not in one]  # no values
+        return Excludes(self.option, others, because=self.because).problem(given)
 
 
 class Needs(NamedTuple):
-    """Option that has an effect only with another one."""
+    """Option that has an effect only with one of others."""
 
     option: str
-    other: str
+    others: Sequence[str]
+    code: str = "needs_option"
+
+    def problem(self, given: Sequence[str]) -> str | None:
+        """Return what is wrong with a request that has these options."""
+        if self.option not in given or set(self.others) & set(given):
+            return None
+        return f"{self.option} requires {either(self.others)}; add {'one' if len(self.others) > 1 else 'it'}"
 
 
-def refuse(request: object, rules: Sequence[Excludes | Needs]) -> None:
+class ExactlyOne(NamedTuple):
+    """Options of which a request has one."""
+
+    options: Sequence[str]
+    code: str = "exactly_one"
+
+    def problem(self, given: Sequence[str]) -> str | None:
+        """Return what is wrong with a request that has these options."""
+        if len(set(self.options) & set(given)) == 1:
+            return None
+        return f"give exactly one of {', '.join(self.options[:-1])} and {self.options[-1]}"
+
+
+Rules = tuple[Excludes | Alone | Needs | ExactlyOne, ...]
+
+
+def refuse(request: object) -> None:
     """Raise BadInputError for the first rule between options that a request breaks."""
-    given = {one.name for one in _options(type(request)) if one.is_given(request)}
+    values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
+    given = [*given_options(request), *values]
+    rules: Rules = getattr(type(request), "rules", ())
     for rule in rules:
-        if isinstance(rule, Needs) and rule.option in given and rule.other not in given:
-            raise BadInputError(f"{rule.option} requires {rule.other}; add it", "needs_option")
-        if isinstance(rule, Excludes) and rule.option in given:
-            for other in (other for other in rule.others if other in given):
-                raise BadInputError(f"{rule.option} and {other} cannot be combined; remove one", rule.code)
+        if (problem := rule.problem(given)) is not None:
+            raise BadInputError(problem, rule.code)
 
 
 def given_options(request: object, *, without: Sequence[str] = ()) -> list[str]:
     """Return the names of the options that a request has, without some; of an argument, its field in capitals."""
-    found = (one for one in _options(type(request)) if one.is_given(request))
-    return [name for one in found if (name := one.name or one.field.upper()) not in without]
+    found = (one.label for one in options_of(type(request)) if one.is_given(request))
+    return [label for label in found if label not in without]
 
 
 def repeats(command: str, request: object, *, without: Sequence[str] = ()) -> str:
     """Return the command line of the same request, without some options."""
-    kept = (one for one in _options(type(request)) if one.name not in without)
+    kept = (one for one in options_of(type(request)) if one.name not in without)
     return shlex.join(["rig", command, *(word for one in kept for word in one.words(request))])
 
 
-def _options(request: type) -> Iterator[_Option]:
-    hints = get_type_hints(request, include_extras=True)
+def options_of(request: type) -> list[Option]:
+    """Return the arguments and options of a request, the required ones first."""
+    hints, found = get_type_hints(request, include_extras=True), []
     for one in fields(request):
-        info = next(found for found in get_args(hints[one.name]) if isinstance(found, ParameterInfo))
+        info = next(about for about in get_args(hints[one.name]) if isinstance(about, ParameterInfo))
         declared = [word for word in (info.default, *(info.param_decls or ())) if isinstance(word, str)]
         name = next((word for word in declared if word.startswith("--")), f"--{one.name.replace('_', '-')}")
-        yield _Option(one.name, "" if isinstance(info, ArgumentInfo) else name, hints[one.name], one.default)
+        found.append(Option(one.name, "" if isinstance(info, ArgumentInfo) else name, hints[one.name], one.default))
+    return sorted(found, key=lambda one: one.usual is not MISSING)

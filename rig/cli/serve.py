@@ -5,7 +5,7 @@ import signal
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, NotRequired, cast
+from typing import Annotated, ClassVar, NotRequired, cast
 
 import typer
 
@@ -22,7 +22,7 @@ from rig.cli.output import (
     print_json,
     resting,
 )
-from rig.cli.request import takes
+from rig.cli.request import Excludes, Needs, Rules, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -132,6 +132,8 @@ class ServeRequest:
     config: FingerConfigOption = None
     as_json: JsonOption = False
 
+    rules: ClassVar[Rules] = (Needs("--beside", ("--reveal",)), Excludes("--pty", ("--tcp",), "not_together"))
+
 
 @takes(ServeRequest)
 def serve_command(request: ServeRequest) -> None:
@@ -140,11 +142,7 @@ def serve_command(request: ServeRequest) -> None:
         _reveal(request.reveal, request.beside, as_json=request.as_json)
         return
     with one_line_errors(as_json=request.as_json):
-        if request.beside is not None:
-            raise BadInputError("--beside requires --reveal; add it", "needs_option")
         settings = _with_indentor(load_config(request.config), request.indentor)
-        if request.pty and request.tcp is not None:
-            raise BadInputError("--pty and --tcp cannot be combined; give one of them", "not_together")
         if request.pty and sys.platform == "win32":
             raise BadInputError(
                 "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",

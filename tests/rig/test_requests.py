@@ -1,18 +1,33 @@
 """The options of a command are one value, which its command line repeats and whose rules are a table."""
 
 import shlex
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import MISSING, dataclass
+from itertools import combinations
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, ClassVar
 
 import pytest
 import typer
 from typer.testing import CliRunner
 
 from rig.cli.options import JsonOption
-from rig.cli.request import Excludes, Needs, given_options, refuse, repeats, takes
+from rig.cli.request import (
+    Alone,
+    ExactlyOne,
+    Excludes,
+    Needs,
+    Option,
+    Rules,
+    given_options,
+    options_of,
+    refuse,
+    repeats,
+    takes,
+)
 from rig.errors import BadInputError
 from tests.error_codes import raises
+from tests.program import Program, functions
 
 
 @dataclass(frozen=True)
@@ -59,21 +74,99 @@ def test_the_line_leaves_out_what_does_not_change_the_result() -> None:
     assert given_options(request, without=("--json",)) == ["RUNS", "--exact", "--out"]
 
 
+class Ruled(Request):
+    rules: ClassVar[Rules] = (
+        Alone("--columns", ("--json",)),
+        Excludes("--exact", ("--place-mm", "--seed"), "too_exact", "it is slow"),
+        Needs("--place-mm", ("RUNS", "--friction 2.0")),
+        Needs("--friction", ("--exact",)),
+        ExactlyOne(("--columns", "--exact", "--seed"), "no_source"),
+    )
+
+
 @pytest.mark.parametrize(
-    ("words", "code", "shown"),
+    ("given", "code", "shown"),
     [
-        (("--place-mm", "1"), "needs_option", "--place-mm requires --columns; add it"),
-        (("--exact", "--friction", "0.3"), "cannot_combine", "--exact and --friction cannot be combined; remove one"),
-        (("--exact", "--friction", "0"), None, ""),
-        (("--place-mm", "1", "--columns", "a"), None, ""),
+        ({"columns": ["a"], "as_json": True}, None, ""),
+        ({"seed": 2, "place_mm": "1", "runs": [Path("a")]}, None, ""),
+        ({"exact": True, "friction": 2.0, "seed": 1}, None, ""),
+        (
+            {"columns": ["a"], "runs": [Path("a")]},
+            "cannot_combine",
+            "--columns and RUNS cannot be combined; remove one",
+        ),
+        (
+            {"exact": True, "seed": 2},
+            "too_exact",
+            "--exact and --seed cannot be combined: it is slow; remove one",
+        ),
+        ({"place_mm": "1"}, "needs_option", "--place-mm requires RUNS or --friction 2.0; add one"),
+        ({"friction": 1.0}, "needs_option", "--friction requires --exact; add it"),
+        ({}, "no_source", "give exactly one of --columns, --exact and --seed"),
     ],
 )
 def test_options_that_need_or_exclude_each_other_are_refused_by_name(
-    words: tuple[str, ...], code: str | None, shown: str
+    given: dict[str, Any], code: str | None, shown: str
 ) -> None:
-    rules = [Needs("--place-mm", "--columns"), Excludes("--exact", ["--seed", "--friction"])]
     if code is None:
-        refuse(parsed(*words), rules)
+        refuse(Ruled(**given))
         return
     with raises(BadInputError, code, sentence=shown):
-        refuse(parsed(*words), rules)
+        refuse(Ruled(**given))
+
+
+# --- rules between the options of every command ---
+
+
+def _broken(rule: Excludes | Alone | Needs | ExactlyOne, labels: Sequence[str]) -> list[tuple[str, ...]]:
+    """Options that break a rule, each set as few as possible."""
+    match rule:
+        case Excludes(option, others):
+            return [(option, other) for other in others]
+        case Alone(option, but):
+            return [(option, other) for other in labels if other not in (option, *but)]
+        case Needs(option, others):
+            return [(option, *dict.fromkeys(f"{other.split()[0]} other" for other in others if " " in other))]
+        case ExactlyOne(options):
+            return [(), *combinations(options, 2)]
+
+
+def _completed(broken: tuple[str, ...], others: Sequence[Excludes | Alone | Needs | ExactlyOne]) -> list[str]:
+    """The same options with what the other rules need."""
+    found = list(broken)
+    for rule in sorted(others, key=lambda one: isinstance(one, ExactlyOne)):
+        if isinstance(rule, Needs) and rule.option in found and not {*rule.others} & {*found}:
+            found.append(rule.others[0])
+        if isinstance(rule, ExactlyOne) and not {*rule.options} & {*found}:
+            found.append(rule.options[0])
+    return found
+
+
+def _words(found: Sequence[str], options: Mapping[str, Option]) -> list[str]:
+    """Words of a command line with these options, and with those that the command requires."""
+    values: dict[str, str] = dict((*one.split(" ", 1), "3")[:2] for one in found)
+    values = {label: "3" for label, one in options.items() if one.usual is MISSING} | values
+    given = {label: [f"{label}={value}"] if options[label].name else [value] for label, value in values.items()}
+    return [word for label, words in given.items() for word in ([label] if options[label].usual is False else words)]
+
+
+def test_every_rule_between_options_is_kept_by_its_command_before_anything_else(
+    program: Program, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    walked = set()
+    for command, function in functions():
+        request = getattr(function, "request", None)
+        rules = getattr(request, "rules", ())
+        options = {one.label: one for one in options_of(request)} if rules else {}
+        for rule in rules:
+            others = [other for other in rules if other is not rule]
+            named = rule.options if isinstance(rule, ExactlyOne) else (rule.option, *rule[1])
+            assert {one.split()[0] for one in named} <= options.keys(), (command, rule)
+            for broken in _broken(rule, list(options)):
+                words = [*command, *_words(_completed(broken, others), options), "--json"]
+                ended = program(*words)
+                assert (ended.code, ended.error_code) == (2, rule.code), words
+                walked.add((*command, *broken))
+    assert {("indent", "--shape point", "--model other"), ("show",), ("compare", "--example", "RUNS")} <= walked
+    assert len(walked) > 50
