@@ -24,8 +24,17 @@ from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err,
 from rig.cli.progress import counted, progress
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
-from rig.cli.run import prompt_for
-from rig.cli.script_execution import AtTheTerminal, RunOwner, code_of_end, leave, loaded, new_run, owning
+from rig.cli.run import on_the_bench
+from rig.cli.script_execution import (
+    AtTheTerminal,
+    RequestedRun,
+    RunOwner,
+    code_of_end,
+    leave,
+    loaded,
+    new_run,
+    owning,
+)
 from rig.cli.signals import at_a_safe_point, at_once
 from rig.clock import WallClock
 from rig.control.stop import OwnedStage
@@ -55,7 +64,7 @@ from rig.protocol.script import Script, load_script
 from rig.report.identification_page import ForceBand, IdentificationPage, write_identification_page
 from rig.report.page_source import source_line
 from rig.report.style import signed
-from rig.session.session import FinishedRun, NewRun, Session, dry_run, real_run
+from rig.session.session import FinishedRun, NewRun, Session
 from rig.study.parallel import spread
 from rig.units import GWT_N, unit_of_key
 from rig_shared.outputs import Code, File, Output, Ratio, Shape, Toml, Unit
@@ -432,7 +441,8 @@ def identify_command(request: IdentifyRequest) -> None:
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
         stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
-        owner = opened.enter_context(owning(as_script(_nothing_yet), settings, into, stage, request.config))
+        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning, request.as_json)
+        owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
         with busy("checking the script …", quick=True):
@@ -458,7 +468,7 @@ def identify_command(request: IdentifyRequest) -> None:
         if stage is not None:
             lines = page_lines(settings, options, expected)
             confirmed_with(lines, yes=request.yes, asking=owner.asking, button=owner.button)
-        done = _carried_out(session, script, owner, beginning, stage, request.mounted)
+        done = _carried_out(run, session, script, owner, on_the_bench(stage, owner, request.mounted))
         with busy("writing the finger file and the page …", quick=True):
             _write(done, identification, settings, request.to)
         _print(done, identification, request.to, as_json=request.as_json)
@@ -488,21 +498,19 @@ def _stage(settings: Config, into: NewRun) -> OwnedStage:
 
 
 def _carried_out(
+    run: RequestedRun,
     session: Session,
     script: IdentificationScript,
     owner: RunOwner,
-    beginning: Beginning,
-    stage: OwnedStage | None,
-    mounted: str | None,
+    how: Callable[[Session], FinishedRun],
 ) -> FinishedRun:
     owner.at("running")
     # In a pipe each press has its own lines.
     shown = progress(script.identification.options.presses, None, as_json=True)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        attendant = IdentificationAttendant(pause, watch, beginning.begins, None, owner)
+        attendant = IdentificationAttendant(pause, watch, run.beginning.begins, None, owner)
         attendant.script = script
-        session = replace(session, attendant=attendant, button=owner.button)
-        done = dry_run(session) if stage is None else real_run(session, prompt_for(owner, mounted), stage)
+        done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")
     return done
 
