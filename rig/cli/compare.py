@@ -14,7 +14,7 @@ from rig.cli.compare_group import GroupInput, compare_group, named_group, read_g
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Alone, Excludes, Needs, Rules, given_options, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -65,11 +65,7 @@ class CompareRequest:
     ] = None
     example: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Shipped recording to rehearse: bar3.",
-            rich_help_panel=_RECORDING,
-        ),
+        typer.Option(metavar="NAME", help="Shipped recording to rehearse: bar3.", rich_help_panel=_RECORDING),
     ] = None
     recorded: Annotated[
         list[str] | None,
@@ -110,9 +106,7 @@ class CompareRequest:
     deflection: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV",
-            help="Measured skin deflection (docs/comparison.md).",
-            rich_help_panel=_RECORDING,
+            metavar="CSV", help="Measured skin deflection (docs/comparison.md).", rich_help_panel=_RECORDING
         ),
     ] = None
     receptor_x_mm: Annotated[
@@ -132,8 +126,7 @@ class CompareRequest:
         typer.Option("--saturating", help="Fit rates that saturate, with a third parameter.", rich_help_panel=_MODEL),
     ] = False
     silent_at_rest: Annotated[
-        bool,
-        typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL),
+        bool, typer.Option("--silent-at-rest", help="Constrain the fit to k > 0 and ε₀ ≥ 0.", rich_help_panel=_MODEL)
     ] = False
     friction: Annotated[
         float,
@@ -175,7 +168,7 @@ class CompareRequest:
     exact: ExactOption = False
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (
+    rules: ClassVar[Sequence[Rule]] = (
         Alone("--example", ("--out", "--json"), "example_alone", "it brings its own rehearsal and recording"),
         Excludes("--friction", ("--place", "--fingers"), "friction_with"),
         Needs("--depth-range-mm", ("--place",)),

@@ -16,7 +16,9 @@ from rig.cli.coding_options import (
     INPUT,
     NOISE,
     SHAPE_NEEDS_DEPTH,
+    AcrossOption,
     DepthOption,
+    DoiOption,
     EnergyOption,
     HalfLengthOption,
     NoisePlaceOption,
@@ -26,20 +28,21 @@ from rig.cli.coding_options import (
     bounded,
     in_options,
     named,
+    noise_of,
     press_of,
     pressures_of,
     sampling_of,
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.cli.request import ExactlyOne, Excludes, Needs, Rules, takes
+from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Places, Range, Ratio, Shape
 from sim.coding.bayes import FittedReceptor
 from sim.coding.decoder_results import CodingError
 from sim.coding.decoders_by_search import error_surface
-from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
+from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, ReadingUnit, Receptor
 from sim.coding.operators import OPERATORS, ForwardOperator, OperatorName
 from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
@@ -122,12 +125,6 @@ class DecodeJson(Output):
     felt: ShapeEstimateJson | None
     axial: Shape | None
     search_ms: float
-
-
-def noise_of(snr_db: float | None, at: NoisePlace, seed: int) -> Noise | None:
-    """Return the noise to add, None without a ratio; raise BadInputError for numbers out of bounds."""
-    drawn = int(bounded("--seed", seed, 0, 2**32))
-    return None if snr_db is None else Noise(bounded("--snr-db", snr_db, -40, 100), at, drawn)
 
 
 def receptor_of(gain: str | None, threshold: str | None) -> FittedReceptor | None:
@@ -382,11 +379,7 @@ class DecodeRequest:
     ] = None
     shape: Annotated[
         str | None,
-        typer.Option(
-            metavar="S",
-            help="Indentor along the finger, as in rig indent.",
-            rich_help_panel=INPUT,
-        ),
+        typer.Option(metavar="S", help="Indentor along the finger, as in rig indent.", rich_help_panel=INPUT),
     ] = None
     readings: Annotated[
         Path | None,
@@ -404,18 +397,8 @@ class DecodeRequest:
             rich_help_panel=INPUT,
         ),
     ] = None
-    x_mm: Annotated[
-        float,
-        typer.Option(metavar="X", help="x of the indentor from the pad center, in mm.", rich_help_panel=INPUT),
-    ] = 0.0
-    doi_mm: Annotated[
-        float | None,
-        typer.Option(
-            metavar="D",
-            help="DOI, in mm. Default: none; --shape needs it.",
-            rich_help_panel=INPUT,
-        ),
-    ] = None
+    x_mm: AcrossOption = 0.0
+    doi_mm: DoiOption = None
     decoder: Annotated[
         str, typer.Option(metavar="NAME", help=f"Decoder: {', '.join(DECODERS)}.", rich_help_panel=_DECODER)
     ] = "bayes"
@@ -433,9 +416,7 @@ class DecodeRequest:
     gain: Annotated[
         str | None,
         typer.Option(
-            metavar="K",
-            help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.",
-            rich_help_panel=NOISE,
+            metavar="K", help="Gain k, rate = k (SED − threshold), e.g. 30±2. Default: 1.", rich_help_panel=NOISE
         ),
     ] = None
     threshold: Annotated[
@@ -479,7 +460,7 @@ class DecodeRequest:
     picture: PictureOption = None
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (
+    rules: ClassVar[Sequence[Rule]] = (
         ExactlyOne(("--pressure", "--shape", "--readings")),
         Excludes("--readings", ("--snr-db", "--operator", "--doi-mm"), "not_together"),
         SHAPE_NEEDS_DEPTH,

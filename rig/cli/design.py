@@ -1,7 +1,7 @@
 """`rig design`: choose presses that distinguish candidate measures within a session."""
 
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, TypeVar
@@ -19,7 +19,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Rules, repeats, takes
+from rig.cli.request import Excludes, Rule, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
@@ -91,8 +91,7 @@ class DesignOptions:
     """Arguments and options of `rig design`."""
 
     candidates: Annotated[
-        str | None,
-        typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures."),
+        str | None, typer.Option(metavar="M,M", help="Candidate measures or controls. Default: the 18 measures.")
     ] = None
     shapes: Annotated[str, typer.Option(metavar="S,S", help="Indentors on the bench.")] = "step:1,bar:3.0,cylinder:3"
     minutes: Annotated[float, typer.Option(metavar="MIN", help="Duration of the session, in min, 1 to 240.")] = 20.0
@@ -136,8 +135,7 @@ class DesignOptions:
         str, typer.Option(metavar="LOW,HIGH", help="Depth below the epidermis, in mm.", rich_help_panel=_FIBER)
     ] = "0.1,0.7"
     dispersion: Annotated[
-        str,
-        typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER),
+        str, typer.Option(metavar="LOW,HIGH", help="Variance of counts over Poisson's.", rich_help_panel=_FIBER)
     ] = "1.5"
     drift: Annotated[
         float,
@@ -154,7 +152,7 @@ class DesignOptions:
     ] = 60.0
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (Excludes("--depths-mm", ("--forces-gwt",)),)
+    rules: ClassVar[Sequence[Rule]] = (Excludes("--depths-mm", ("--forces-gwt",)),)
 
 
 @takes(DesignOptions)

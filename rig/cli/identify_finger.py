@@ -14,6 +14,7 @@ from rig.cli.confirm import confirmed_with, ready_for_a_real_run, refuse_mounts
 from rig.cli.options import (
     FingerConfigOption,
     JsonOption,
+    MoreArgument,
     MountedOption,
     OutOption,
     SubjectOption,
@@ -383,7 +384,7 @@ class IdentifyRequest:
     protocol: Annotated[
         str | None, typer.Argument(help="Protocol whose forces to predict. Default: a few common presses.")
     ] = None
-    more: Annotated[list[str] | None, typer.Argument(metavar="K=V", help="Protocol parameters, KEY=VALUE.")] = None
+    more: MoreArgument = None
     config: FingerConfigOption = None
     dry: Annotated[bool, typer.Option("--dry-run", help="Use virtual devices and the configured finger.")] = False
     to: Annotated[Path, typer.Option(metavar="TOML", help="Finger file to write.")] = Path("finger.toml")

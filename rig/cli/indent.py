@@ -1,6 +1,7 @@
 """`rig indent`: simulate one indentation with the requested model."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,7 +13,7 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.cli.request import Excludes, Needs, Rules, takes
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.compare.recordings.deflection import (
     DeflectionJson,
     compared_deflection,
@@ -255,9 +256,7 @@ class IndentRequest:
     doi_mm: Annotated[
         float | None,
         typer.Option(
-            metavar="D",
-            help="Depth of indentation (DOI), in mm. Give this or --force-gwt.",
-            rich_help_panel=_PRESS,
+            metavar="D", help="Depth of indentation (DOI), in mm. Give this or --force-gwt.", rich_help_panel=_PRESS
         ),
     ] = None
     force_gwt: Annotated[
@@ -360,7 +359,7 @@ class IndentRequest:
     ] = False
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (
+    rules: ClassVar[Sequence[Rule]] = (
         Needs("--tol", ("--model auto",)),
         Needs("--quantity", ("--model auto",)),
         Needs("--length-mm", ("--model section", "--model auto")),

@@ -30,7 +30,7 @@ from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Needs, Rules, takes
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.data.folder import FileSizeJson
 from rig.data.run import PackageJson
@@ -201,7 +201,7 @@ class ConfigRequest:
     )
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (Excludes("KEY", ("--devices",), "not_together"),)
+    rules: ClassVar[Sequence[Rule]] = (Excludes("KEY", ("--devices",), "not_together"),)
 
 
 @takes(ConfigRequest)
@@ -295,12 +295,11 @@ class CacheRequest:
 
     prune: Annotated[bool, typer.Option("--prune", help="Delete the least recently used entries.")] = False
     keep_gb: Annotated[
-        float,
-        typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0),
+        float, typer.Option(metavar="G", help="Size of recent entries that --prune retains, in GB.", min=0)
     ] = 0.0
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (Needs("--keep-gb", ("--prune",)),)
+    rules: ClassVar[Sequence[Rule]] = (Needs("--keep-gb", ("--prune",)),)
 
 
 @takes(CacheRequest)
@@ -360,8 +359,7 @@ def doctor_command(
         Path | None, typer.Option(metavar="TOML", help="Configuration whose devices are checked. Default: none.")
     ] = None,
     bundle: Annotated[
-        Path | None,
-        typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject."),
+        Path | None, typer.Option(metavar="RUN", help="Write a bug report of this run, without its subject.")
     ] = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -1,6 +1,6 @@
 """`rig jog`: move an axis while a key is held, or by a distance."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, NotRequired, get_args
 
@@ -10,7 +10,7 @@ from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
-from rig.cli.request import Needs, Rules, takes
+from rig.cli.request import Needs, Rule, takes
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
@@ -59,7 +59,7 @@ class JogRequest:
     without_force: WithoutForceOption = False
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (
+    rules: ClassVar[Sequence[Rule]] = (
         Needs("--axis", ("--by-mm",), "both_or_neither"),
         Needs("--by-mm", ("--axis",), "both_or_neither"),
     )

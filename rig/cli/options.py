@@ -22,12 +22,10 @@ SetOption = Annotated[
 OutOption = Annotated[Path, typer.Option("--out", metavar="DIR", help="Parent folder of the run folder.")]
 SubjectOption = Annotated[str | None, typer.Option(metavar="CODE", help="Pseudonym of the subject, e.g. S07.")]
 FingerConfigOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in."),
+    Path | None, typer.Option("--config", metavar="TOML", help="Rig and finger configuration. Default: built-in.")
 ]
 FingertipOption = Annotated[
-    Path | None,
-    typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values."),
+    Path | None, typer.Option("--config", metavar="TOML", help="Finger configuration. Default: built-in values.")
 ]
 FingerFileOption = Annotated[
     Path | None,

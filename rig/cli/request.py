@@ -2,7 +2,7 @@
 
 import inspect
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Sequence, Set
 from dataclasses import MISSING, fields
 from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
@@ -73,9 +73,6 @@ def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., Non
     return command
 
 
-# Rules name an option, an option with its value, as "--model auto", or an argument, as "RUN".
-
-
 class Excludes(NamedTuple):
     """Options that cannot be combined with `option`."""
 
@@ -83,12 +80,6 @@ class Excludes(NamedTuple):
     others: Sequence[str]
     code: str = "cannot_combine"
     because: str = ""
-
-    def problem(self, given: Sequence[str]) -> str | None:
-        """Return what is wrong with a request that has these options."""
-        other = next((one for one in self.others if {one, self.option} <= set(given)), None)
-        why = self.because and f": {self.because}"
-        return other and f"{self.option} and {other} cannot be combined{why}; remove one"
 
 
 class Alone(NamedTuple):
@@ -99,11 +90,6 @@ class Alone(NamedTuple):
     code: str = "cannot_combine"
     because: str = ""
 
-    def problem(self, given: Sequence[str]) -> str | None:
-        """Return what is wrong with a request that has these options."""
-        others = [one for one in given if one not in (self.option, *self.but) and " " not in one]  # no values
-        return Excludes(self.option, others, because=self.because).problem(given)
-
 
 class Needs(NamedTuple):
     """Option that has an effect only with one of others."""
@@ -112,12 +98,6 @@ class Needs(NamedTuple):
     others: Sequence[str]
     code: str = "needs_option"
 
-    def problem(self, given: Sequence[str]) -> str | None:
-        """Return what is wrong with a request that has these options."""
-        if self.option not in given or set(self.others) & set(given):
-            return None
-        return f"{self.option} requires {either(self.others)}; add {'one' if len(self.others) > 1 else 'it'}"
-
 
 class ExactlyOne(NamedTuple):
     """Options of which a request has one."""
@@ -125,24 +105,36 @@ class ExactlyOne(NamedTuple):
     options: Sequence[str]
     code: str = "exactly_one"
 
-    def problem(self, given: Sequence[str]) -> str | None:
-        """Return what is wrong with a request that has these options."""
-        if len(set(self.options) & set(given)) == 1:
-            return None
-        return f"give exactly one of {', '.join(self.options[:-1])} and {self.options[-1]}"
 
-
-Rules = tuple[Excludes | Alone | Needs | ExactlyOne, ...]
+Rule = Excludes | Alone | Needs | ExactlyOne
+"""Rule between options; it names an option, an option with its value, as "--model auto", or an argument, as "RUN"."""
 
 
 def refuse(request: object) -> None:
     """Raise BadInputError for the first rule between options that a request breaks."""
+    given = given_options(request)
     values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
-    given = [*given_options(request), *values]
-    rules: Rules = getattr(type(request), "rules", ())
+    rules: Sequence[Rule] = getattr(type(request), "rules", ())
     for rule in rules:
-        if (problem := rule.problem(given)) is not None:
+        if isinstance(rule, Alone):
+            others = [one for one in given if one not in (rule.option, *rule.but)]
+            rule = Excludes(rule.option, others, rule.code, rule.because)
+        if (problem := _problem(rule, {*given, *values})) is not None:
             raise BadInputError(problem, rule.code)
+
+
+def _problem(rule: Excludes | Needs | ExactlyOne, given: Set[str]) -> str | None:
+    """Return what is wrong with a request that has these options."""
+    if isinstance(rule, ExactlyOne):
+        *others, last = rule.options
+        return f"give exactly one of {', '.join(others)} and {last}" if len(given & {*rule.options}) != 1 else None
+    there = [one for one in rule.others if one in given]
+    if rule.option not in given or bool(there) is isinstance(rule, Needs):
+        return None
+    if isinstance(rule, Needs):
+        return f"{rule.option} requires {either(rule.others)}; add {'one' if len(rule.others) > 1 else 'it'}"
+    why = rule.because and f": {rule.because}"
+    return f"{rule.option} and {there[0]} cannot be combined{why}; remove one"
 
 
 def given_options(request: object, *, without: Sequence[str] = ()) -> list[str]:

@@ -1,7 +1,7 @@
 """`rig check`, `rig dry-run`, `rig run` and `rig resume`."""
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -58,7 +58,7 @@ from rig.cli.output import (
     screen_aside,
 )
 from rig.cli.recorded_run import warn_of_damage
-from rig.cli.request import Rules, repeats, takes
+from rig.cli.request import Rule, repeats, takes
 from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -275,7 +275,7 @@ class DryRunRequest(ScriptRequest):
     count_within_s: CountWithinOption = WITHIN_S
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (WAIT_NEEDS_CHOICE,)
+    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
 
 
 @takes(DryRunRequest)
@@ -327,7 +327,7 @@ class RunRequest(ScriptRequest):
     count_within_s: CountWithinOption = WITHIN_S
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (WAIT_NEEDS_CHOICE,)
+    rules: ClassVar[Sequence[Rule]] = (WAIT_NEEDS_CHOICE,)
 
 
 @takes(RunRequest)

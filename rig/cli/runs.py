@@ -16,7 +16,7 @@ from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_l
 from rig.cli.options import JsonOption, RunArgument, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import ExactlyOne, Rules, takes
+from rig.cli.request import ExactlyOne, Rule, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
 from rig.data.folder import SCRIPT, FileSizeJson, replace_text
@@ -302,7 +302,7 @@ class ShowRequest:
     ] = False
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (ExactlyOne(("RUN", "--columns")),)
+    rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("RUN", "--columns")),)
 
 
 @takes(ShowRequest)

@@ -3,6 +3,7 @@
 import json
 import signal
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar, NotRequired, cast
@@ -22,7 +23,7 @@ from rig.cli.output import (
     print_json,
     resting,
 )
-from rig.cli.request import Excludes, Needs, Rules, takes
+from rig.cli.request import Excludes, Needs, Rule, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -87,8 +88,7 @@ class ServeRequest:
         ),
     ] = None
     pty: Annotated[
-        bool,
-        typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES),
+        bool, typer.Option("--pty", help="Serve on pseudo-terminals; not on Windows.", rich_help_panel=_DEVICES)
     ] = False
     tcp: Annotated[
         int | None,
@@ -132,7 +132,10 @@ class ServeRequest:
     config: FingerConfigOption = None
     as_json: JsonOption = False
 
-    rules: ClassVar[Rules] = (Needs("--beside", ("--reveal",)), Excludes("--pty", ("--tcp",), "not_together"))
+    rules: ClassVar[Sequence[Rule]] = (
+        Needs("--beside", ("--reveal",)),
+        Excludes("--pty", ("--tcp",), "not_together"),
+    )
 
 
 @takes(ServeRequest)

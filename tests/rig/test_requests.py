@@ -18,7 +18,7 @@ from rig.cli.request import (
     Excludes,
     Needs,
     Option,
-    Rules,
+    Rule,
     given_options,
     options_of,
     refuse,
@@ -75,7 +75,7 @@ def test_the_line_leaves_out_what_does_not_change_the_result() -> None:
 
 
 class Ruled(Request):
-    rules: ClassVar[Rules] = (
+    rules: ClassVar[Sequence[Rule]] = (
         Alone("--columns", ("--json",)),
         Excludes("--exact", ("--place-mm", "--seed"), "too_exact", "it is slow"),
         Needs("--place-mm", ("RUNS", "--friction 2.0")),
@@ -118,7 +118,7 @@ def test_options_that_need_or_exclude_each_other_are_refused_by_name(
 # --- rules between the options of every command ---
 
 
-def _broken(rule: Excludes | Alone | Needs | ExactlyOne, labels: Sequence[str]) -> list[tuple[str, ...]]:
+def _broken(rule: Rule, labels: Sequence[str]) -> list[tuple[str, ...]]:
     """Options that break a rule, each set as few as possible."""
     match rule:
         case Excludes(option, others):
@@ -131,7 +131,7 @@ def _broken(rule: Excludes | Alone | Needs | ExactlyOne, labels: Sequence[str]) 
             return [(), *combinations(options, 2)]
 
 
-def _completed(broken: tuple[str, ...], others: Sequence[Excludes | Alone | Needs | ExactlyOne]) -> list[str]:
+def _completed(broken: tuple[str, ...], others: Sequence[Rule]) -> list[str]:
     """The same options with what the other rules need."""
     found = list(broken)
     for rule in sorted(others, key=lambda one: isinstance(one, ExactlyOne)):
