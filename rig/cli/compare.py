@@ -295,7 +295,8 @@ _NOT_OF_THE_REPORT = ("--out", "--json")
 def _compare_example(request: CompareRequest, example: str) -> None:
     if example not in EXAMPLES:
         raise BadInputError(f"--example {example}: must be one of {', '.join(EXAMPLES)}", "no_such_example")
-    compare_example(request.out_file or Path(f"{example}.html"), as_json=request.as_json)
+    made_by = repeats("compare", request, without=_NOT_OF_THE_REPORT)
+    compare_example(request.out_file or Path(f"{example}.html"), made_by, as_json=request.as_json)
 
 
 THE_MAPS = "strain under the skin: reading it from the cache, or computing it …"
