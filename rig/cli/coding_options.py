@@ -111,7 +111,8 @@ def pressures_of(text: str, spacing_mm: float) -> NDArray[np.float64]:
         raise in_options(error) from None
 
 
-SHAPE_NEEDS_DEPTH = Needs("--shape", ("--doi-mm",))
+SHARED_RULES = (Needs("--shape", ("--doi-mm",)), Needs("--gain", ("--threshold",)))
+"""Rules that encoding and decoding share."""
 
 
 def press_of(shape: str, x_mm: float, doi_mm: float | None) -> SectionPress:

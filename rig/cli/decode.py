@@ -15,7 +15,7 @@ from rich.table import Table
 from rig.cli.coding_options import (
     INPUT,
     NOISE,
-    SHAPE_NEEDS_DEPTH,
+    SHARED_RULES,
     AcrossOption,
     DepthOption,
     DoiOption,
@@ -463,8 +463,7 @@ class DecodeRequest:
     rules: ClassVar[Sequence[Rule]] = (
         ExactlyOne(("--pressure", "--shape", "--readings")),
         Excludes("--readings", ("--snr-db", "--operator", "--doi-mm"), "not_together"),
-        SHAPE_NEEDS_DEPTH,
-        Needs("--gain", ("--threshold",)),
+        *SHARED_RULES,
         Needs("--axial", ("--readings",)),
         *(
             Needs(option, tuple(f"--decoder {one}" for one in decoders), "not_this_decoder")

@@ -14,7 +14,7 @@ from rig.cli.coding_options import (
     INPUT,
     NOISE,
     SAMPLING,
-    SHAPE_NEEDS_DEPTH,
+    SHARED_RULES,
     AcrossOption,
     DepthOption,
     DoiOption,
@@ -272,7 +272,7 @@ class EncodeRequest:
     picture: PictureOption = None
     as_json: JsonOption = False
 
-    rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("--pressure", "--shape")), SHAPE_NEEDS_DEPTH)
+    rules: ClassVar[Sequence[Rule]] = (ExactlyOne(("--pressure", "--shape")), *SHARED_RULES)
 
 
 @takes(EncodeRequest)
