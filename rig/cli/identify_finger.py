@@ -442,7 +442,7 @@ def identify_command(request: IdentifyRequest) -> None:
             refuse_mounts("identify", names, request.mounted)
         # Ports are opened before anything is computed, so that a missing server is reported and a stop acts at once.
         stage = None if request.dry else opened.enter_context(closing(_stage(settings, into)))
-        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning, request.as_json)
+        run = RequestedRun(as_script(_nothing_yet), settings, into, beginning.begins, request.as_json)
         owner = opened.enter_context(owning(run, stage, request.config))
         process = None if request.dry else opened.enter_context(FingerProcess(settings.finger))
         finger = loaded(settings, process, as_json=False)
@@ -509,7 +509,7 @@ def _carried_out(
     # In a pipe each press has its own lines.
     shown = progress(script.identification.options.presses, None, as_json=True)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        attendant = IdentificationAttendant(pause, watch, run.beginning.begins, None, owner)
+        attendant = IdentificationAttendant(pause, watch, run.begins, None, owner)
         attendant.script = script
         done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")

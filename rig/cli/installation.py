@@ -218,13 +218,7 @@ def config_command(request: ConfigRequest) -> None:
             configuration: ConfigurationJson = {"keys": [_described(one) for one in found]}
             print_json(configuration)
         else:
-            out.print(
-                _page(found) if request.markdown else _file(found),
-                markup=False,
-                highlight=False,
-                soft_wrap=True,
-                end="",
-            )
+            out.print(_page(found) if request.markdown else _file(found), end="")
 
 
 def _print_devices(*, markdown: bool, as_json: bool) -> None:
@@ -234,7 +228,7 @@ def _print_devices(*, markdown: bool, as_json: bool) -> None:
         print_json(catalogue)
         return
     text = device_catalogue.as_markdown() if markdown else device_catalogue.as_text()
-    out.print(text, markup=False, highlight=False, soft_wrap=True, end="")
+    out.print(text, end="")
 
 
 def _named(every: Sequence[Key], name: str | None) -> list[Key]:

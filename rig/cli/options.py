@@ -90,21 +90,7 @@ def _range(first: float, last: float, step: float) -> list[float]:
     return [round(first + k * step, 9) for k in range(int((last - first) / step + 1e-6) + 1)]
 
 
-_OF_A_KIND = (
-    ".py",
-    ".toml",
-    ".html",
-    ".htm",
-    ".csv",
-    ".xlsx",
-    ".pdf",
-    ".inp",
-    ".json",
-    ".svg",
-    ".png",
-    ".nwb",
-    ".mat",
-)
+_ENDINGS = (".py", ".toml", ".html", ".htm", ".csv", ".xlsx", ".pdf", ".inp", ".json", ".svg", ".png", ".nwb", ".mat")
 
 
 HTML = (".html", ".htm")
@@ -116,7 +102,7 @@ def checked_file(option: str, path: Path, *endings: str) -> Path:
 
     A name with the ending of another kind of file is refused: it may be the user's script or data.
     """
-    if endings and path.suffix.casefold() in set(_OF_A_KIND) - set(endings):
+    if endings and path.suffix.casefold() in set(_ENDINGS) - set(endings):
         raise BadInputError(f"{option} {path}: must end in {' or '.join(endings)}", "other_ending")
     if path.is_dir() or not path.parent.is_dir() or not os.access(path.parent, os.W_OK):
         raise BadInputError(

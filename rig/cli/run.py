@@ -290,7 +290,7 @@ def dry_run_command(request: DryRunRequest) -> None:
         script, faster = request.script(), _times_real(request.speed)
         spikes = None if request.afferents is None else spike_request(request.afferents, seed=0)
         into = new_run(request.out_dir, request.subject)
-        planned = RequestedRun(script, settings, into, beginning, request.as_json, spikes=spikes)
+        planned = RequestedRun(script, settings, into, beginning.begins, request.as_json, spikes=spikes)
         with (
             owning(planned, config_file=request.config) as owner,
             with_choice(planned, request.choose, request.count_within_s) as run,
@@ -338,7 +338,7 @@ def run_command(request: RunRequest) -> None:
         settings = request.settings()
         finger = opened.enter_context(FingerProcess(settings.finger))
         script, into = request.script(), new_run(request.out_dir, request.subject)
-        run = RequestedRun(script, settings, into, beginning, request.as_json, finger)
+        run = RequestedRun(script, settings, into, beginning.begins, request.as_json, finger)
         ready_for_a_real_run("run", settings, request.out_dir, yes=request.yes)
         run = opened.enter_context(with_choice(run, request.choose, request.count_within_s))
         _refuse_mounts("run", run, request.mounted)
@@ -450,7 +450,7 @@ def resume_command(request: ResumeRequest) -> None:
                 stopped = with_ports(stopped, request.config)
         here = stopped.virtual or stopped.complete
         finger = None if here else opened.enter_context(FingerProcess(stopped.config.finger))
-        run = RequestedRun(stopped.script, stopped.config, stopped, beginning, request.as_json, finger)
+        run = RequestedRun(stopped.script, stopped.config, stopped, beginning.begins, request.as_json, finger)
         stage = opened.enter_context(_stage(request, run, stopped))
         owner = opened.enter_context(owning(run, stage))
         if stopped.run is not None and stopped.complete:

@@ -16,17 +16,7 @@ from rig.bench.checks import checked_subject
 from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_lines
 from rig.cli.confirm import Confirm, nothing_to_confirm
 from rig.cli.nerve import SpikesJson, add_spikes, print_firing, spike_lines
-from rig.cli.output import (
-    THE_FINGER,
-    Beginning,
-    ExitCode,
-    busy,
-    checking_the_script,
-    complain,
-    out,
-    print_json,
-    screen_aside,
-)
+from rig.cli.output import THE_FINGER, ExitCode, busy, checking_the_script, complain, out, print_json, screen_aside
 from rig.cli.progress import progress
 from rig.cli.signals import PauseRequest, at_a_safe_point, interrupt_main, stoppable, unstoppable
 from rig.clock import WallClock
@@ -77,7 +67,7 @@ class RequestedRun:
     script: Script
     config: Config
     into: NewRun | StoppedRun
-    beginning: Beginning
+    begins: Callable[[], None]  # called before the first motion
     as_json: bool
     finger: FingerProcess | None = None  # serves a run whose own process must not solve
     spikes: "SpikeRequest | None" = None  # simulated after the run, before its report
@@ -349,7 +339,7 @@ def carry_out(
         course = choose.course(course)
     shown = progress(len(session.plan.indentations), time_left(page, pace), course, as_json=as_json)
     with at_a_safe_point(owner.pause) as pause, shown as watch:
-        attendant = AtTheTerminal(pause, watch, run.beginning.begins, course, owner)
+        attendant = AtTheTerminal(pause, watch, run.begins, course, owner)
         done = how(replace(session, attendant=attendant, button=owner.button))
     owner.at("reporting")
     added = None if spikes is None else _with_spikes(done, session.finger, spikes, run)

@@ -141,10 +141,10 @@ class ServeRequest:
 @takes(ServeRequest)
 def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
-    if request.reveal is not None:
-        _reveal(request.reveal, request.beside, as_json=request.as_json)
-        return
     with one_line_errors(as_json=request.as_json):
+        if request.reveal is not None:
+            _reveal(request.reveal, request.beside, as_json=request.as_json)
+            return
         settings = _with_indentor(load_config(request.config), request.indentor)
         if request.pty and sys.platform == "win32":
             raise BadInputError(
@@ -215,16 +215,15 @@ def _statistics_line(found: PressStatistics) -> str:
 
 def _reveal(seed: int, beside: Path | None, *, as_json: bool) -> None:
     """Print each parameter of a random finger, with its 90 % band from a finger file."""
-    with one_line_errors(as_json=as_json):
-        truth = truth_of(seed)
-        identified = None if beside is None else read_finger_file(beside).identified
-        found = [_with_band(name, value, identified) for name, value in truth.items()]
-        if as_json:
-            truths: RandomFingerJson = {"parameters": found}
-            print_json(truths)
-            return
-        for one in found:
-            out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
+    truth = truth_of(seed)
+    identified = None if beside is None else read_finger_file(beside).identified
+    found = [_with_band(name, value, identified) for name, value in truth.items()]
+    if as_json:
+        truths: RandomFingerJson = {"parameters": found}
+        print_json(truths)
+        return
+    for one in found:
+        out.print(f"{one['name']:<14}{one['truth']:<8.3g}{_band(one)}")
 
 
 def _with_band(name: str, value: float, identified: IdentifiedFinger | None) -> TrueParameterJson:

@@ -66,7 +66,7 @@ def take_orders_command(request: TakeOrdersRequest) -> None:
         settings = with_finger(load_config(request.config), request.finger_file)
         orders = PressOrders(request.scope(), lambda: os.getppid() != parent)
         into = new_run(request.out_dir, request.subject)
-        run, stage = RequestedRun(orders.as_script(), settings, into, beginning, as_json=True), None
+        run, stage = RequestedRun(orders.as_script(), settings, into, beginning.begins, as_json=True), None
         if request.virtual:
             refuse_twinless(settings.stage, settings.force)
         else:

@@ -56,12 +56,6 @@ def _value(value: Any) -> str:
     return str(value.value if hasattr(value, "value") else value) or '""'
 
 
-def commands_with(option: str) -> Iterator[str]:
-    """Commands of which a parameter has this name, or those of a group."""
-    found = (words[0] for words, function in functions() if option in inspect.signature(function).parameters)
-    yield from dict.fromkeys(found)
-
-
 def _names() -> Iterator[str]:
     for door in DOORS:
         yield from (f"{door} {name}" for name in sorted(import_module(door).__all__))

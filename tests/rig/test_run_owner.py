@@ -17,7 +17,6 @@ import rig.cli.script_execution as owning_module
 import rig.cli.signals as interrupts
 from rig.bench.real import Request
 from rig.cli.keyboard import line_waits
-from rig.cli.output import Beginning
 from rig.cli.run import ask_at_the_bench
 from rig.cli.script_execution import AtTheTerminal, RequestedRun, RunOwner, owning
 from rig.cli.signals import (
@@ -334,7 +333,7 @@ SCRIPT: Any = Script()
 
 
 def _requested(into: NewRun, config: Config) -> RequestedRun:
-    return RequestedRun(SCRIPT, config, into, Beginning(aloud=False), as_json=False)
+    return RequestedRun(SCRIPT, config, into, print, as_json=False)
 
 
 def _owning(into: NewRun, *, virtual: bool = False, file: Path | None = None) -> Any:

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from rig.cli.choosing import adaptive_run
-from rig.cli.output import Beginning
 from rig.cli.run import _refuse_mounts
 from rig.cli.script_execution import RequestedRun
 from rig.data import read_run
@@ -120,7 +119,7 @@ def test_a_dry_run_chooses_and_says_what_it_found(here: Path, program: Program) 
 
 
 def _requested(script: Script, config: Config, into: NewRun | StoppedRun) -> RequestedRun:
-    return RequestedRun(script, config, into, Beginning(aloud=False), as_json=True)
+    return RequestedRun(script, config, into, print, as_json=True)
 
 
 def _cuts(lines: list[dict[str, Any]]) -> list[int]:
