@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -189,13 +189,6 @@ def axial_of(axial: str | None) -> tuple[float, ...]:
 Array = NDArray[np.float64]
 
 _DECODER = "Decoder"
-_OF_DECODERS: Mapping[str, Sequence[DecoderName]] = {
-    "--start": ("univariate", "grid"),
-    "--range": ("univariate", "grid", "table", "global"),
-    "--grid-step": ("grid",),
-    "--axial": ("bayes",),
-}
-"""Options of some decoders only."""
 _ROWS = 25
 _FINE = 121  # values of a pressure across a plot of the error surface
 
@@ -465,10 +458,14 @@ class DecodeRequest:
         Excludes("--readings", ("--snr-db", "--operator", "--doi-mm"), "not_together"),
         *SHARED_RULES,
         Needs("--axial", ("--readings",)),
-        *(
-            Needs(option, tuple(f"--decoder {one}" for one in decoders), "not_this_decoder")
-            for option, decoders in _OF_DECODERS.items()
+        Needs("--start", ("--decoder univariate", "--decoder grid"), "not_this_decoder"),
+        Needs(
+            "--range",
+            ("--decoder univariate", "--decoder grid", "--decoder table", "--decoder global"),
+            "not_this_decoder",
         ),
+        Needs("--grid-step", ("--decoder grid",), "not_this_decoder"),
+        Needs("--axial", ("--decoder bayes",), "not_this_decoder"),
     )
 
 
