@@ -14,7 +14,7 @@ from rig.cli.compare_group import GroupInput, compare_group, named_group, read_g
 from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, repeats, takes
+from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
 from rig.compare.comparison import Comparison, compare, left_out, left_out_lines
 from rig.compare.comparison_rows import as_json as comparison_as_json
 from rig.compare.comparison_rows import fingers_as_json
@@ -189,15 +189,16 @@ def command(request: CompareRequest) -> None:
     """Compare runs, write the report and a sidecar with dates and times."""
     with one_line_errors(as_json=request.as_json):
         began = time.perf_counter()
+        group = named_group(request.recorded or [])
+        if group is not None:
+            refuse_options(given_options(request, without=_WITH_GROUPS))
+        refuse(request)
         if request.example is not None:
             _compare_example(request, request.example)
             return
         if not request.runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
         checked_friction(request.friction)
-        group = named_group(request.recorded or [])
-        if group is not None:
-            refuse_options(given_options(request, without=_WITH_GROUPS))
         reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
         if request.out_file is not None:
             checked_file("--out", request.out_file, *HTML)

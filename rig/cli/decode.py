@@ -35,7 +35,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
 from rig.cli.output import busy, one_line_errors, out, print_json
-from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, takes
+from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Places, Range, Ratio, Shape
@@ -473,6 +473,7 @@ class DecodeRequest:
 def decode_command(request: DecodeRequest) -> None:
     """Print the decoded pressures, their uncertainty and, if the true pressures are known, their error."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         name = named("--decoder", request.decoder, DECODERS)
         by = None if request.operator is None else named("--operator", request.operator, OPERATORS)
         receptor, at = receptor_of(request.gain, request.threshold), named("--noise", request.noise, NOISE_PLACES)

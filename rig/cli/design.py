@@ -19,7 +19,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, Activity, busy, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Rule, repeats, takes
+from rig.cli.request import Excludes, Rule, refuse, repeats, takes
 from rig.compare.plausible_fingers import read_plausible
 from rig.compare.verdict import Candidate
 from rig.data.folder import replace_text
@@ -159,6 +159,7 @@ class DesignOptions:
 def command(request: DesignOptions) -> None:
     """Choose presses, check them, and write a protocol script and a page."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         began = time.perf_counter()
         page_file = request.to.with_suffix(".html") if request.out_file is None else request.out_file
         checked_file("--to", request.to, ".py")

@@ -33,7 +33,7 @@ from rig.cli.coding_options import (
 )
 from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
-from rig.cli.request import ExactlyOne, Rule, takes
+from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.plan.config import load_config
 from rig_shared.outputs import Output, Ratio
 from sim.coding.encoding import NOISE_PLACES, RATE_UNIT, SED_UNIT, Noise, NoisePlace, ReadingUnit, Receptor
@@ -279,6 +279,7 @@ class EncodeRequest:
 def encode_command(request: EncodeRequest) -> None:
     """Print SED and rates at the receptors; for a shape, also the operator's error against finite elements."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         kind, by = named("--energy", request.energy, ENERGIES), named("--operator", request.operator, OPERATORS)
         at, sampling = (
             named("--noise", request.noise, NOISE_PLACES),

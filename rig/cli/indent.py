@@ -13,7 +13,7 @@ from rich.table import Table
 
 from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
-from rig.cli.request import Excludes, Needs, Rule, takes
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.compare.recordings.deflection import (
     DeflectionJson,
     compared_deflection,
@@ -376,6 +376,7 @@ class IndentRequest:
 def indent_command(request: IndentRequest) -> None:
     """Press once and print force, contact and receptor measures."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
         checked_friction(request.friction)
         settings = load_config(request.config)

@@ -30,7 +30,7 @@ from rig.cli.device_catalogue import DeviceKindJson
 from rig.cli.options import HTML, FingerConfigOption, JsonOption, checked_file
 from rig.cli.output import busy, err, one_line_errors, out, print_json
 from rig.cli.progress import counted
-from rig.cli.request import Excludes, Needs, Rule, takes
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.data.bug_report import LEFT_OUT, bug_report, bundle_name
 from rig.data.folder import FileSizeJson
 from rig.data.run import PackageJson
@@ -208,6 +208,7 @@ class ConfigRequest:
 def config_command(request: ConfigRequest) -> None:
     """Print a configuration file with a comment on each key, or on one key or table if named."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         if request.devices:
             _print_devices(markdown=request.markdown, as_json=request.as_json)
             return
@@ -300,6 +301,7 @@ class CacheRequest:
 def cache_command(request: CacheRequest) -> None:
     """List cached results; with --prune delete the least recently used ones."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         limit_gb = most_bytes() / 1e9
         removed = prune(1e9 * request.keep_gb) if request.prune else []
         kept = entries()

@@ -10,7 +10,7 @@ from rig.cli.bench import HomedJson, by_hand, live_line, print_entries
 from rig.cli.keyboard import single_keys
 from rig.cli.options import ConfigOption, JsonOption, WithoutForceOption
 from rig.cli.output import ExitCode, complain, err, one_line_errors, resting
-from rig.cli.request import Needs, Rule, takes
+from rig.cli.request import Needs, Rule, refuse, takes
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
@@ -69,6 +69,7 @@ class JogRequest:
 def command(request: JogRequest) -> None:
     """Move an axis; it stops within the travel of 0.2 s if the key, this process or the connection is lost."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         settings, speed_mm_s = load_config(request.config), request.speed_mm_s
         if not SLOWEST_MM_S <= speed_mm_s <= FASTEST_MM_S:
             raise BadInputError(

@@ -8,7 +8,6 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 from typer.models import ArgumentInfo, ParameterInfo
 
-from rig.cli.output import one_line_errors
 from rig.errors import BadInputError
 from rig.printable import either
 
@@ -45,17 +44,11 @@ class Option(NamedTuple):
 
 
 def takes(request: type[R]) -> Callable[[Callable[[R], None]], Callable[..., None]]:
-    """Make a function of a request a command, with an argument or option for each field of its dataclass.
-
-    Its class attribute `rules` has the rules between options; a request that breaks one is refused.
-    """
+    """Make a function of a request a command, with an argument or option for each field of its dataclass."""
 
     def command(carry_out: Callable[[R], None]) -> Callable[..., None]:
         def run(**given: Any) -> None:
-            requested = request(**given)
-            with one_line_errors(as_json=getattr(requested, "as_json", False)):
-                refuse(requested)
-            carry_out(requested)
+            carry_out(request(**given))
 
         options = options_of(request)
         run.__signature__ = inspect.Signature([  # type: ignore[attr-defined]
@@ -111,7 +104,7 @@ Rule = Excludes | Alone | Needs | ExactlyOne
 
 
 def refuse(request: object) -> None:
-    """Raise BadInputError for the first rule between options that a request breaks."""
+    """Raise BadInputError for the first of its class's `rules` between options that a request breaks."""
     given = given_options(request)
     values = [f"{one.label} {getattr(request, one.field)}" for one in options_of(type(request))]
     rules: Sequence[Rule] = getattr(type(request), "rules", ())

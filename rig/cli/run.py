@@ -58,7 +58,7 @@ from rig.cli.output import (
     screen_aside,
 )
 from rig.cli.recorded_run import warn_of_damage
-from rig.cli.request import Rule, repeats, takes
+from rig.cli.request import Rule, refuse, repeats, takes
 from rig.cli.script_execution import RequestedRun, RunOwner, carry_out, leave, make_whole, new_run, owning
 from rig.cli.signals import typed_line
 from rig.clock import WallClock
@@ -283,6 +283,7 @@ def dry_run_command(request: DryRunRequest) -> None:
     """Check the script, run it on the virtual bench, write the run folder and its report."""
     beginning = Beginning(aloud=False)
     with one_line_errors(as_json=request.as_json, beginning=beginning):
+        refuse(request)
         settings = request.settings()
         refuse_twinless(settings.stage, settings.force)
         for problem in expired_calibrations(settings):
@@ -335,6 +336,7 @@ def run_command(request: RunRequest) -> None:
     """Check the script, have the page confirmed, run it, write the run folder and its report."""
     beginning = Beginning(aloud=True)
     with one_line_errors(as_json=request.as_json, beginning=beginning), ExitStack() as opened:
+        refuse(request)
         settings = request.settings()
         finger = opened.enter_context(FingerProcess(settings.finger))
         script, into = request.script(), new_run(request.out_dir, request.subject)

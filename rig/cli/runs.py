@@ -16,7 +16,7 @@ from rig.cli.choice_verdict import AdaptiveVerdictJson, choice_as_json, choice_l
 from rig.cli.options import JsonOption, RunArgument, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
-from rig.cli.request import ExactlyOne, Rule, takes
+from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.data import dictionary
 from rig.data.ending import EndingJson
 from rig.data.folder import SCRIPT, FileSizeJson, replace_text
@@ -309,6 +309,7 @@ class ShowRequest:
 def show_command(request: ShowRequest) -> None:
     """Print a run: protocol, state, limits, versions, forces, ending and files."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         if request.run is None:
             if request.as_json:
                 print_json(_columns())

@@ -23,7 +23,7 @@ from rig.cli.output import (
     print_json,
     resting,
 )
-from rig.cli.request import Excludes, Needs, Rule, takes
+from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
 from rig.identify.random_finger import truth_of, with_random_finger
@@ -142,6 +142,7 @@ class ServeRequest:
 def serve_command(request: ServeRequest) -> None:
     """Print one JSON line of ports, then serve until Ctrl-C; or print the parameters of a random finger."""
     with one_line_errors(as_json=request.as_json):
+        refuse(request)
         if request.reveal is not None:
             _reveal(request.reveal, request.beside, as_json=request.as_json)
             return
