@@ -8,7 +8,7 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from rig.cli.options import unit_of
+from rig.cli.options import bounded
 from rig.cli.request import Needs
 from rig.errors import BadInputError
 from rig.printable import either
@@ -64,13 +64,6 @@ NoisePlaceOption = Annotated[
 
 
 _Word = TypeVar("_Word", bound=str)
-
-
-def bounded(option: str, value: float, low: float, high: float) -> float:
-    """Return the value; raise BadInputError if it is out of bounds."""
-    if not low <= value <= high:
-        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}{unit_of(option)}", "outside_range")
-    return value
 
 
 def named(option: str, text: str, words: Sequence[_Word]) -> _Word:

@@ -11,7 +11,7 @@ import typer
 
 from rig.cli.compare_example import EXAMPLES, compare_example, write_sidecar
 from rig.cli.compare_group import GroupInput, compare_group, named_group, read_group, refuse_options
-from rig.cli.options import HTML, ExactOption, JsonOption, checked_file, checked_friction, numbers
+from rig.cli.options import HTML, MOST_FRICTION, ExactOption, JsonOption, bounded, checked_file, numbers
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import Alone, Excludes, Needs, Rule, given_options, refuse, repeats, takes
@@ -198,7 +198,7 @@ def command(request: CompareRequest) -> None:
             return
         if not request.runs:
             raise BadInputError("compare: requires a run folder, or --example bar3", "needs_run")
-        checked_friction(request.friction)
+        bounded("--friction", request.friction, 0, MOST_FRICTION)
         reading = Reading(_window(request.window_s), request.field_centre_mm, column_map(request.columns or []))
         if request.out_file is not None:
             checked_file("--out", request.out_file, *HTML)

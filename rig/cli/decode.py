@@ -25,7 +25,6 @@ from rig.cli.coding_options import (
     SeedOption,
     SnrOption,
     SpacingOption,
-    bounded,
     in_options,
     named,
     noise_of,
@@ -33,7 +32,15 @@ from rig.cli.coding_options import (
     pressures_of,
     sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, numbers, write_picture
+from rig.cli.options import (
+    FingertipOption,
+    JsonOption,
+    PictureOption,
+    bounded,
+    checked_picture,
+    numbers,
+    write_picture,
+)
 from rig.cli.output import busy, one_line_errors, out, print_json
 from rig.cli.request import ExactlyOne, Excludes, Needs, Rule, refuse, takes
 from rig.errors import BadInputError

@@ -14,6 +14,7 @@ from rig.cli.options import (
     FingerFileOption,
     ForceFingerOption,
     JsonOption,
+    bounded,
     checked_file,
     numbers,
 )
@@ -43,7 +44,6 @@ from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
 from rig.design.power import power_rows
 from rig.design.recorded_counts import SessionVerdict
-from rig.errors import BadInputError
 from rig.plan.config import load_config, with_finger
 from rig.report.design_page import DesignPage, write_design_page
 from rig_shared.outputs import File, Output, Ratio
@@ -169,7 +169,7 @@ def command(request: DesignOptions) -> None:
             option, targets = "--forces-gwt", request.forces_gwt
         wanted = DesignRequest(
             shapes=_names(request.shapes),
-            minutes=_between("--minutes", request.minutes, 1, 240),
+            minutes=bounded("--minutes", request.minutes, 1, 240),
             kind="doi_mm" if request.forces_gwt is None else "force_gwt",
             unknowns=Unknowns(
                 _range("--rate-per-s", request.rate_per_s, 0.1, 1000),
@@ -177,11 +177,11 @@ def command(request: DesignOptions) -> None:
                 _range("--receptor-x-mm", request.receptor_x_mm, -5, 5),
                 _range("--receptor-below-mm", request.receptor_below_mm, 0.02, 3),
                 _range("--dispersion", request.dispersion, 0.05, 20),
-                _between("--drift", request.drift, 0, 100) / 100,
+                bounded("--drift", request.drift, 0, 100) / 100,
             ),
-            hold_s=_between("--hold-s", request.hold_s, 0.05, 60),
-            rest_s=_between("--rest-s", request.rest_s, 0, 3600),
-            change_s=_between("--change-s", request.change_s, 0, 3600),
+            hold_s=bounded("--hold-s", request.hold_s, 0.05, 60),
+            rest_s=bounded("--rest-s", request.rest_s, 0, 3600),
+            change_s=bounded("--change-s", request.change_s, 0, 3600),
             seed=request.seed,
             quick=request.quick,
             candidates=MEASURES if request.candidates is None else _names(request.candidates),
@@ -292,12 +292,6 @@ class ShownProgress:
 
 def _names(text: str) -> tuple[str, ...]:
     return tuple(one.strip() for one in text.split(","))
-
-
-def _between(option: str, value: float, low: float, high: float) -> float:
-    if not low <= value <= high:
-        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}", "outside_range")
-    return value
 
 
 def _range(option: str, text: str, low: float, high: float) -> tuple[float, float]:

@@ -24,14 +24,13 @@ from rig.cli.coding_options import (
     SeedOption,
     SnrOption,
     SpacingOption,
-    bounded,
     named,
     noise_of,
     press_of,
     pressures_of,
     sampling_of,
 )
-from rig.cli.options import FingertipOption, JsonOption, PictureOption, checked_picture, write_picture
+from rig.cli.options import FingertipOption, JsonOption, PictureOption, bounded, checked_picture, write_picture
 from rig.cli.output import busy, complain, err, one_line_errors, out, print_json, say_now
 from rig.cli.request import ExactlyOne, Rule, refuse, takes
 from rig.plan.config import load_config

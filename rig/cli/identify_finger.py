@@ -19,6 +19,7 @@ from rig.cli.options import (
     OutOption,
     SubjectOption,
     YesOption,
+    bounded,
     checked_file,
 )
 from rig.cli.output import THE_FINGER, Beginning, ExitCode, busy, complain, err, one_line_errors, out, print_json
@@ -479,10 +480,7 @@ def identify_command(request: IdentifyRequest) -> None:
 def _refuse(width: float, most_gwt: float, settings: Config) -> None:
     if not 1 <= width <= 50:
         raise BadInputError(f"--width {width:g}: must be 1 to 50 %", "outside_range")
-    if not 1 <= most_gwt <= settings.limits.max_force_gwt:
-        raise BadInputError(
-            f"--most-gwt {most_gwt:g}: must be 1 to {settings.limits.max_force_gwt:g} gwt", "outside_range"
-        )
+    bounded("--most-gwt", most_gwt, 1, settings.limits.max_force_gwt)
 
 
 def _nothing_yet(rig: Rig) -> None:

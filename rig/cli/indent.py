@@ -11,7 +11,15 @@ import numpy as np
 import typer
 from rich.table import Table
 
-from rig.cli.options import FingertipOption, JsonOption, checked_friction, checked_picture, numbers, write_picture
+from rig.cli.options import (
+    MOST_FRICTION,
+    FingertipOption,
+    JsonOption,
+    bounded,
+    checked_picture,
+    numbers,
+    write_picture,
+)
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
 from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.compare.recordings.deflection import (
@@ -378,7 +386,7 @@ def indent_command(request: IndentRequest) -> None:
     with one_line_errors(as_json=request.as_json):
         refuse(request)
         wanted = ModelRequest.parse(request.model, request.tolerance, request.quantity, request.length_mm)
-        checked_friction(request.friction)
+        bounded("--friction", request.friction, 0, MOST_FRICTION)
         settings = load_config(request.config)
         receptors = _receptors(request)
         origin = _reference(request.reference)
@@ -444,8 +452,7 @@ def _receptors(request: IndentRequest) -> ReceptorPlaces:
     x = DEFAULT_X_MM if request.receptor_x_mm is None else numbers("--receptor-x-mm", request.receptor_x_mm)
     depths = numbers("--receptor-depth-mm", request.receptor_depth_mm)
     for depth in depths:
-        if not 0.1 <= depth <= 3.0:
-            raise BadInputError(f"--receptor-depth-mm {depth:g}: must be 0.1 to 3.0 mm", "outside_range")
+        bounded("--receptor-depth-mm", depth, 0.1, 3.0)
     z_mm = None if request.receptor_z_mm is None else numbers("--receptor-z-mm", request.receptor_z_mm)
     return ReceptorPlaces(x, depths, z_mm)
 

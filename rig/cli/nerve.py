@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli.options import JsonOption, RunArgument, checked_file
+from rig.cli.options import JsonOption, RunArgument, bounded, checked_file
 from rig.cli.output import THE_FINGER, busy, complain, one_line_errors, out, print_json
 from rig.cli.recorded_run import recorded_run
 from rig.cli.request import takes
@@ -148,8 +148,7 @@ def spike_request(afferents: str, seed: int, path_m: float = 0.2) -> "SpikeReque
     """Return the requested spikes. Raises BadInputError or ModelRangeError before any computation."""
     from rig.plan.nerve import SpikeRequest
 
-    if not 0 <= seed < MOST_SEED:
-        raise BadInputError(f"--seed {seed:g}: must be 0 to {MOST_SEED - 1:g}", "outside_range")
+    bounded("--seed", seed, 0, MOST_SEED - 1)
     if not 0 < path_m <= MOST_PATH_M:
         raise BadInputError(f"--path-m {path_m:g}: must be more than 0 and at most {MOST_PATH_M:g}", "outside_range")
     wanted = SpikeRequest(afferents, seed, path_m)

@@ -55,11 +55,11 @@ ExactOption = Annotated[
 MOST_FRICTION = 10.0
 
 
-def checked_friction(friction: float) -> float:
-    """Return the friction coefficient of --friction; raise BadInputError if it is out of range."""
-    if not 0 <= friction <= MOST_FRICTION:
-        raise BadInputError(f"--friction {friction:g}: must be 0 to {MOST_FRICTION:g}", "outside_range")
-    return friction
+def bounded(option: str, value: float, low: float, high: float) -> float:
+    """Return the value; raise BadInputError if it is out of bounds."""
+    if not low <= value <= high:
+        raise BadInputError(f"{option} {value:g}: must be {low:g} to {high:g}{unit_of(option)}", "outside_range")
+    return value
 
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on standard output.")]

@@ -11,7 +11,7 @@ from typing import Annotated, ClassVar, NotRequired, cast
 import typer
 
 from rig.bench.served import ServedBench
-from rig.cli.options import FingerConfigOption, JsonOption
+from rig.cli.options import FingerConfigOption, JsonOption, bounded
 from rig.cli.output import (
     THE_FINGER,
     ExitCode,
@@ -152,8 +152,8 @@ def serve_command(request: ServeRequest) -> None:
                 "--pty: Windows has no pseudo-terminals; use --tcp PORT, or neither for free TCP ports",
                 "no_terminals",
             )
-        if request.tcp is not None and not 0 <= request.tcp <= 65534:
-            raise BadInputError(f"--tcp {request.tcp}: must be 0 to 65534", "outside_range")
+        if request.tcp is not None:
+            bounded("--tcp", request.tcp, 0, 65534)
         if request.random_finger is not None:
             settings = with_random_finger(settings, request.random_finger)
         both = request.stage is None and request.force is None
