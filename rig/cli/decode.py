@@ -55,15 +55,7 @@ from sim.coding.readings_file import FileReadings, pa_per_pseudo, read_readings
 from sim.coding.section import ENERGIES, HALF_LENGTH, SPACING_MM, Energy
 from sim.coding.shape_class import SolidClass, classify_solid
 from sim.coding.sheet import HALF_LENGTHS_MM, SheetOperator
-from sim.coding.task import (
-    DECODERS,
-    DecodeResult,
-    DecoderName,
-    DecodeTask,
-    SearchOptions,
-    SectionPress,
-    decode_task,
-)
+from sim.coding.task import DECODERS, DecodeResult, DecoderName, DecodeTask, SearchOptions, SectionPress, decode_task
 from sim.config import FingertipConfig
 from sim.measures.receptors import DEFAULT_DEPTH_MM
 from sim.tables import TableError

@@ -37,9 +37,7 @@ from rig.design.design_text import (
     separation_line,
     verdict_lines,
 )
-from rig.design.design_text import (
-    as_json as design_as_json,
-)
+from rig.design.design_text import as_json as design_as_json
 from rig.design.exceptions import DesignError
 from rig.design.fibers import Unknowns
 from rig.design.power import power_rows

@@ -22,12 +22,7 @@ from rig.cli.options import (
 )
 from rig.cli.output import THE_FINGER, ExitCode, busy, complain, one_line_errors, out, print_json
 from rig.cli.request import Excludes, Needs, Rule, refuse, takes
-from rig.compare.recordings.deflection import (
-    DeflectionJson,
-    compared_deflection,
-    in_words,
-    read_skin_deflection,
-)
+from rig.compare.recordings.deflection import DeflectionJson, compared_deflection, in_words, read_skin_deflection
 from rig.errors import BadInputError
 from rig.plan.config import load_config
 from rig_shared.outputs import Code, Output, Range

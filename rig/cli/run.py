@@ -22,15 +22,7 @@ from rig.cli.choosing import (
     possible_presses_as_json,
     with_choice,
 )
-from rig.cli.confirm import (
-    Confirm,
-    at_the_page,
-    can_answer,
-    careful,
-    ready_for_a_real_run,
-    refuse_mounts,
-    same_shape,
-)
+from rig.cli.confirm import Confirm, at_the_page, can_answer, careful, ready_for_a_real_run, refuse_mounts, same_shape
 from rig.cli.nerve import firing_as_json, print_firing, spike_request
 from rig.cli.options import (
     FingerConfigOption,

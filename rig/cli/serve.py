@@ -12,17 +12,7 @@ import typer
 
 from rig.bench.served import ServedBench
 from rig.cli.options import FingerConfigOption, JsonOption, bounded
-from rig.cli.output import (
-    THE_FINGER,
-    ExitCode,
-    busy,
-    complain,
-    err,
-    one_line_errors,
-    out,
-    print_json,
-    resting,
-)
+from rig.cli.output import THE_FINGER, ExitCode, busy, complain, err, one_line_errors, out, print_json, resting
 from rig.cli.request import Excludes, Needs, Rule, refuse, takes
 from rig.devices.registry import Room, names
 from rig.errors import BadInputError
