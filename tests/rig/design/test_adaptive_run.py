@@ -384,7 +384,7 @@ class _Chooser(NextPressChooser):
         self.closed = True
 
 
-SECOND = ChoosePress(index=1, last=0, planned=7)
+SECOND = ChoosePress(index=1, last=0, planned=7, of=None)  # type: ignore[arg-type]
 
 
 @pytest.fixture
