@@ -51,9 +51,9 @@ def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
     ),
     (
         "rig/data/events.py",
-        "@dataclass(frozen=True)\nclass CheckpointEvent(Event):",
+        "@dataclass(frozen=True, eq=False, repr=False)\nclass CheckpointEvent(Event):",
         '''\
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TapEvent(Event):
     """Contact was found several times."""
 
