@@ -57,13 +57,23 @@ def plain_rule(message: str) -> str:
     """Return a message of the validation library in the words of this program's other errors."""
     for theirs, ours in _PLAIN.items():
         message = message.replace(theirs, ours)
-    return re.sub(r" or instance of \w+", "", message)
+    return re.sub(r" or instance of \w+| or datetime, .*|, unable to (parse|interpret) .*", "", message)
 
 
-def first_problem(where: str, error: "ValidationError", model: "type[BaseModel] | None" = None) -> BadInputError:
+def wrong_value(message: str, cause: BaseException | None) -> str:
+    """Return a message in the words of this program's other errors, with the value that a validation refused."""
+    from pydantic import ValidationError
+
+    problems = cause.errors() if isinstance(cause, ValidationError) else []
+    return plain_rule(message) + "".join(f", got {_SHORT.repr(problem['input'])}" for problem in problems[:1])
+
+
+def first_problem(
+    where: str, error: "ValidationError", model: "type[BaseModel] | None" = None, within: str = ""
+) -> BadInputError:
     """Return the first error of a validation, with its place and value; a misspelled key before the missing one.
 
-    model: validated model; for an unknown key the most similar ones are suggested.
+    model: validated model; for an unknown key the most similar ones are suggested. within: name of its table.
 
     Codes: unknown_key, missing_key, invalid_value, invalid_table, or that of the error which a validator raised.
     """
@@ -71,7 +81,8 @@ def first_problem(where: str, error: "ValidationError", model: "type[BaseModel] 
     problem = problems[0]
     if problem["type"] == "missing":
         problem = next((other for other in problems if other["type"] == "extra_forbidden"), problem)
-    place = _short(".".join(str(part) for part in problem["loc"]))
+    loc = (*filter(None, [within]), *problem["loc"])
+    place = _short(".".join(map(str, loc)))
     rule = problem["type"]
     if rule == "extra_forbidden":
         near = [] if model is None else _neighbours(problem["loc"], model)
@@ -81,7 +92,7 @@ def first_problem(where: str, error: "ValidationError", model: "type[BaseModel] 
     code = raised.code if isinstance(raised, CodedError) else "missing_key" if rule == "missing" else None
     what = str(raised) if rule == "value_error" else plain_rule(problem["msg"])
     if rule == "missing" and isinstance(problem["loc"][-1], int):  # a number of a list
-        place, what = _short(".".join(map(str, problem["loc"][:-1]))), "has too few values"
+        place, what = _short(".".join(map(str, loc[:-1]))), "has too few values"
     if rule == "model_type" and model is not None and (table := _table_at(problem["loc"], model)) is not None:
         needed = [name for name, field in table.model_fields.items() if field.is_required()]
         what += f" with {', '.join(needed)}" if needed else ""

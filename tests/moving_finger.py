@@ -504,12 +504,14 @@ class FingerBench:
         """The events of one stream so far."""
         return [data for name, data in self.events if name == stream]
 
-    def _keep_contact(self, known: KnownContact) -> None:
+    def touched(self, known: KnownContact) -> None:
+        """Record the contact, as the memory of a bench."""
         self._hears("the record", known.words, lifted=not known.may_touch)
         self.memory.touched(known)
 
-    def _keep_zero(self, zero: ForceZero | None) -> None:
-        self.memory.forget_zero() if zero is None else self.memory.zeroed(zero)
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Record the zero, as the memory of a bench."""
+        self.memory.record_zero(zero)
 
     # as `rig run`
 
@@ -517,9 +519,8 @@ class FingerBench:
         """Begin another run, or part of one; it knows only what is on record."""
         self.before = self.memory.read()
         self.memory.moves()
-        self.engine = engine = Engine(self.config, self, self, contact_s=contact_s)
-        engine.keep_contact, engine.keep_zero = self._keep_contact, self._keep_zero
-        return engine
+        self.engine = Engine(self.config, self, self, contact_s=contact_s, memory=self)
+        return self.engine
 
     def close(self) -> None:
         """End a command: the position of a homed stage is recorded."""
@@ -538,7 +539,7 @@ class FingerBench:
     def resume(self) -> Engine:
         """Begin another part of a run after what failed was put right; it leaves the finger first."""
         self.plug_in()
-        return self.begin(self.engine.contact.total_s)
+        return self.begin(self.engine.contact_time.total_s)
 
     def plug_in(self) -> None:
         """Put right what failed, and free the stage after a stop."""

@@ -6,6 +6,8 @@ from typing import Any
 from rig.devices.base import LOOK_S, ForceReading, StageNotHomed, StageStatus
 from rig.engine import Engine, Pause, verbs
 from rig.engine.bench import Heartbeat, Meanwhile
+from rig.engine.contact import KnownContact
+from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
@@ -127,13 +129,29 @@ class StubSensor:
 class Promises(Heartbeat):
     """A heartbeat that keeps for how long each beat was."""
 
-    def __init__(self, clock: VirtualClock) -> None:
-        super().__init__(clock)
+    def __init__(self, clock: VirtualClock, stop: Callable[[], None]) -> None:
+        super().__init__(clock, stop)
         self.within_s: list[float] = []
 
     def beat(self, within_s: float) -> None:
         self.within_s.append(within_s)
         super().beat(within_s)
+
+
+class KeptMemory:
+    """Memory that keeps what it is given in lists."""
+
+    def __init__(
+        self, contacts: list[KnownContact] | None = None, zeros: list[ForceZero | None] | None = None
+    ) -> None:
+        self.contacts = [] if contacts is None else contacts
+        self.zeros = [] if zeros is None else zeros
+
+    def touched(self, known: KnownContact) -> None:
+        self.contacts.append(known)
+
+    def record_zero(self, zero: ForceZero | None) -> None:
+        self.zeros.append(zero)
 
 
 class StubBench:
@@ -179,9 +197,8 @@ class StubBench:
 
     def promises(self) -> list[float]:
         """From here on, for how long each beat is."""
-        stop, self.engine.heartbeat = self.engine.heartbeat.stop, Promises(self.clock)
-        self.engine.heartbeat.stop = stop
-        return self.engine.heartbeat.within_s
+        self.engine.heartbeat = promises = Promises(self.clock, self.engine._stop_stage)
+        return promises.within_s
 
     @property
     def height_mm(self) -> float:

@@ -79,10 +79,7 @@ class RealBench:
 
     def record_zero(self, zero: ForceZero | None) -> None:
         """Record the zero for the next command; None: it is not known."""
-        if zero is None:
-            self.memory.forget_zero()
-        else:
-            self.memory.zeroed(zero)
+        self.memory.record_zero(zero)
 
     def close(self) -> None:
         """Release the ports; record the position of a homed stage."""

@@ -108,7 +108,7 @@ def force(
             with busy("zeroing the force sensor …", quick=True):
                 sensor.connect()
                 sensor.zero()
-                BenchMemory(settings).forget_zero()  # Readings now have a new zero.
+                BenchMemory(settings).record_zero(None)  # Readings now have a new zero.
             _wait_for_enter(f"put {mass_g:g} g on the sensor, then press Enter")
             with busy("reading the force sensor …", quick=True):
                 read_n = _mean_n(sensor, clock)
@@ -138,8 +138,7 @@ def _on_a_block(settings: Config, to_gwt: float) -> Compliance:
         key_interrupting(settings, interrupt_main),
         closing(open_bench(settings, WallClock(), io.StringIO(), ask_at_the_bench)) as bench,
     ):
-        engine = Engine(settings, bench, NoJournal())
-        engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
+        engine = Engine(settings, bench, NoJournal(), memory=bench)
         with bench.monitor(engine.heartbeat), stopped_at_once(engine):
             bench.confirm(f"put a rigid block under a flat indentor; the rig presses it to {to_gwt:g} gwt")
             verbs.leave_finger(engine, bench.before, resumed=False)

@@ -306,12 +306,12 @@ class _Builds(logging.Handler):
 
 
 def show_builds() -> None:
-    """Print warnings of the simulator, and show its builds as progress."""
-    logger = logging.getLogger("sim")
-    for handler in logger.handlers[:]:
-        logger.removeHandler(handler)
-    logger.addHandler(_Builds())
-    logger.setLevel(logging.DEBUG)
+    """Print warnings, and show builds of the simulator as progress."""
+    for logger in map(logging.getLogger, ("sim", "rig")):
+        for handler in logger.handlers[:]:
+            logger.removeHandler(handler)
+        logger.addHandler(_Builds())
+        logger.setLevel(logging.DEBUG)
 
 
 @contextmanager

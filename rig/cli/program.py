@@ -114,9 +114,9 @@ def run() -> None:
     except Exception as error:
         if not isinstance(error, _ClickException):
             raise
-        from rig.errors import plain_rule  # loaded only for an error, so that help is fast
+        from rig.errors import wrong_value  # loaded only for an error, so that help is fast
 
-        message = plain_rule(getattr(error, "format_message", error.__str__)())
+        message = wrong_value(getattr(error, "format_message", error.__str__)(), error.__cause__)
         if not message:  # help was requested by an empty command line
             sys.exit(ExitCode.BAD_INPUT)
         fail(message, "usage", ExitCode.BAD_INPUT, as_json="--json" in sys.argv)

@@ -2,7 +2,7 @@
 
 import csv
 import io
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from itertools import groupby
@@ -187,11 +187,11 @@ class RunsRequest:
 
     @property
     def filter(self) -> RunFilter:
-        """The runs to list. Raises RunError for an unknown state or day."""
+        """The runs to list. Raises RunError, ShapeError."""
         if self.state not in (None, *RunStatus):
             raise RunError(f"--state {self.state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
         days = _day("--since", self.since), _day("--until", self.until)
-        return RunFilter(self.subject, self.shape, self.protocol, self.state, *days)
+        return RunFilter(self.subject, _shape(self.shape), self.protocol, self.state, *days)
 
 
 @takes(RunsRequest)
@@ -233,6 +233,14 @@ def _day(option: str, text: str | None) -> date | None:
         return None if text is None else date.fromisoformat(text)
     except ValueError:
         raise RunError(f"{option} {text!r}: must be {_DAY}", "no_day") from None
+
+
+def _shape(text: str | None) -> Callable[[str], bool] | None:
+    if text is None:
+        return None
+    from sim.contact.shapes import shape_filter  # imports numpy, which a list of all runs does not need
+
+    return shape_filter(text)
 
 
 def _list(found: Sequence[IndexEntry]) -> str:

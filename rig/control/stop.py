@@ -18,7 +18,7 @@ from rig.control.client import Announced, ControlError, announced
 from rig.devices.base import Stage, StageError
 from rig.devices.make_drivers import open_stage, stage_driver
 from rig.devices.registry import DEFAULTS, KindError, KnownBench, StageKind, checked, find, stage_ports
-from rig.errors import RigError, plain_rule
+from rig.errors import RigError, first_problem
 from rig.settings import BenchSettings, StageSettings
 from rig.transport import NotOwnedError, PortOwner, Transport, TransportError, first_owner, open_port, port_owner
 from rig.transport.stop_gate import StopGate
@@ -274,11 +274,8 @@ def stage_alone(path: Path) -> tuple[BenchSettings, tuple[str, ...]]:
         try:
             return KnownBench(stage=checked(StageSettings, stage)), tuple(passed)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            where = [str(key) for key in first["loc"]]
-            wrong = NoStageError(
-                f"config {path}: {'.'.join(['stage', *where])}: {plain_rule(first['msg'])}", "invalid_value"
-            )
+            where = [str(key) for key in error.errors(include_url=False)[0]["loc"]]
+            wrong = NoStageError(str(first_problem(f"config {path}", error, within="stage")), "invalid_value")
             if not where or where[-1] in _WHICH or not _dropped(stage, where):
                 raise wrong from None
             passed.append(str(wrong))

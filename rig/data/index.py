@@ -199,18 +199,18 @@ class RunFilter:
     """Filter of runs; None matches all."""
 
     subject: str | None = None
-    shape: str | None = None
+    shape: Callable[[str], bool] | None = None
     protocol: str | None = None
     state: str | None = None
     since: date | None = None
     until: date | None = None
 
     def has(self, run: Summary) -> bool:
-        """Return whether a run matches; a shape also matches without the part after its colon."""
+        """Return whether a run matches, of several shapes one."""
         named = ((self.subject, run.subject), (self.protocol, run.protocol), (self.state, run.state))
         if any(value not in (None, found) for value, found in named):
             return False
-        if self.shape is not None and not any(self.shape in (one, one.partition(":")[0]) for one in run.shapes):
+        if self.shape is not None and not any(map(self.shape, run.shapes)):
             return False
         day = date.fromisoformat(run.date_utc[:10])
         return (self.since is None or day >= self.since) and (self.until is None or day <= self.until)

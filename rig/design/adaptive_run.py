@@ -29,7 +29,7 @@ from rig.protocol.api import Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Owed, Step
-from rig.session.execute import Live, executes
+from rig.session.execute import Live
 from rig.session.session import Session
 from sim.finger_process import Finger
 
@@ -59,11 +59,9 @@ class ChoosePress(Step[None, int | None]):
     def foreseen(self, expected: None) -> int | None:
         return self.planned
 
-
-@executes(ChoosePress)
-def choose_press(engine: Engine, step: ChoosePress, expected: None) -> int | None:
-    """Return the planned press, in a rehearsal."""
-    return step.planned
+    def execute(self, engine: Engine, expected: None) -> int | None:
+        """Return the planned press, in a rehearsal."""
+        return self.planned
 
 
 @dataclass(eq=False)
@@ -129,7 +127,7 @@ class AdaptiveRun:
         while True:
             index, last = len(made), made[-1] if made else None
             planned = self._planned_after(made, shape)
-            possible = rig._do(ChoosePress(index=index, last=last, planned=planned))
+            possible = rig.do(ChoosePress(index=index, last=last, planned=planned))
             if index < len(self.recorded):
                 found = self.recorded[index].get("possible")
                 possible = None if found is None else int(found)

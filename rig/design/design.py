@@ -34,7 +34,7 @@ from rig.design.response_table import (
 from rig.design.usual_designs import everything, usual_designs
 from rig.plan.config import Config
 from sim.config import FingertipConfig
-from sim.contact.shapes import parse_shape
+from sim.contact.shapes import parse_shape, shape_name
 from sim.finger_process import Finger
 from sim.measures.measures import MEASURES
 from sim.models.fingertip import Fingertip
@@ -80,9 +80,10 @@ class DesignRequest:
             raise DesignError(
                 f"--candidates {', '.join(self.candidates)}: must be two or more different ones", "too_few_candidates"
             )
+        names = list(map(shape_name, self.shapes))
         for number, shape in enumerate(self.shapes):
             parse_shape(shape)
-            if shape in self.shapes[:number]:
+            if names[number] in names[:number]:
                 raise DesignError(f"--shapes: {shape} is named twice; remove one", "shape_twice")
         for target in self.targets:
             if not (math.isfinite(target) and target > 0):

@@ -21,10 +21,9 @@ class Heartbeat:
     The deadline is only set while the indentor may touch the finger; `look` checks it from another thread or timer.
     """
 
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
+    def __init__(self, clock: Clock, stop: Callable[[], None]) -> None:
+        self._clock, self._stop = clock, stop
         self._due_s: float | None = None
-        self.stop: Callable[[], None] = lambda: None
         self.lost = False
 
     def beat(self, within_s: float) -> None:
@@ -41,7 +40,7 @@ class Heartbeat:
         if due_s is None or self.lost or self._clock.monotonic_s() <= due_s:
             return
         self.lost = True
-        self.stop()
+        self._stop()
 
 
 @contextmanager
@@ -106,7 +105,29 @@ class Bench(Protocol):
     def operator(self) -> Operator: ...
 
 
-class WatchedBench(Bench, Protocol):
+class EngineMemory(Protocol):
+    """Record of contact and zero for the next command."""
+
+    def touched(self, known: KnownContact) -> None:
+        """Record the state of contact. Raises RecordError."""
+        ...
+
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Record the zero of the force sensor; None if it has changed and is unknown."""
+        ...
+
+
+class NoMemory:
+    """Memory of a bench that no command follows on."""
+
+    def touched(self, known: KnownContact) -> None:
+        """Do nothing."""
+
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Do nothing."""
+
+
+class WatchedBench(Bench, EngineMemory, Protocol):
     """Bench for a whole script."""
 
     @property
@@ -123,14 +144,6 @@ class WatchedBench(Bench, Protocol):
     @property
     def before(self) -> LastKnown:
         """State that the previous command left; empty on a virtual bench."""
-        ...
-
-    def touched(self, known: KnownContact) -> None:
-        """Record the state of contact for the next command. Raises RecordError."""
-        ...
-
-    def record_zero(self, zero: ForceZero | None) -> None:
-        """Record the zero of the force sensor for the next command; None if it has changed and is unknown."""
         ...
 
     def close(self) -> None:

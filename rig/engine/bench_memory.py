@@ -90,15 +90,14 @@ class BenchMemory:
             return LastKnown()
         return found if found.zero_of == self._sensor else found.model_copy(update=_NO_ZERO)
 
-    def zeroed(self, zero: ForceZero) -> None:
-        """Record a new zero."""
+    def record_zero(self, zero: ForceZero | None) -> None:
+        """Record a new zero; None: the sensor was zeroed, and its new zero is not yet measured."""
+        if zero is None:
+            self._write(**_NO_ZERO)
+            return
         now_s = WallClock().unix_s()
         about = {"zero_noise_gwt": zero.noise_gwt, "zero_unix_s": now_s, "zero_of": self._sensor}
         self._write(zero_offset_n=zero.offset_n, **about)
-
-    def forget_zero(self) -> None:
-        """Forget the zero: the sensor was zeroed, and its new zero is not yet measured."""
-        self._write(**_NO_ZERO)
 
     def moves(self) -> None:
         """Forget the position before a motion, until `left` records it again."""

@@ -5,10 +5,11 @@ Every other state names what is missing, and what to do. A finger moves, so a me
 the state is that of its time, and unknown since.
 """
 
+import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
-from typing import get_args
+from typing import Self, get_args
 
 from rig.devices.base import StageStatus
 from rig.engine.limits import AT_MM
@@ -140,6 +141,44 @@ class KnownContact:
     def _measured(self) -> str:
         when = f" at {datetime.fromtimestamp(self.unix_s):%Y-%m-%d %H:%M:%S}" if self.unix_s else ""
         return f"last measured{when}: {self._force}"
+
+
+@dataclass(frozen=True)
+class ContactRecord:
+    """Contact as an engine knows it: the last measurement at rest, and what has happened since.
+
+    measured_s: time of the measurement on a clock that also counts while the computer sleeps. at_rest: whether
+    nothing has moved since. may_touch: whether the indentor was below clearance since the last lift or homing.
+    force_gwt: last reading from a zero, in a motion as well. unread: why the last force at rest is missing.
+    """
+
+    measured: KnownContact = field(default_factory=KnownContact)
+    measured_s: float = -math.inf
+    at_rest: bool = False
+    may_touch: bool = False
+    force_gwt: float | None = None
+    unread: str | None = None
+
+    def is_fresh(self, now_s: float) -> bool:
+        """Return whether the measurement still shows whether a finger is touched."""
+        return now_s - self.measured_s <= FRESH_S
+
+    def after_measuring(self, found: KnownContact, now_s: float) -> Self:
+        """Return the contact just measured at rest; a confirmed lift ends a possible touch."""
+        may_touch = self.may_touch and found.may_touch
+        return replace(self, measured=found, measured_s=now_s, at_rest=True, may_touch=may_touch)
+
+    def after_reading(self, found: KnownContact, now_s: float, touch_gwt: float) -> Self:
+        """Return a measured lift as a reading above clearance leaves it: ended by a touch, or renewed while fresh.
+
+        found: the lift with this force. Readings that follow each other within `FRESH_S` need no second one that
+        agrees.
+        """
+        if self.may_touch or self.measured.kind != "lifted" or found.force_gwt is None:
+            return self
+        if abs(found.force_gwt) >= touch_gwt:
+            return replace(self, measured=replace(found, kind="disagreement"), measured_s=now_s)
+        return replace(self, measured=found, measured_s=now_s) if self.is_fresh(now_s) else self
 
 
 def judged(*, clear: bool, force_gwt: float | None, touch_gwt: float) -> ContactKind:

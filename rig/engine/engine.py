@@ -3,6 +3,7 @@
 import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from enum import Enum
 from functools import partial
 from types import MappingProxyType
@@ -11,8 +12,8 @@ from typing import NoReturn, Protocol, TypeVar
 from rig.data.events import AlarmEvent, Event, RetractEvent, SampleEvent, TripEvent, stream_of
 from rig.data.journal import Recorder
 from rig.devices.base import LOOK_S, ForceReading, StageError
-from rig.engine.bench import Bench, Heartbeat
-from rig.engine.contact import FRESH_S, KnownContact, judged
+from rig.engine.bench import Bench, EngineMemory, Heartbeat, NoMemory
+from rig.engine.contact import ContactRecord, KnownContact, judged
 from rig.engine.dead_man import UP, jog_up_from_rest
 from rig.engine.limits import (
     AT_MM,
@@ -25,15 +26,9 @@ from rig.engine.limits import (
     refuse_height,
     trip_height_mm,
 )
-from rig.engine.motion import (
-    InterruptedMotionError,
-    Motion,
-    PausedMotionError,
-    StrayedError,
-    TouchError,
-    insist,
-)
-from rig.engine.sensing import ForceZero, NoReadingError, Sensing
+from rig.engine.motion import Check, EndedMotionError, InterruptedMotionError, Motion, Outcome, insist
+from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.watch import OnReading, Watch, WatchedMotion
 from rig.errors import NotReadyError, RecordError, TripError
 from rig.records import NO_PRESS, ContactKind, Phase, PressId, as_fine
 from rig.settings import RigSettings
@@ -47,21 +42,17 @@ _SUSPENDED_S = 0.5  # The two clocks of a computer that was not suspended differ
 _LATE_FACTOR = 2.0  # A move may take this multiple of its nominal duration before the heartbeat is lost.
 
 
-class StopProblem(Protocol):
-    """Check of the stop inputs, made with each reading; returns a trip or None.
+class StopInputs(Protocol):
+    """Stop inputs of the bench, polled with each reading."""
 
-    It may stop the stage itself and raise.
-    """
+    def __call__(self, engine: "Engine", *, at_rest: bool) -> TripError | None:
+        """Return a trip or None; it may stop the stage itself and raise."""
+        ...
 
-    def __call__(self, *, at_rest: bool) -> TripError | None: ...
 
-
-def _no_stop_inputs(*, at_rest: bool) -> TripError | None:
+def no_stop_inputs(engine: "Engine", *, at_rest: bool) -> TripError | None:
+    """Return None: the bench has no stop inputs."""
     return None
-
-
-EachReading = Callable[[float], None]
-"""Called with each force (gwt) of a motion that is below its trips; it may raise InterruptedMotionError."""
 
 
 class State(Enum):
@@ -76,9 +67,9 @@ class State(Enum):
 class Engine:
     """Engine of one bench and one finger; positions are x, along and height above the pad's nominal apex (mm).
 
-    Parts: motion (position), sensing (force), trips (force limits), contact (contact time) and heartbeat. The verbs
-    of a script are in rig/engine/verbs.py, the parts of an indentation in rig/engine/indentation.py and
-    rig/engine/press.py.
+    Parts: motion (position), sensing (force), trips (force limits), contact (what is known of it), contact_time and
+    heartbeat. The checks of a motion are in rig/engine/watch.py, the verbs of a script in rig/engine/verbs.py, the
+    parts of an indentation in rig/engine/indentation.py and rig/engine/press.py.
     """
 
     def __init__(
@@ -89,38 +80,35 @@ class Engine:
         soft_trip_n: float | None = None,
         contact_s: float = 0.0,
         stiffness: FingerStiffness | None = None,
+        *,
+        memory: EngineMemory | None = None,
+        stop_inputs: StopInputs = no_stop_inputs,
+        sensing: Sensing | None = None,
+        first_reference_gwt: Sequence[float] | None = None,
     ) -> None:
-        """Begin with the contact time of the earlier parts of the run (s) and the predicted stiffness."""
+        """Begin with what the earlier parts of a run left: contact time (s) and forces of the first reference press.
+
+        stiffness: as predicted. memory: keeps contact and zero for the next command.
+        """
         self.settings, self.bench, self.clock = settings, bench, bench.clock
+        self.stiffness = stiffness or FingerStiffness.unknown()
+        self.stop_inputs = stop_inputs
+        self._journal, self.memory = journal, memory or NoMemory()
+        # of the run
         self.state = State.UNHOMED
         self.problem: Exception | None = None  # The first trip or failure: the run cannot end normally after it.
         self.indentor: str | None = None
         self.placed = False  # moved to a position since homing
-        self.first_reference_gwt: Sequence[float] | None = None  # of the first reference press
+        self.first_reference_gwt = first_reference_gwt
+        self.contact = ContactRecord()
         self.trips = Trips(settings.limits, soft_trip_n)
-        self.sensing = Sensing(settings, bench.clock, bench.force)
-        self.motion = Motion(settings, bench.stage, bench.clock, self._glance)
+        self.sensing = sensing or Sensing(settings, bench.clock, bench.force)
+        self.motion = Motion(settings, bench.stage, bench.clock)
         self.touched = Touched(settings)
-        self.stiffness = stiffness or FingerStiffness.unknown()
-        self.contact = ContactTime(bench.clock, settings.limits, contact_s)
-        self.heartbeat = Heartbeat(bench.clock)
-        self.heartbeat.stop = self._stop_stage
-        self._journal = journal
-        # below clearance since the last lift or homing; of this motion
-        self.may_touch = self._touch_ends_it = False
-        self._each: EachReading | None = None  # of this motion
-        self._late_s, self._glanced_s = math.inf, 0.0  # of this motion: longest time between two readings; last one
-        self.keep_contact: Callable[[KnownContact], None] = lambda known: None  # for the next command
-        self.keep_zero: Callable[[ForceZero | None], None] = lambda zero: None  # for the next command
-        # last measured state, and whether the stage has been at rest since
-        self._known, self._measured, self._measured_s = KnownContact(), False, -math.inf
-        self._unread: NoReadingError | None = None  # why the last force at rest is missing
-        self._last_gwt: float | None = None  # last reading counted from a zero
+        self.contact_time = ContactTime(bench.clock, settings.limits, contact_s)
+        self.heartbeat = Heartbeat(bench.clock, self._stop_stage)
         self._suspended_s = self.clock.suspended_s()
-        self._strayed = False  # The stage was stopped because it strayed.
-        self._floor_mm = math.nan
         self._next_index = 0
-        self.stop_problem: StopProblem = _no_stop_inputs
 
     # --- position ---
 
@@ -161,8 +149,8 @@ class Engine:
         speed_mm_s: float,
         *,
         touch_ends_it: bool = False,
-        ramp: EachReading | None = None,
-    ) -> None:
+        ramp: OnReading | None = None,
+    ) -> Outcome:
         """Move vertically.
 
         Below clearance a move down is at most one increment, or ends just above an earlier contact, or is a ramp
@@ -173,44 +161,38 @@ class Engine:
         refuse_height(self.settings, from_mm, height_mm, speed_mm_s, free_mm)
         if height_mm < clearance_mm - AT_MM:
             self._below_clearance()
-        away = height_mm > from_mm
         if ramp:
             self.beat()  # A ramp is polled from its start, so that it is late as soon as a hold is.
             look_s = min(self.sensing.sensor.sample_period_s, LOOK_S)
-            self.move(lambda: self.motion.to_height(height_mm, speed_mm_s, look_s=look_s), each=ramp)
-            return
+            return self.run_watched(
+                lambda check: self.motion.to_height(height_mm, speed_mm_s, check, look_s), Watch(on_reading=ramp)
+            )
         self.beat(_LATE_FACTOR * abs(height_mm - from_mm) / speed_mm_s)
         long = longer_than_an_increment(self.settings, from_mm, height_mm, clearance_mm)
-        self.move(
-            lambda: self.motion.to_height(height_mm, speed_mm_s), away=away, touch_ends_it=long or touch_ends_it
+        return self.run_watched(
+            lambda check: self.motion.to_height(height_mm, speed_mm_s, check),
+            Watch(away=height_mm > from_mm, touch_ends_it=long or touch_ends_it),
         )
 
-    def move(
-        self,
-        motion: Callable[[], None],
-        *,
-        away: bool = False,
-        touch_ends_it: bool = False,
-        each: EachReading | None = None,
-        late_s: float = math.inf,
-    ) -> bool:
+    def run_watched(self, motion: Callable[[Check], None], watch: Watch) -> Outcome:
         """Run a motion with the force monitored; trip at rest if a force or a missing reading ended it.
 
-        away: the motion begins by leaving the finger. each: receives every reading that is below the trips. late_s:
-        longest time between two readings. Return False if a touch, a pause or a late reading ended the motion.
+        After a touch, a pause or a late reading, the reading at rest is more accurate, and decides. The lift after a
+        trip is not watched: nothing may keep the indentor on the finger.
         """
-        self._touch_ends_it, self._measured, self._each = touch_ends_it, False, each
-        self._late_s, self._glanced_s = late_s, self.clock.monotonic_s()
+        self.contact = replace(self.contact, at_rest=False)
         try:
-            if self.state is not State.TRIPPED:
-                self.sensing.begin_motion(away=away)
-            self.guarded(motion)
+            if self.state is State.TRIPPED:
+                self.guarded(lambda: motion(lambda: None))
+            else:
+                begun = self.sensing.begin_motion(away=watch.away, shakes_gwt=watch.shakes_gwt)
+                check = WatchedMotion(self, watch, begun)
+                self.guarded(lambda: motion(check))
         except NoReadingError as error:
             self.trip(TripError(str(error), error.code))
-        except (TouchError, PausedMotionError):
-            return False  # The reading at rest is more accurate. What asked for the pause acts after the motion.
+        except EndedMotionError as ended:
+            return ended.outcome
         except InterruptedMotionError as interruption:
-            self._strayed = self._strayed or isinstance(interruption, StrayedError)
             if self.state is State.TRIPPED:
                 raise  # The lift after a trip continues.
             if isinstance(interruption.__cause__, RecordError):
@@ -219,49 +201,21 @@ class Engine:
             if force_gwt is None:
                 self.trip(reason)
             self._trip_with(partial(self._record_sample, NO_PRESS, "moving", force_gwt), reason, force_gwt)
-        return True
+        return Outcome.ARRIVED
 
-    def _glance(self) -> None:
-        """Check stop inputs and force once during a motion; do nothing during the lift after a trip."""
-        if self.state is State.TRIPPED:
-            return
-        self.beat()
-        if problem := self._suspended() or self.stop_problem(at_rest=False):
-            raise InterruptedMotionError(str(problem), problem.code)
-        try:
-            force_gwt = self.sensing.glance_gwt()
-        except NoReadingError as error:
-            if self.sensing.away:
-                return  # Nothing holds the indentor on the finger; the reading at rest will report a dead sensor.
-            raise InterruptedMotionError(str(error), error.code) from error
-        self._last_gwt = force_gwt if self.sensing.zeroed else None
+    def stop_asked(self, *, at_rest: bool) -> TripError | None:
+        """Return the trip of a stop input, or of a computer that was suspended in contact, or None."""
+        return self._suspended() or self.stop_inputs(self, at_rest=at_rest)
+
+    def note_force(self, force_gwt: float | None) -> None:
+        """Note a force read in a motion (gwt); above clearance it renews or ends a measured lift."""
+        self.contact = replace(self.contact, force_gwt=force_gwt if self.sensing.zeroed else None)
         if force_gwt is not None:
             self._renew_lift(force_gwt)
-        if force_gwt is None or self.sensing.unloads(force_gwt):
-            return
-        if passed := self.trips.passed_any(force_gwt):
-            raise InterruptedMotionError(f"{passed} while moving", passed.code, force_gwt)
-        if self._touch_ends_it and abs(force_gwt) >= self.sensing.touch_gwt:
-            raise TouchError("a touch", force_gwt=force_gwt)
-        before_s, self._glanced_s = self._glanced_s, self.clock.monotonic_s()
-        if self._glanced_s - before_s > self._late_s:
-            raise PausedMotionError("a late reading", "late_reading", force_gwt)
-        if self._each is not None:
-            self._each(force_gwt)
-            if self.contact.over or self.bench.operator.pause.asked():
-                raise PausedMotionError("a pause", force_gwt=force_gwt)
 
     def limit_depth(self, height_mm: float) -> None:
         """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
-        floor_mm = round(max(self.settings.frame.apex_z_mm + height_mm, -self.settings.stage.travel_mm[2]), 6)
-        if floor_mm != self._floor_mm:
-            self._floor_mm = math.nan
-            self.guarded(lambda: self.bench.stage.limit_depth(floor_mm))
-            self._floor_mm = floor_mm
-
-    def forget_depth(self) -> None:
-        """Forget the depth limit of the stage, which may have lost it."""
-        self._floor_mm = math.nan
+        self.guarded(lambda: self.motion.limit_depth(height_mm))
 
     def lift(self, to_mm: float | None = None) -> None:
         """Lift straight up to a height (mm), clearance by default; do nothing if already there."""
@@ -279,10 +233,11 @@ class Engine:
     @property
     def known_contact(self) -> KnownContact:
         """State of contact from the last measurements, without a query to a device."""
-        if self._measured or not self.may_touch:
-            return self._known.after(self._measured_ago_s, trusted=self.trusted)
-        touches = self._last_gwt is not None and abs(self._last_gwt) >= self.sensing.touch_gwt
-        return self._contact("touching" if touches else "unknown", self._last_gwt)
+        contact = self.contact
+        if contact.at_rest or not contact.may_touch:
+            return contact.measured.after(self._now_s - contact.measured_s, trusted=self.trusted)
+        touches = contact.force_gwt is not None and abs(contact.force_gwt) >= self.sensing.touch_gwt
+        return self._here("touching" if touches else "unknown", contact.force_gwt)
 
     @property
     def is_lifted(self) -> bool:
@@ -290,48 +245,32 @@ class Engine:
         return not self.known_contact.may_touch
 
     def measure_contact(self) -> KnownContact:
-        """Measure and store the state of contact at rest; neither trip nor move.
+        """Measure and record the state of contact at rest; neither trip nor move.
 
         A remaining force may still vanish: a sensor may be late, or a load cell slow.
         """
-        return self.know_contact(self.force_at_rest_gwt())
+        return self.record_contact(self.force_at_rest_gwt())
 
-    def know_contact(self, force_gwt: float | None) -> KnownContact:
-        """Store and return the state of contact from the position and this force at rest; None: no force."""
+    def record_contact(self, force_gwt: float | None) -> KnownContact:
+        """Record and return the state of contact from the position and this force at rest; None: no force."""
         kind = judged(clear=self._is_clear, force_gwt=force_gwt, touch_gwt=self.sensing.touch_gwt)
-        found = self._contact(kind, force_gwt)
-        self._known, self._measured, self.may_touch = found, True, self.may_touch and found.may_touch
-        self._measured_s = self._awake_and_asleep_s
-        self.keep_contact(found)
+        found = self._here(kind, force_gwt)
+        self.contact = self.contact.after_measuring(found, self._now_s)
+        self.memory.touched(found)
         return found
 
     @property
-    def _awake_and_asleep_s(self) -> float:
+    def _now_s(self) -> float:
         return self.clock.monotonic_s() + self.clock.suspended_s()  # A finger moves while a computer is suspended.
 
-    @property
-    def _measured_ago_s(self) -> float:
-        """Time since contact was last measured (s); infinite before."""
-        return self._awake_and_asleep_s - self._measured_s
-
     def _renew_lift(self, force_gwt: float) -> None:
-        """Renew a measured lift by a reading at clearance without a touch; a touch ends it.
-
-        Readings that follow each other within `FRESH_S` need no second one that agrees.
-        """
-        if self.may_touch or self._known.kind != "lifted" or not self.sensing.zeroed:
-            return
-        if abs(force_gwt) >= self.sensing.touch_gwt:
-            self._known = self._contact("disagreement", round(force_gwt, 6))
-        elif self._measured_ago_s <= FRESH_S:
-            self._known = self._contact("lifted", round(force_gwt, 6))
-        else:
-            return
-        self._measured_s = self._awake_and_asleep_s
+        if self.sensing.zeroed:
+            found = self._here("lifted", round(force_gwt, 6))
+            self.contact = self.contact.after_reading(found, self._now_s, self.sensing.touch_gwt)
 
     def measure_at_end(self) -> None:
         """Measure contact at the end of a run that was not stopped, unless the last measurement is fresh."""
-        if self.motion.begun and not (self._measured and self._measured_ago_s <= FRESH_S):
+        if self.motion.begun and not (self.contact.at_rest and self.contact.is_fresh(self._now_s)):
             self.measure_contact()
 
     def confirm_lifted(self) -> None:
@@ -339,48 +278,50 @@ class Engine:
         found = self.measure_contact()
         if found.kind == "disagreement" or (found.kind == "raised" and self.sensing.zeroed):
             self.trip(self.not_lifted, found.force_gwt)
-        self.be_clear()
+        self.enter_clearance()
 
     @property
     def not_lifted(self) -> TripError:
         """Trip for the last measurement of contact."""
-        unread = f": {self._unread}" if self._known.kind == "raised" and self._unread is not None else ""
-        return TripError(f"not lifted: {self._known.words}{unread}", "not_lifted")
+        known, unread = self.contact.measured, self.contact.unread
+        unread = f": {unread}" if known.kind == "raised" and unread is not None else ""
+        return TripError(f"not lifted: {known.words}{unread}", "not_lifted")
 
-    def be_clear(self) -> None:
+    def enter_clearance(self) -> None:
         """Record that the indentor is clear of the finger, which ends the contact time and the heartbeat."""
-        self.state, self.may_touch = State.READY, False
+        self.state, self.contact = State.READY, replace(self.contact, may_touch=False)
         self.trips.press_on(math.inf)
         self.heartbeat.rest()
-        self.contact.end()
+        self.contact_time.end()
 
     @property
     def _is_clear(self) -> bool:
         """Whether a trusted position is at clearance or higher."""
         return self.bench.stage.homed and self.height_mm >= self.settings.habits.clearance_mm - AT_MM
 
-    def _contact(self, kind: ContactKind, force_gwt: float | None) -> KnownContact:
+    def _here(self, kind: ContactKind, force_gwt: float | None) -> KnownContact:
         x_mm, height_mm = (round(mm, 6) if math.isfinite(mm) else None for mm in (self.x_mm, self.height_mm))
         return KnownContact(kind, force_gwt, x_mm, height_mm, self.clock.unix_s())
 
     def _below_clearance(self) -> None:
         """Record a possible contact before the first motion below clearance."""
         self.state = State.IN_CONTACT
-        if not self.may_touch:
-            self.may_touch, self._suspended_s = True, self.clock.suspended_s()
-            self.keep_contact(self._contact("unknown", self._last_gwt))
+        if not self.contact.may_touch:
+            self.contact, self._suspended_s = replace(self.contact, may_touch=True), self.clock.suspended_s()
+            self.memory.touched(self._here("unknown", self.contact.force_gwt))
 
     def force_at_rest_gwt(self) -> float | None:
         """Return the force from zero at rest (gwt), or None without a zero or a reading."""
-        self._unread = None
+        self.contact = replace(self.contact, unread=None)
         if not self.sensing.zeroed:
             return None
         try:
-            self._last_gwt = self.sensing.at_rest_gwt(self.beat)
+            force_gwt = self.sensing.at_rest_gwt(self.beat)
         except NoReadingError as error:
-            self._unread = error
+            self.contact = replace(self.contact, unread=str(error))
             return None
-        return self._last_gwt
+        self.contact = replace(self.contact, force_gwt=force_gwt)
+        return force_gwt
 
     # --- force ---
 
@@ -397,23 +338,22 @@ class Engine:
         reading = self.reading()
         # Rounding makes a reading at exactly the threshold independent of its unit conversion.
         force = round(reading.force_n / GWT_N, 6)
-        self._last_gwt = force if self.sensing.zeroed else None
+        self.contact = replace(self.contact, force_gwt=force if self.sensing.zeroed else None)
         doi = None if contact_height_mm is None else self.doi_mm(contact_height_mm, force)
         if self.state is State.IN_CONTACT and force >= self.sensing.touch_gwt:
-            self.contact.begin()
+            self.contact_time.begin()
         sample = partial(self._record_sample, press, phase, force, doi, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force):
             self._trip_with(sample, passed, force)
         sample()
-        self.contact.refuse_more()
+        self.contact_time.refuse_more()
         return force
 
-    def record_in_motion(self, press: PressId, phase: Phase, force_gwt: float, doi_mm: float) -> None:
+    def record_in_motion(self, press: PressId, phase: Phase, reading: ForceReading, doi_mm: float) -> None:
         """Journal a reading of a motion. If that fails, raises InterruptedMotionError, so that the motion ends."""
-        glanced = self.sensing.glanced
-        also = {} if glanced is None else glanced.also
+        force_gwt = round(reading.force_n / GWT_N, 6)
         try:
-            self._record_sample(press, phase, force_gwt, doi_mm, also=also, record=self._journalled)
+            self._record_sample(press, phase, force_gwt, doi_mm, also=reading.also, record=self._journalled)
         except RecordError as error:
             raise InterruptedMotionError(str(error), error.code) from error
 
@@ -436,7 +376,7 @@ class Engine:
             doi_mm=None if doi_mm is None else round(doi_mm, 6),
             force_gwt=force_gwt,
             stable=stable,
-            contact_s=self.contact.rounded_s,
+            contact_s=self.contact_time.rounded_s,
             of_the_sensor=also,
         )
         (record or self.record)(reading, press)
@@ -456,19 +396,19 @@ class Engine:
         force_gwt = round(reading.force_n / GWT_N, 6)
         touches = abs(force_gwt) >= self.sensing.touch_gwt
         if touches:
-            self.contact.begin()
+            self.contact_time.begin()
         else:
-            self.contact.end()
+            self.contact_time.end()
         sample = partial(self._record_sample, NO_PRESS, "rest", force_gwt, stable=reading.stable, also=reading.also)
         if passed := self.trips.passed(force_gwt):
             words = f"{passed} in a wait at clearance: the finger has come up to the indentor"
             self._trip_with(sample, TripError(words, f"{passed.code}_at_rest"), force_gwt)
         if recorded:
             sample()
-        if self.contact.over:
+        if self.contact_time.over:
             self.lift(park_height_mm(self.settings, self.height_mm))
             self.measure_contact()
-            self.contact.refuse_more()
+            self.contact_time.refuse_more()
 
     def raw_reading(self) -> ForceReading:
         """Return the same reading, not counted from a zero."""
@@ -476,7 +416,7 @@ class Engine:
 
     def _read_at_rest(self, read: Callable[[], ForceReading]) -> ForceReading:
         self.beat(self.sensing.wait_s)
-        if problem := self._suspended() or self.stop_problem(at_rest=True):
+        if problem := self.stop_asked(at_rest=True):
             self.trip(problem)
         try:
             reading = read()
@@ -485,7 +425,7 @@ class Engine:
         force_gwt = reading.force_n / GWT_N
         if passed := self.trips.passed_hard(force_gwt):
             self.trip(passed, force_gwt)
-        if problem := self.stop_problem(at_rest=True):
+        if problem := self.stop_inputs(self, at_rest=True):
             self.trip(problem)
         self._renew_lift(force_gwt)
         return reading
@@ -494,7 +434,7 @@ class Engine:
         """Return a trip if the computer was suspended since the last call while the indentor may touch the finger."""
         before_s, self._suspended_s = self._suspended_s, self.clock.suspended_s()
         for_s = self._suspended_s - before_s
-        if for_s <= _SUSPENDED_S or not self.may_touch:
+        if for_s <= _SUSPENDED_S or not self.contact.may_touch:
             return None
         return TripError(
             f"the computer was suspended for {for_s:.1f} s while the indentor may have touched the finger; switch "
@@ -522,7 +462,7 @@ class Engine:
         """
         self.state, self.problem = State.TRIPPED, reason
         with contextlib.suppress(RecordError):  # The caller reports the trip.
-            self._journalled(TripEvent(str(reason), force_gwt, self.contact.rounded_s))
+            self._journalled(TripEvent(str(reason), force_gwt, self.contact_time.rounded_s))
         lifted = False
         try:
             if self.settings.limits.on_trip == "stop":
@@ -532,10 +472,15 @@ class Engine:
                 insist(lambda: self._leave(to_mm))
                 insist(self._leave_force)
                 lifted = True
+                with contextlib.suppress(RecordError):
+                    self.measure_contact()
+                if self.contact.measured.kind == "disagreement":  # A finger came up after the lift.
+                    insist(self._leave_force)
         except (InterruptedMotionError, StageError, TransportError) as error:
             reason = _not_left(reason, error)
-        with contextlib.suppress(RecordError):  # The caller reports the trip.
-            self.measure_contact()
+        with contextlib.suppress(RecordError):
+            if not self.contact.at_rest:
+                self.measure_contact()
             if lifted:
                 self._journalled(self.after_lift())
         self.heartbeat.rest()
@@ -546,7 +491,7 @@ class Engine:
         """Return height, contact time and state of contact for the journal."""
         known = self.known_contact
         height_mm = round(self.height_mm, 6) if math.isfinite(self.height_mm) else None
-        return RetractEvent(height_mm, self.contact.rounded_s, known.kind, known.force_gwt)
+        return RetractEvent(height_mm, self.contact_time.rounded_s, known.kind, known.force_gwt)
 
     def _trip_with(self, sample: Callable[..., None], reason: TripError, force_gwt: float) -> NoReturn:
         """Trip with the reading that is the reason; a journal that fails does not delay the lift."""
@@ -568,7 +513,7 @@ class Engine:
 
     def _leave(self, to_mm: float) -> None:
         """Lift to a height after a trip; by as much and in jogs, if the stage strayed and was stopped."""
-        if self.bench.stage.homed or not self._strayed:
+        if self.bench.stage.homed or not self.motion.strayed:
             self.lift(to_mm)
             return
         top_mm = -self.settings.frame.apex_z_mm
@@ -590,12 +535,12 @@ class Engine:
                 self.stop()
             with contextlib.suppress(TripError):
                 if self.state is State.IN_CONTACT and not self.measure_contact().may_touch:
-                    self.be_clear()
+                    self.enter_clearance()
         self.heartbeat.rest()
 
     def stop(self) -> None:
         """Stop past every queue. The position is no longer trusted; a trip stays latched."""
-        self.forget_depth()
+        self.motion.forget_depth()
         if self.state is not State.TRIPPED:
             self.state = State.UNHOMED
         self.heartbeat.rest()
@@ -638,7 +583,7 @@ class Engine:
         if self.heartbeat.lost and self.state is not State.TRIPPED:
             words = "the engine's heartbeat was lost: the stage was stopped and stays where it is"
             self.trip(TripError(words, "heartbeat_lost"))
-        if self.may_touch:
+        if self.contact.may_touch:
             self.heartbeat.beat(self.settings.limits.heartbeat_s + longer_s)
 
     def guarded(self, action: Callable[[], _T]) -> _T:

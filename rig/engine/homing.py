@@ -12,8 +12,9 @@ from rig.data.events import AlarmEvent
 from rig.devices.base import StageAlarm, StageError, StageRejected
 from rig.engine.dead_man import DOWN, UP, Direction, dead_man_jog
 from rig.engine.engine import Engine
-from rig.engine.motion import InterruptedMotionError, StrayedError
+from rig.engine.motion import Check, InterruptedMotionError, StrayedError
 from rig.engine.sensing import AT_REST_S, NOISE_WIDTH, NoReadingError, zero_readings_gwt
+from rig.engine.watch import Watch
 from rig.errors import TripError
 from rig.units import GWT_N
 
@@ -37,13 +38,14 @@ class _Watch:
     """Force at rest during one homing (gwt), and what counts as growth.
 
     before_gwt: before the present motion; infinite if the sensor is out of range. offset_gwt: subtracted from each
-    reading where no zero was taken in the air.
+    reading where no zero was taken in the air. shakes_gwt: force of the stage's own motion.
     """
 
     engine: Engine
     before_gwt: float = math.inf
     offset_gwt: float = 0.0
     growth_gwt: float = 0.0
+    shakes_gwt: float = 0.0
 
     def read_gwt(self) -> float:
         """Return the force at rest: its size from a zero taken in the air, else its change; infinite out of range.
@@ -52,7 +54,7 @@ class _Watch:
         """
         engine, sensing = self.engine, self.engine.sensing
         engine.beat(sensing.wait_s)
-        if problem := engine.stop_problem(at_rest=True):
+        if problem := engine.stop_inputs(engine, at_rest=True):
             engine.trip(problem)
         try:
             force_gwt = sensing.settled().force_n / GWT_N - self.offset_gwt
@@ -94,12 +96,9 @@ def home_watched(engine: Engine) -> None:
     """
     engine.motion.x_mm = engine.motion.height_mm = math.nan
     watch = _begin(engine)
-    try:
-        if math.isfinite(watch.before_gwt):
-            _take_first_steps(watch)
-        _home(watch)
-    finally:
-        engine.sensing.shakes_gwt = 0.0
+    if math.isfinite(watch.before_gwt):
+        _take_first_steps(watch)
+    _home(watch)
 
 
 def _begin(engine: Engine) -> _Watch:
@@ -116,8 +115,8 @@ def _begin(engine: Engine) -> _Watch:
     except NoReadingError as error:
         if not (sensing.zeroed or error.out_of_range):
             engine.trip(TripError(str(error), error.code))
-    sensing.shakes_gwt = max(min(NOISE_WIDTH * noise_gwt, _NOISIEST_GWT) - sensing.touch_gwt, 0.0)
-    watch.growth_gwt = sensing.touch_gwt + sensing.shakes_gwt
+    watch.shakes_gwt = max(min(NOISE_WIDTH * noise_gwt, _NOISIEST_GWT) - sensing.touch_gwt, 0.0)
+    watch.growth_gwt = sensing.touch_gwt + watch.shakes_gwt
     return watch
 
 
@@ -140,7 +139,7 @@ def _home(watch: _Watch) -> None:
         if math.isfinite(watch.before_gwt):
             watch.before_gwt = watch.read_gwt()
         from_mm, begun_s = engine.guarded(engine.bench.stage.status).z_mm, engine.clock.monotonic_s()
-        grown_gwt = _home_until_growth(engine)
+        grown_gwt = _home_until_growth(watch)
         if grown_gwt is None:
             return
         cause: Cause = "not the finger"
@@ -158,22 +157,22 @@ def _home(watch: _Watch) -> None:
         if unexplained > _UNEXPLAINED:
             _refuse_disturbance(engine, grown_gwt)
         # The motion itself may shake the sensor: only more than it counts from now on.
-        engine.sensing.shakes_gwt += min(abs(grown_gwt), _NOISIEST_GWT)
+        watch.shakes_gwt += min(abs(grown_gwt), _NOISIEST_GWT)
 
 
-def _home_until_growth(engine: Engine) -> float | None:
+def _home_until_growth(watch: _Watch) -> float | None:
     """Home; return the force (gwt) whose growth halted the stage, or None on arrival."""
-    halted_by = list[float]()
+    engine, halted_by = watch.engine, list[float]()
 
-    def home() -> None:
+    def home(check: Check) -> None:
         try:
-            engine.motion.home()
+            engine.motion.home(check)
         except InterruptedMotionError as growth:
             if growth.force_gwt is None:
                 raise
             halted_by.append(growth.force_gwt)
 
-    engine.move(home, away=True, touch_ends_it=True)
+    engine.run_watched(home, Watch(away=True, touch_ends_it=True, shakes_gwt=watch.shakes_gwt))
     return halted_by[0] if halted_by else None
 
 

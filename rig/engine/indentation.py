@@ -336,4 +336,4 @@ def ready_to_indent(engine: Engine) -> None:
         raise NotReadyError(
             "indent: the stage has not moved to a position since homing; move to one first", "not_placed"
         )
-    engine.contact.refuse_more()
+    engine.contact_time.refuse_more()

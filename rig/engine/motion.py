@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from contextlib import suppress
+from enum import Enum
 
 from rig.clock import Clock
 from rig.devices.base import LOOK_S, Looks, Stage, StageError, StageHeld, StageOverridden, StageStatus, is_held
@@ -23,16 +24,21 @@ class InterruptedMotionError(RigError):
         self.force_gwt = force_gwt
 
 
-class TouchError(InterruptedMotionError):
-    """A touch that only ends the motion."""
+class Outcome(Enum):
+    """How a watched motion ended; every other ending trips."""
 
-    default_code = "touched"
+    ARRIVED = "arrived"
+    TOUCHED = "touched"
+    PAUSED = "paused"  # by the operator, or by the end of the contact time
+    LATE = "late"  # A reading came too late.
 
 
-class PausedMotionError(InterruptedMotionError):
-    """A pause of the operator, or the end of the contact time, which ends a motion in contact."""
+class EndedMotionError(InterruptedMotionError):
+    """End of a motion short of its target that is no fault of the rig."""
 
-    default_code = "paused"
+    def __init__(self, outcome: Outcome, force_gwt: float) -> None:
+        super().__init__(outcome.value, outcome.value, force_gwt)
+        self.outcome = outcome
 
 
 class StrayedError(InterruptedMotionError):
@@ -66,36 +72,52 @@ def insist(lift: Callable[[], None]) -> None:
     return lift()
 
 
+Check = Callable[[], None]
+"""Check made at each status of a motion; if it raises InterruptedMotionError, the stage comes to rest."""
+
+
 class Motion:
     """Motions of a stage over one finger: x, along and height above the pad's nominal apex (mm); nan if unknown."""
 
-    def __init__(self, settings: RigSettings, stage: Stage, clock: Clock, glance: Callable[[], None]) -> None:
-        """Prepare motions of a stage. glance: called with each status; if it raises InterruptedMotionError, the stage
-        comes to rest.
-        """
-        self._settings, self._stage, self._clock, self._glance = settings, stage, clock, glance
+    def __init__(self, settings: RigSettings, stage: Stage, clock: Clock) -> None:
+        self._settings, self._stage, self._clock = settings, stage, clock
         self.x_mm, self.along_mm, self.height_mm = math.nan, 0.0, math.nan
         self.begun = False  # whether any motion was ever commanded
+        self.strayed = False  # whether the stage was ever stopped because it strayed
+        self._floor_mm = math.nan
 
-    def home(self) -> None:
-        """Home the stage. Raises StageError, and the errors of `glance`."""
-        self._watched(self._stage.homing(), lambda at: None, self._stage.stop, None)
+    def limit_depth(self, height_mm: float) -> None:
+        """Set the lowest height that the stage itself allows, if it can; at rest only. Raises StageError."""
+        floor_mm = round(max(self._settings.frame.apex_z_mm + height_mm, -self._settings.stage.travel_mm[2]), 6)
+        if floor_mm != self._floor_mm:
+            self._floor_mm = math.nan
+            self._stage.limit_depth(floor_mm)
+            self._floor_mm = floor_mm
+
+    def forget_depth(self) -> None:
+        """Forget the depth limit of the stage, which may have lost it."""
+        self._floor_mm = math.nan
+
+    def home(self, check: Check) -> None:
+        """Home the stage. Raises StageError, and the errors of `check`."""
+        self._watched(check, self._stage.homing(), lambda at: None, self._stage.stop, None)
         self.set_position(self._stage.status())
 
-    def aside(self, x_mm: float, along_mm: float, speed_mm_s: float, look_s: float = LOOK_S) -> None:
-        """Move laterally at this height, polled every look_s. Raises StageError, and the errors of `glance`."""
+    def aside(self, x_mm: float, along_mm: float, speed_mm_s: float, check: Check, look_s: float = LOOK_S) -> None:
+        """Move laterally at this height, polled every look_s. Raises StageError, and the errors of `check`."""
         frame = self._settings.frame
         x, y = frame.pad_centre_x_mm + x_mm, frame.pad_y_mm + along_mm
         looks = self._stage.moving(x_mm=x, y_mm=y, speed_mm_s=speed_mm_s, look_s=look_s)
-        self._watched(looks, self._be_over, self._stage.halt, self._corridor(x, y, self._machine_mm[2], speed_mm_s))
+        corridor = self._corridor(x, y, self._machine_mm[2], speed_mm_s)
+        self._watched(check, looks, self._be_over, self._stage.halt, corridor)
         self.x_mm, self.along_mm = x_mm, along_mm
 
-    def to_height(self, height_mm: float, speed_mm_s: float, look_s: float = LOOK_S) -> None:
-        """Move straight up or down, polled every look_s. Raises StageError, and the errors of `glance`."""
+    def to_height(self, height_mm: float, speed_mm_s: float, check: Check, look_s: float = LOOK_S) -> None:
+        """Move straight up or down, polled every look_s. Raises StageError, and the errors of `check`."""
         z = self._settings.frame.apex_z_mm + height_mm
         looks = self._stage.moving(z_mm=z, speed_mm_s=speed_mm_s, look_s=look_s)
         x, y, _ = self._machine_mm
-        self._watched(looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
+        self._watched(check, looks, self._be_at_height, self._stage.halt, self._corridor(x, y, z, speed_mm_s))
         self.height_mm = height_mm
 
     @property
@@ -121,6 +143,7 @@ class Motion:
 
     def _watched(
         self,
+        check: Check,
         looks: Looks,
         seen: Callable[[StageStatus], None],
         halt: Callable[[], None],
@@ -133,7 +156,7 @@ class Motion:
                     seen(at)
                     if is_held(at.state):
                         raise StageHeld(at.state)
-                self._check(at, seen, halt, corridor)
+                self._checked(check, at, seen, halt, corridor)
         except StageOverridden as error:
             self._come_to_rest(seen, self._stage.halt)
             raise InterruptedMotionError(str(error), error.code) from error
@@ -144,8 +167,9 @@ class Motion:
                 self._come_to_rest(seen, halt)
             raise
 
-    def _check(
+    def _checked(
         self,
+        check: Check,
         at: StageStatus | None,
         seen: Callable[[StageStatus], None],
         halt: Callable[[], None],
@@ -154,13 +178,14 @@ class Motion:
         try:
             if corridor is not None and at is not None:
                 refuse_strayed(corridor, at, self._stage, self._clock)
-            self._glance()
+            check()
         except StrayedError as strayed:
             trusted = self._stage.homed
             self._stage.stop()  # At once: a halt would first slow down, farther the wrong way.
             self.set_position(strayed.at)
             if not trusted:  # The stage has lost its position.
                 raise StageError(str(strayed), strayed.code) from strayed
+            self.strayed = True
             raise
         except InterruptedMotionError:
             self._come_to_rest(seen, halt)

@@ -3,10 +3,10 @@
 import math
 import statistics
 from collections import deque
-from collections.abc import Callable
 from itertools import pairwise
 
 from rig.data.events import HoldEndEvent, HoldStartEvent, RampEvent, SyncEvent
+from rig.devices.base import ForceReading
 from rig.engine.corridor import PRINTED_MM
 from rig.engine.engine import Engine
 from rig.engine.limits import (
@@ -19,46 +19,39 @@ from rig.engine.limits import (
 )
 from rig.engine.motion import InterruptedMotionError
 from rig.engine.verbs import safe_point
+from rig.engine.watch import OnReading
 from rig.errors import LimitError, TripError
 from rig.records import ContactFit, Hold, Phase, PressId, Target, force_tolerance_gwt
+from rig.units import GWT_N
 
 _MOVES, _STEPS, _SHARE = 3, 5, 0.1
 
 
-class Unanswered:
-    """Count of moves, and the force change (gwt) expected of them, since the reading last changed."""
+class FrozenReading:
+    """Detector of a reading that stays the same although the finger must push harder, or less.
 
-    def __init__(self, resolution_gwt: float) -> None:
-        self._resolution_gwt, self._moves, self._expected_gwt = resolution_gwt, 0, 0.0
-
-    def too_long(self, before_gwt: float, force_gwt: float, expected_gwt: float) -> bool:
-        """Return whether the reading has stayed constant for too long, this move included."""
-        if abs(force_gwt - before_gwt) > 0.5 * self._resolution_gwt:
-            self._moves, self._expected_gwt = 0, 0.0
-            return False
-        self._expected_gwt += expected_gwt
-        self._moves += 1
-        enough_gwt = max(_STEPS * self._resolution_gwt, _SHARE * force_gwt)
-        return self._moves >= _MOVES and self._expected_gwt > enough_gwt
-
-
-class Unchanged:
-    """Since when, in a ramp, the reading has not changed by half a step, although the finger must push harder.
-
-    late_mm: distance that the stage covers while a reading ages.
+    least_moved: motion, in the unit of `stays`, before which a reading may still be on its way; moves by default.
     """
 
-    def __init__(self, resolution_gwt: float, late_mm: float) -> None:
-        self._resolution_gwt, self._late_mm = resolution_gwt, late_mm
-        self._force_gwt = self._height_mm = self._expected_gwt = math.nan  # at the last change
+    def __init__(self, resolution_gwt: float, least_moved: float = _MOVES) -> None:
+        self._resolution_gwt, self._least_moved = resolution_gwt, least_moved
+        self._changed_gwt = math.nan  # reading at the last change
+        self._moved = self._expected_gwt = 0.0  # since then
 
-    def too_long(self, force_gwt: float, height_mm: float, expected_gwt: float) -> bool:
-        """Return whether it is so for longer than a reading ages; expected_gwt: force by the stiffness there."""
-        if not abs(force_gwt - self._force_gwt) <= 0.5 * self._resolution_gwt:
-            self._force_gwt, self._height_mm, self._expected_gwt = force_gwt, height_mm, expected_gwt
+    def stays(self, force_gwt: float, expected_gwt: float, moved: float, before_gwt: float | None = None) -> bool:
+        """Return whether the reading has stayed for too long.
+
+        expected_gwt, moved: change of the force expected since the last call, and the motion since. before_gwt:
+        reading to compare with, by default that of the last change.
+        """
+        compared_gwt = self._changed_gwt if before_gwt is None else before_gwt
+        if not abs(force_gwt - compared_gwt) <= 0.5 * self._resolution_gwt:
+            self._changed_gwt, self._moved, self._expected_gwt = force_gwt, 0.0, 0.0
             return False
+        self._moved += moved
+        self._expected_gwt += expected_gwt
         enough_gwt = max(_STEPS * self._resolution_gwt, _SHARE * force_gwt)
-        return self._height_mm - height_mm > self._late_mm and expected_gwt - self._expected_gwt > enough_gwt
+        return self._moved >= self._least_moved and self._expected_gwt > enough_gwt
 
 
 def pulse(engine: Engine, press: PressId, at: str) -> None:
@@ -102,7 +95,7 @@ class Press:
         self._stiffness_gwt_mm = 0.0  # of the last move
         self._peak_gwt = 0.0  # highest reading since the last hold
         self.reached: tuple[float, float] | None = None  # depth (mm) and force (gwt) by increments, before the hold
-        self._unanswered = Unanswered(engine.sensing.resolution_gwt)
+        self._frozen = FrozenReading(engine.sensing.resolution_gwt)
 
     @property
     def _doi_mm(self) -> float:
@@ -142,24 +135,25 @@ class Press:
         engine.record(start, self.id)
         self._peak_gwt = 0.0
         self._ramp_from = (0.0, engine.clock.monotonic_s())
-        engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._each_of_ramp(doi_mm, bound))
+        engine.go_to_height(to_mm, bound.speed_mm_s, ramp=self._ramp_reader(doi_mm, bound))
         safe_point(engine)  # A pause ends the ramp.
         self._force_gwt = self._read("ramp")
         return self._hold(Target("doi_mm", doi_mm), 1, hold_s)
 
-    def _each_of_ramp(self, doi_mm: float, bound: RampBound) -> Callable[[float], None]:
+    def _ramp_reader(self, doi_mm: float, bound: RampBound) -> OnReading:
         engine, settings, speed_mm_s = self._engine, self._engine.settings, bound.speed_mm_s
         unread_mm = speed_mm_s * UNREAD_S + self._smallest_mm + PRINTED_MM
         late_mm = speed_mm_s * SampleAge.of(settings).wait_s
-        before_mm = engine.height_mm
-        unchanged = Unchanged(engine.sensing.resolution_gwt, late_mm)
+        before_mm, before_gwt = engine.height_mm, 0.0
+        frozen = FrozenReading(engine.sensing.resolution_gwt, late_mm)
 
-        def each(force_gwt: float) -> None:
-            nonlocal before_mm
-            force, gone_mm, before_mm = round(force_gwt, 6), before_mm - engine.height_mm, engine.height_mm
+        def on_reading(reading: ForceReading) -> None:
+            nonlocal before_mm, before_gwt
+            force = round(reading.force_n / GWT_N, 6)
+            gone_mm, before_mm = before_mm - engine.height_mm, engine.height_mm
             self._peak_gwt = max(self._peak_gwt, force)
             here_mm = engine.doi_mm(self._contact_mm, force)
-            engine.record_in_motion(self.id, "ramp", force, here_mm)
+            engine.record_in_motion(self.id, "ramp", reading, here_mm)
             if gone_mm > unread_mm:
                 raise InterruptedMotionError(
                     f"the stage moved by {gone_mm:.3f} mm without a force reading, farther than the "
@@ -170,12 +164,13 @@ class Press:
             if lost := self._lost_finger(force, late_mm):
                 raise InterruptedMotionError(str(lost), lost.code, force)
             expected_gwt = bound.force_gwt * (max(here_mm, 0.0) / doi_mm) ** CONTACT_EXPONENT
+            risen_gwt, before_gwt = expected_gwt - before_gwt, expected_gwt
             feels = force >= _LOST_SHARE * self._touch.threshold_gwt  # Below, the finger is lost, or not yet reached.
-            if feels and unchanged.too_long(force, engine.height_mm, expected_gwt):
-                frozen = _frozen(force)
-                raise InterruptedMotionError(str(frozen), frozen.code, force)
+            if feels and frozen.stays(force, risen_gwt, gone_mm):
+                stays = _stays(force)
+                raise InterruptedMotionError(str(stays), stays.code, force)
 
-        return each
+        return on_reading
 
     def reach(self, target: Target) -> tuple[float, float]:
         """Press to a depth or a force by increments and return depth (mm) and force (gwt) as reached."""
@@ -301,8 +296,8 @@ class Press:
         self._force_gwt = self._read(phase)
         if abs(step) >= self._smallest_mm:
             self._stiffness_gwt_mm = (self._force_gwt - before) / step
-        if self._unanswered.too_long(before, self._force_gwt, expected):
-            engine.trip(_frozen(self._force_gwt), self._force_gwt)
+        if self._frozen.stays(self._force_gwt, expected, 1, before):
+            engine.trip(_stays(self._force_gwt), self._force_gwt)
 
     def _refuse_too_deep(self, doi_mm: float) -> None:
         deepest = self._engine.settings.limits.max_doi_mm
@@ -396,7 +391,7 @@ class Press:
         return (step, aim) if abs(step) >= self._smallest_mm else (0.0, aim_gwt)
 
 
-def _frozen(force_gwt: float) -> TripError:
+def _stays(force_gwt: float) -> TripError:
     return TripError(
         f"the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading or a stalled "
         "motor",

@@ -101,6 +101,20 @@ class ForceZero:
         return replace(reading, force_n=reading.force_n - self.offset_n)
 
 
+@dataclass(frozen=True)
+class MotionForce:
+    """What the forces of one motion are counted from and compared with.
+
+    baseline_n: subtracted from each reading; None if the force is not monitored. before_gwt: force before the motion;
+    infinite if it is unknown. shakes_gwt: force of the stage's own motion, which vanishes at rest.
+    """
+
+    away: bool = False  # begins by leaving the finger
+    baseline_n: float | None = 0.0
+    before_gwt: float = 0.0
+    shakes_gwt: float = 0.0
+
+
 class Sensing:
     """One force sensor: forces in gwt, depths in mm."""
 
@@ -109,12 +123,7 @@ class Sensing:
         self.zero: ForceZero | None = None  # zero that forces are counted from
         self.max_age_s = find(ForceKind, settings.force.kind).max_age_s(settings.force)
         self._settings, self._clock = settings, clock
-        # State of the present motion.
-        self._baseline_n: float | None = 0.0
-        self.away, self._before_gwt = False, 0.0
-        self.shakes_gwt = 0.0  # force of the stage's own motion, which vanishes at rest
         self._at_rest_n = 0.0  # last settled reading, before the zero
-        self.glanced: ForceReading | None = None  # last reading during a motion
 
     def connect(self) -> str:
         """Connect the sensor and return its identity. Raises ForceError."""
@@ -220,52 +229,46 @@ class Sensing:
             meanwhile(min(left_s, _POLL_S))
             self._clock.wait_s(min(left_s, _POLL_S))
 
-    def begin_motion(self, *, away: bool) -> None:
-        """Prepare for a motion; without a zero, its forces count from the reading before it. Raises NoReadingError.
+    def begin_motion(self, *, away: bool, shakes_gwt: float = 0.0) -> MotionForce:
+        """Read what the forces of a motion count from: its zero, or without one the reading before the motion.
 
         away: the motion begins by leaving the finger. If the sensor is out of range before such a motion, its force
         is not monitored; with a zero, the sensor need not respond at all, since nothing may hold the indentor on
-        the finger.
+        the finger. Raises NoReadingError.
         """
-        rested, self.moved, self.away = not self.moved, True, away
-        self._baseline_n, self._before_gwt = 0.0, 0.0
+        rested, self.moved = not self.moved, True
+        begun = MotionForce(away=away, shakes_gwt=shakes_gwt)
         if self.zeroed and not away:
-            return
+            return begun
         try:
-            before = self._at_rest_n if rested and self.zeroed else self._read(0.0).force_n
+            before_n = self._at_rest_n if rested and self.zeroed else self._read(0.0).force_n
         except NoReadingError as error:
             if not (away and (self.zeroed or error.out_of_range)):
                 raise
-            self._before_gwt = math.inf
-            self._baseline_n = 0.0 if self.zeroed else None
-            return
+            return replace(begun, baseline_n=0.0 if self.zeroed else None, before_gwt=math.inf)
         if self.zero is None:
-            self._baseline_n = before
-        else:
-            self._before_gwt = (before - self.zero.offset_n) / GWT_N
+            return replace(begun, baseline_n=before_n)
+        return replace(begun, before_gwt=(before_n - self.zero.offset_n) / GWT_N)
 
-    def unloads(self, force_gwt: float) -> bool:
-        """Return whether the motion leaves the finger and this force is no reason to end it.
+    def unloads(self, begun: MotionForce, force_gwt: float) -> bool:
+        """Return whether a motion leaves the finger and this force is no reason to end it.
 
         A falling force never is. A growing push is, and a growing pull if the zero was taken in the air: without
         one, a pull and an unloading look the same. A force grows by more than the touch threshold and shakes_gwt.
         """
-        if not self.away:
+        if not begun.away:
             return False
-        before_gwt, grown_gwt = self._before_gwt, self.touch_gwt + self.shakes_gwt
+        before_gwt, grown_gwt = begun.before_gwt, self.touch_gwt + begun.shakes_gwt
         if not self.absolute:
             return force_gwt <= before_gwt + grown_gwt
         return -max(-before_gwt, 0.0) - grown_gwt <= force_gwt <= max(before_gwt, 0.0) + grown_gwt
 
-    def glance_gwt(self) -> float | None:
-        """Return the force during a motion (gwt), from zero or from before the motion. Raises NoReadingError.
-
-        None if the force is not monitored.
-        """
-        if self._baseline_n is None:
+    def read_in_motion(self, begun: MotionForce) -> ForceReading | None:
+        """Return a reading during a motion; None if the force is not monitored. Raises NoReadingError."""
+        if begun.baseline_n is None:
             return None
-        self.glanced = reading = self._from_zero(self._read(0.0))
-        return (reading.force_n - self._baseline_n) / GWT_N
+        reading = self._from_zero(self._read(0.0))
+        return replace(reading, force_n=reading.force_n - begun.baseline_n)
 
     @property
     def lasting_zero(self) -> ForceZero | None:

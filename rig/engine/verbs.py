@@ -26,7 +26,9 @@ from rig.engine import homing
 from rig.engine.bench_memory import LastKnown
 from rig.engine.engine import Engine, State
 from rig.engine.limits import AT_MM, SidewaysLimit, late_reading_s
+from rig.engine.motion import Outcome
 from rig.engine.sensing import NOISE_STEPS, ForceZero, Sensing, zero_readings_gwt
+from rig.engine.watch import Watch
 from rig.errors import LimitError, NotReadyError, PressPaused, RunAborted, TripError
 from rig.records import NO_PRESS
 from rig.settings import ZERO_LIFT_MM
@@ -42,7 +44,7 @@ _LIFTED_READINGS = 4
 
 def mount(engine: Engine, indentor: str) -> None:
     """Ask the operator to mount an indentor; the rig must be clear of the finger."""
-    if engine.may_touch or engine.state is State.TRIPPED:
+    if engine.contact.may_touch or engine.state is State.TRIPPED:
         raise NotReadyError(
             f"mount: not allowed while {engine.state.value}, because the indentor may touch the finger; lift it "
             "first",
@@ -68,17 +70,17 @@ def home(engine: Engine) -> None:
     controller = engine.guarded(engine.bench.stage.connect)
     engine.sensing.connect()
     engine.sensing.moved = True  # The last reading may be old.
-    engine.forget_depth()
+    engine.motion.forget_depth()
     homing.home_watched(engine)
     engine.placed = False
     engine.limit_depth(-engine.settings.limits.search_mm - engine.settings.limits.max_doi_mm)
-    touched, found = engine.may_touch, engine.measure_contact()
+    touched, found = engine.contact.may_touch, engine.measure_contact()
     if engine.sensing.absolute and (passed := engine.trips.passed_any(found.force_gwt or 0.0)):
         engine.trip(TripError(f"{passed}; {engine.not_lifted}", passed.code), found.force_gwt)
     if (touched and found.kind == "disagreement") or (engine.sensing.absolute and found.kind == "raised"):
         left = engine.not_lifted
         engine.trip(TripError(f"homed, and {left}", left.code), found.force_gwt)
-    engine.be_clear()
+    engine.enter_clearance()
     engine.record(HomeEvent(controller, engine.known_contact.kind, engine.known_contact.force_gwt))
 
 
@@ -88,13 +90,14 @@ def leave_finger(engine: Engine, before: LastKnown, *, resumed: bool) -> None:
     `before` is the record of contact and the zero that the previous command left.
     """
     sensing, known = engine.sensing, before.contact
-    engine.may_touch = known is not None and known.may_touch
-    found = known.words if known is not None and known.may_touch else None
+    may_touch = known is not None and known.may_touch
+    engine.contact = replace(engine.contact, may_touch=may_touch)
+    found = known.words if known is not None and may_touch else None
     try:
         if before.zero is not None:
             sensing.connect()
             # The indentor may have been changed, so an older zero counts only if a touch is on record.
-            sensing.zero = replace(before.zero, provisional=not engine.may_touch)
+            sensing.zero = replace(before.zero, provisional=not may_touch)
             force_gwt = engine.force_at_rest_gwt()
             if force_gwt is not None and abs(force_gwt) >= sensing.touch_gwt:
                 found = f"the sensor reads {force_gwt:.2f} gwt from the last recorded zero"
@@ -127,7 +130,7 @@ def zero(engine: Engine) -> None:
     engine.clock.wait_s(sensing.settle_s)
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
-    engine.keep_zero(None)
+    engine.memory.record_zero(None)
     from_mm = engine.height_mm
     if from_mm > top_mm - ZERO_LIFT_MM:  # There must be room for the lift.
         engine.go_to_height(top_mm - ZERO_LIFT_MM, settings.habits.descent_speed_mm_s, touch_ends_it=True)
@@ -135,8 +138,8 @@ def zero(engine: Engine) -> None:
     if refused := refused_zero(sensing, found) or _changed_by_lift(engine):
         sensing.zero = None
         engine.trip(refused)
-    engine.keep_zero(sensing.lasting_zero)
-    engine.know_contact(0.0)  # The lift has shown that nothing touched while the zero was taken.
+    engine.memory.record_zero(sensing.lasting_zero)
+    engine.record_contact(0.0)  # The lift has shown that nothing touched while the zero was taken.
     engine.record(ZeroEvent(name, found.noise_gwt, found.offset_n / GWT_N, drift_gwt))
     band_gwt = engine.settings.limits.zero_drift_gwt
     if drift_gwt is not None and abs(drift_gwt) > band_gwt:
@@ -231,15 +234,17 @@ def _go_sideways(engine: Engine, x_mm: float, along_mm: float) -> None:
         speed_mm_s, step_mm = habits.travel_speed_mm_s, habits.clearance_mm
     look_s, late_s = min(engine.sensing.sensor.sample_period_s, LOOK_S), late_reading_s(settings)
     _refuse_contact_before_move(engine)
-    while not engine.move(
-        lambda: engine.motion.aside(x_mm, along_mm, speed_mm_s, look_s), touch_ends_it=True, late_s=late_s
+    watch = Watch(touch_ends_it=True, late_s=late_s)
+    while (
+        engine.run_watched(lambda check: engine.motion.aside(x_mm, along_mm, speed_mm_s, check, look_s), watch)
+        is not Outcome.ARRIVED
     ):
         _refuse_contact_before_move(engine)
         left_mm = math.hypot(x_mm - engine.x_mm, along_mm - engine.along_mm)
         share = min(step_mm / left_mm, 1.0) if left_mm else 1.0
         next_x_mm = engine.x_mm + share * (x_mm - engine.x_mm)
         next_along_mm = engine.along_mm + share * (along_mm - engine.along_mm)
-        engine.move(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s))
+        engine.run_watched(partial(engine.motion.aside, next_x_mm, next_along_mm, speed_mm_s, look_s=look_s), Watch())
         _refuse_contact_before_move(engine)
 
 
@@ -312,7 +317,7 @@ class LooksAtClearance:
             return
         if now_s >= self._inputs_s:
             self._inputs_s = now_s + STOP_LOOK_S
-            if (problem := engine.stop_problem(at_rest=True)) and not self._handled:
+            if (problem := engine.stop_inputs(engine, at_rest=True)) and not self._handled:
                 engine.trip(problem)
         if now_s >= self._stage_s:
             engine.guarded(engine.bench.stage.status)

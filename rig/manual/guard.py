@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 from rig.engine.limits import TRIP_MARGIN, FingerStiffness, SidewaysLimit, Trips
 from rig.engine.motion import InterruptedMotionError
-from rig.engine.press import Unanswered
-from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
+from rig.engine.press import FrozenReading
+from rig.engine.sensing import MotionForce, NoReadingError, Sensing, zero_readings_gwt
 from rig.errors import LimitError, TripError
 from rig.settings import RigSettings
 from rig.units import GWT_N
@@ -29,10 +29,11 @@ class Guard:
         # State of each motion, from `begin` on.
         self._up: bool
         self._sideways: bool
-        self._unanswered: Unanswered
+        self._unanswered: FrozenReading
         self._air_gwt: float  # before the motion that touched
         self._rest_gwt: float  # at the last rest
         self._stiffness_gwt_mm: float  # of the last step
+        self._begun: MotionForce
 
     def forget(self) -> None:
         """Forget the last touch, since the heights or the zero have changed."""
@@ -64,7 +65,7 @@ class Guard:
                 "`rig zero --anyway` if nothing touches the indentor",
                 "touches_still",
             )
-        self._sensing.begin_motion(away=False)
+        self._begun = self._sensing.begin_motion(away=False)
 
     @property
     def touch_gwt(self) -> float:
@@ -95,7 +96,7 @@ class Guard:
         Upwards a sensor may be out of range, but it must respond. Sideways there must be a zero taken in the air,
         because without one a touch of before cannot be measured.
         """
-        self._up, self._unanswered = up, Unanswered(self._sensing.resolution_gwt)
+        self._up, self._unanswered = up, FrozenReading(self._sensing.resolution_gwt)
         self._sideways, self.force_gwt = not (up or down), None
         if self._sideways and not self._sensing.absolute:
             raise LimitError(
@@ -107,13 +108,13 @@ class Guard:
             if not self._sensing.zeroed:
                 self._sensing.take_zero(zero_readings_gwt(self._sensing.raw), provisional=True)
             self._rest_gwt = self._sensing.settled().force_n / GWT_N
-            self._sensing.begin_motion(away=up)
+            self._begun = self._sensing.begin_motion(away=up)
         except NoReadingError as error:
             if not (up and error.out_of_range):
                 words = f"{error}; nothing was moved; to move without force, use --without-force"
                 raise LimitError(words, error.code) from error
             self.force_gwt, self._touched_z_mm = None, None
-            self._sensing.begin_motion(away=up)
+            self._begun = self._sensing.begin_motion(away=up)
             return
         self.force_gwt = self._rest_gwt
         if (above := self.above_trip) and not up:
@@ -150,12 +151,13 @@ class Guard:
         Raises InterruptedMotionError; upwards only for a force that grew past a trip.
         """
         try:
-            self.force_gwt = self._sensing.glance_gwt()
+            reading = self._sensing.read_in_motion(self._begun)
+            self.force_gwt = None if reading is None else reading.force_n / GWT_N
         except NoReadingError as error:
             self.force_gwt = None
             if not self._up:
                 raise InterruptedMotionError(str(error), error.code) from error
-        if self.force_gwt is None or self._sensing.unloads(self.force_gwt):
+        if self.force_gwt is None or self._sensing.unloads(self._begun, self.force_gwt):
             return
         self._refuse_trip(self.force_gwt)
         if not self._up:
@@ -191,7 +193,7 @@ class Guard:
             )
         # A touch found during a motion has no stiffness yet; it is at least the touch force per increment.
         stiffness_gwt_mm = self._stiffness_gwt_mm or self._sensing.touch_gwt / self._increment_mm
-        if self._unanswered.too_long(before_gwt, force_gwt, stiffness_gwt_mm * step_mm):
+        if self._unanswered.stays(force_gwt, stiffness_gwt_mm * step_mm, 1, before_gwt):
             words = f"the force stays at {force_gwt:.2f} gwt while the stage moves; check for a frozen reading"
             raise InterruptedMotionError(words, "frozen", force_gwt)
 

@@ -10,7 +10,7 @@ from rig.devices.base import ForceError, Stage, StageError
 from rig.engine import Engine, LimitError, verbs
 from rig.engine.bench import Bench
 from rig.engine.bench_memory import BenchMemory, LastKnown
-from rig.engine.contact import KnownContact
+from rig.engine.contact import ContactRecord, KnownContact
 from rig.engine.dead_man import DOWN, UP, Direction
 from rig.engine.limits import AT_MM
 from rig.engine.sensing import NoReadingError, Sensing, zero_readings_gwt
@@ -75,9 +75,8 @@ def home(settings: RigSettings, bench: Bench, sensing: Sensing) -> KnownContact:
     """
     memory = BenchMemory(settings)
     known = memory.read().contact
-    engine = Engine(settings, bench, NoJournal())
-    engine.sensing, engine.keep_contact = sensing, memory.touched
-    engine.may_touch = known is not None and known.may_touch
+    engine = Engine(settings, bench, NoJournal(), memory=memory, sensing=sensing)
+    engine.contact = ContactRecord(may_touch=known is not None and known.may_touch)
     try:
         with stopped_at_once(engine):
             verbs.home(engine)
@@ -102,7 +101,7 @@ def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
         _make_room(settings, hand)
     sensing.sensor.zero()
     sensing.zero = None  # Readings now have a new zero.
-    memory.forget_zero()
+    memory.record_zero(None)
     try:
         zero = sensing.take_zero(zero_readings_gwt(sensing.raw))
         if refused := verbs.refused_zero(sensing, zero):
@@ -115,7 +114,7 @@ def zero(settings: RigSettings, sensing: Sensing, hand: ByHand | None) -> str:
     except BaseException:
         sensing.zero = None
         raise
-    memory.zeroed(sensing.lasting_zero or zero)
+    memory.record_zero(sensing.lasting_zero or zero)
     return name
 
 

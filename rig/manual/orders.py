@@ -9,7 +9,7 @@ from pydantic import BaseModel, Field, ValidationError
 from rig.clock import Clock
 from rig.devices.base import Axis
 from rig.engine.dead_man import Direction
-from rig.errors import LimitError, NotReadyError, plain_rule
+from rig.errors import LimitError, NotReadyError, first_problem
 from rig.manual.jog import FASTEST_MM_S, HeldDirection
 from rig.settings import SLOWEST_MM_S
 
@@ -36,10 +36,7 @@ class HoldRequest(BaseModel):
         try:
             return cls.model_validate(request)
         except ValidationError as error:
-            first = error.errors()[0]
-            raise LimitError(
-                f"hold: {'.'.join(map(str, first['loc']))}: {plain_rule(first['msg'])}", "invalid_request"
-            ) from None
+            raise LimitError(str(first_problem("hold", error)), "invalid_request") from None
 
     @property
     def direction(self) -> Direction:

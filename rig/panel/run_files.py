@@ -17,6 +17,7 @@ from rig.data.index import RunFilter, listed
 from rig.panel.access import FILE_POLICY
 from rig.panel.requests import RequestError, whole_of_text
 from rig_shared.errors import code_of
+from sim.contact.shapes import ShapeError, shape_filter
 
 _AS_TEXT = (".csv", ".jsonl", ".log", ".md", ".py", ".toml", ".txt", "SHA256SUMS")
 _CHUNK = 1 << 16
@@ -35,15 +36,17 @@ class RunFiles:
         query = request.query_params
         limit = whole_of_text("limit", query.getlist("limit") or [str(_MOST_RUNS)])
         subject, shape, protocol, state = (query.get(name) or None for name in _FILTERS)
-        run_filter = RunFilter(subject, shape, protocol, state)
+        try:
+            run_filter = RunFilter(subject, None if shape is None else shape_filter(shape), protocol, state)
+        except ShapeError as error:  # perhaps half typed
+            return JSONResponse(_no_runs(str(error), error.code))
         return JSONResponse(await asyncio.to_thread(self._catalogue, run_filter, limit))
 
     def _catalogue(self, run_filter: RunFilter, limit: int) -> dict[str, Any]:
         try:
             entries = [one.summary for one in listed(self._out)]
         except OSError as error:
-            problem = f"{self._out}: {error.strerror}"
-            return {"runs": [], "unreadable": [], "problem": problem, "code": code_of(error)}
+            return _no_runs(f"{self._out}: {error.strerror}", code_of(error))
         found = [one for one in entries if not one.problem and run_filter.has(one)]
         runs = [{name: value for name, value in asdict(one).items() if name != "problem"} for one in reversed(found)]
         broken = [{"name": one.name, "problem": one.problem} for one in entries if one.problem]
@@ -69,6 +72,10 @@ class RunFiles:
         if not _named(name) or path.is_symlink() or not path.is_dir():
             raise RequestError("there is no such run", "no_such_run")
         return path
+
+
+def _no_runs(problem: str, code: str) -> dict[str, Any]:
+    return {"runs": [], "unreadable": [], "problem": problem, "code": code}
 
 
 class _Closing(StreamingResponse):

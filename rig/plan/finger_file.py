@@ -5,8 +5,10 @@ Tables: `[finger]` the most likely finger within the bands, `[virtual]` its rela
 
 import hashlib
 import json
+import logging
 import math
 import tomllib
+from functools import cache
 from pathlib import Path
 from typing import Any, Self
 
@@ -21,6 +23,8 @@ from sim.config import FingertipConfig, Tissue
 from sim.identification.prior import strain_of
 from sim.identification.uncertainty_bands import standard_deviations
 from sim.models.interpolation_weights import DERMIS, FAT
+
+_log = logging.getLogger(__name__)
 
 TISSUE = ("stiffness", "e_dermis", "e_fat", "stiffening")
 """Keys of `finger.tissue` in which likely fingers differ, besides relaxation."""
@@ -200,13 +204,22 @@ def _checksum(finger: FingertipConfig, identified: IdentifiedFinger) -> str:
 
 def refuse_unusable(what: str, finger: FingertipConfig, identified: IdentifiedFinger) -> None:
     """Raise BadInputError for an identification that was changed after it was written, or that collapsed."""
-    if identified.sha256 not in (None, _checksum(finger, identified)):
+    if identified.sha256 is None and identified.version.startswith("0.2."):
+        _warn_of_missing_checksum(what)
+    elif identified.sha256 != _checksum(finger, identified):
         raise BadInputError(
             f"{what}: [finger] or [identified] was changed after `rig identify` wrote it, so they may not "
             "describe one finger; repeat `rig identify`, or delete [identified] and give the file as --config",
             "changed_identification",
         )
     refuse_collapsed(what, identified)
+
+
+@cache  # a command reads a file several times
+def _warn_of_missing_checksum(what: str) -> None:
+    _log.warning(
+        "%s: [identified] is of version 0.2, which wrote no checksum, so changes made since cannot be detected", what
+    )
 
 
 def refuse_collapsed(what: str, identified: IdentifiedFinger) -> None:

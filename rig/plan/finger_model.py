@@ -225,6 +225,9 @@ def about_model(finger: "Fingertip") -> dict[str, Any]:
 
 
 def _touch_height_mm(finger: "Fingertip", shape: Indentor, x_mm: float, along_mm: float) -> float:
+    from sim.models.pressing import refuse_meaningless  # imports the solver
+
+    refuse_meaningless(shape, x_mm, along_mm or None, "along_mm")
     z_mm = finger.config.receptor_plane_mm + along_mm if along_mm else None
     return finger.touch_height_mm(shape, x_mm, z_mm=z_mm) - finger.apex_height_mm
 

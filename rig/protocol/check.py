@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from numbers import Integral, Real
 from typing import Any, Literal, Protocol
 
@@ -41,12 +41,13 @@ class Model(Protocol):
 
 @dataclass(frozen=True)
 class Spot:
-    """Indentor and position of a step, and the numbers of its presses."""
+    """Indentor and position of a step, the numbers of its presses, and its place in a schedule."""
 
     indentor: str
     x_mm: float
     along_mm: float
     ids: tuple[PressId, ...]
+    marks: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Walk:
@@ -57,6 +58,7 @@ class Walk:
         self.indentor: str | None = None
         self.x_mm, self.along_mm = math.nan, 0.0
         self.homed = self.zeroed = False
+        self.marks: Mapping[str, Any] = {}  # block, repeat and condition, as far as a schedule has set them
         self.checkpoints: set[str] = set()
         self.pressed: Counter[Purpose] = Counter()
         self.held_s = 0.0
@@ -84,12 +86,13 @@ class Walk:
                 "held_too_long",
             )
 
-    def spot(self, purpose: Purpose = "data", presses: int = 0, marks: Mapping[str, Any] | None = None) -> Spot:
+    def spot(self, purpose: Purpose = "data", presses: int = 0) -> Spot:
         """Return the present position, and the next numbers of that many presses."""
         first = self.pressed[purpose]
         self.pressed[purpose] += presses
-        ids = tuple(PressId(first + n, purpose, marks or {}) for n in range(presses))
-        return Spot(self.indentor or "", self.x_mm, self.along_mm, ids)
+        marks = {} if purpose == "find" else self.marks
+        ids = tuple(PressId(first + n, purpose, marks) for n in range(presses))
+        return Spot(self.indentor or "", self.x_mm, self.along_mm, ids, self.marks)
 
 
 _MAX_COUNT = 100

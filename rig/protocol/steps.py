@@ -1,7 +1,6 @@
-"""Steps: each verb of a script as frozen data that checks itself and requests its prediction.
+"""Verbs of a script, a class each: its arguments, checks, prediction, execution, and what a resumed run repeats.
 
-A verb is a step class here, the method of `rig.protocol.api.Rig` that creates one, and the function in
-`rig.session.execute` that carries it out.
+`rig.protocol.api.Rig` has a method for each, with the same arguments and documentation.
 """
 
 import math
@@ -11,6 +10,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, Generic, Protocol, TypeVar
 
+from rig.engine import Engine, indentation, verbs
+from rig.engine.reference import compare_reference
 from rig.errors import BadInputError
 from rig.protocol.check import (
     ForceTooDeepError,
@@ -62,7 +63,7 @@ class Journalled(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class Step(ABC, Generic[E, A]):
-    """Verb with the arguments from the script; a schedule fills in block, repeat and condition.
+    """Verb with the arguments from the script.
 
     E is the type of its prediction (None for most steps), A that of its answer to the script. `verb` is the method of
     `Rig` that creates it, `owed` what a resumed run repeats of it.
@@ -70,16 +71,6 @@ class Step(ABC, Generic[E, A]):
 
     verb: ClassVar[str]
     owed: ClassVar[Owed]
-
-    block: int | None = None
-    repeat: int | None = None
-    condition: str | None = None
-
-    @property
-    def marks(self) -> dict[str, Any]:
-        """Block, repeat and condition, as far as a schedule has set them."""
-        marks = {"block": self.block, "repeat": self.repeat, "condition": self.condition}
-        return {name: value for name, value in marks.items() if value is not None}
 
     @abstractmethod
     def check(self, walk: Walk) -> Spot:
@@ -96,6 +87,10 @@ class Step(ABC, Generic[E, A]):
         """Return the predicted answer, which a script receives during planning."""
         return None  # type: ignore[return-value]
 
+    @abstractmethod
+    def execute(self, engine: Engine, expected: E) -> A:
+        """Carry out the step as `expect` predicted, and return its answer to the script."""
+
     @classmethod
     def answers(cls, before: Journalled) -> dict[int, A]:
         """Return the answers in the journal of a stopped run, by the index of the press."""
@@ -104,7 +99,7 @@ class Step(ABC, Generic[E, A]):
 
 @dataclass(frozen=True, kw_only=True)
 class Home(Step[None, None]):
-    """Home the stage. A resumed run homes before its first step in any case."""
+    """Home the stage; no other motion is allowed before."""
 
     verb: ClassVar[str] = "home"
     owed: ClassVar[Owed] = Owed.NOTHING
@@ -113,10 +108,24 @@ class Home(Step[None, None]):
         walk.homed, walk.x_mm = True, math.nan
         return walk.spot()
 
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.home(engine)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Mount(Step[None, None]):
-    """Ask the operator to mount an indentor."""
+    """Ask the operator to mount an indentor.
+
+    Parameters
+    ----------
+    indentor : str
+        Name of the indentor, for example ``"bar:3.0"``, ``"cylinder:9"`` or ``"step:1"`` (dimensions in mm).
+
+    Raises
+    ------
+    BadInputError
+        If there is no such indentor.
+    """
 
     verb: ClassVar[str] = "mount"
     owed: ClassVar[Owed] = Owed.LAST
@@ -130,10 +139,26 @@ class Mount(Step[None, None]):
         walk.indentor = self.indentor
         return walk.spot()
 
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.mount(engine, self.indentor)
+
 
 @dataclass(frozen=True, kw_only=True)
 class MoveTo(Step[None, None]):
-    """Move sideways and along the finger, at clearance."""
+    """Move sideways at clearance.
+
+    Parameters
+    ----------
+    x_mm : float
+        Lateral position from the center of the finger pad (mm).
+    along_mm : float, optional
+        Position along the finger from the receptor plane (mm), where the stage has that axis.
+
+    Raises
+    ------
+    BadInputError
+        If the stage is not homed, or the position is outside the limits.
+    """
 
     verb: ClassVar[str] = "move_to"
     owed: ClassVar[Owed] = Owed.LAST
@@ -150,6 +175,9 @@ class MoveTo(Step[None, None]):
         refuse_place(self.x_mm, self.along_mm, settings)
         walk.x_mm, walk.along_mm = self.x_mm, self.along_mm
         return walk.spot()
+
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.move_to(engine, float(self.x_mm), float(self.along_mm))
 
 
 @dataclass(frozen=True)
@@ -211,6 +239,27 @@ def expect_press(
     return ExpectedPresses(spot.ids, planned)
 
 
+def press(
+    engine: Engine, press_id: PressId, planned: PlannedIndentation, speed_mm_s: float | None = None
+) -> Indentation:
+    """Press as planned, by increments; the default speed is habits.press_speed_mm_s."""
+    return indentation.indent(
+        engine,
+        planned.target,
+        increments=int(planned.increments),
+        speed_mm_s=None if speed_mm_s is None else float(speed_mm_s),
+        hold_s=float(planned.hold_s),
+        expected_contact_mm=planned.expected_contact_mm,
+        contact_area_mm2=planned.contact_area_mm2,
+        predicted=_predicted(planned),
+        press_id=press_id,
+    )
+
+
+def _predicted(planned: PlannedIndentation) -> indentation.PredictedPress:
+    return indentation.PredictedPress(round(planned.predicted_doi_mm, 6), round(planned.predicted_force_gwt, 6))
+
+
 class PressStep(Step[ExpectedPresses, Indentation]):
     """One press past the skin, whose holds are data."""
 
@@ -246,7 +295,32 @@ class PressStep(Step[ExpectedPresses, Indentation]):
 
 @dataclass(frozen=True, kw_only=True)
 class Indent(PressStep):
-    """Find contact, press in equal increments with a hold after each, and lift."""
+    """Find contact, press to a depth or a force, and lift to clearance.
+
+    Parameters
+    ----------
+    doi_mm : float, optional
+        Depth of the last increment past contact (mm). Pass either a depth or a force.
+    force_gwt : float, optional
+        Force of the last increment (gwt).
+    increments : int, optional
+        Number of equal increments to the target, each with a hold.
+    speed_mm_s : float, optional
+        Speed past contact (mm/s). Default: `habits.press_speed_mm_s`.
+    hold_s : float, optional
+        Duration of each hold (s).
+
+    Returns
+    -------
+    Indentation
+        Mean depth (mm) and mean force (gwt) of each hold.
+
+    Raises
+    ------
+    BadInputError
+        If a step that must come first is missing, an argument is out of range, or the finger model predicts a
+        depth or a force beyond a limit.
+    """
 
     verb: ClassVar[str] = "indent"
 
@@ -271,7 +345,7 @@ class Indent(PressStep):
             speed_mm_s=self.speed_mm_s,
         )
         walk.hold(self.verb, self.increments * self.hold_s)
-        return walk.spot("data", 1, self.marks)
+        return walk.spot("data", 1)
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(
@@ -284,10 +358,38 @@ class Indent(PressStep):
             speed_mm_s=self.speed_mm_s,
         )
 
+    def execute(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
+        return press(engine, expected.ids[0], expected.planned, self.speed_mm_s)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Ramp(PressStep):
-    """Find contact, move to a depth at constant speed, hold, and lift."""
+    """Find contact, move from above the skin to a depth at constant speed, hold, and lift to clearance.
+
+    The first ramp at a place, and a deeper one, begins with a press by increments to the same depth, which
+    measures the stiffness. A ramp trips at a force below the soft trip, such that it comes to rest within the
+    trip and the overshoot of a press.
+
+    Parameters
+    ----------
+    doi_mm : float
+        Depth past contact (mm).
+    speed_mm_s : float
+        Speed (mm/s).
+    hold_s : float, optional
+        Duration of the hold (s).
+
+    Returns
+    -------
+    Indentation
+        Mean depth (mm) and mean force (gwt) of the hold.
+
+    Raises
+    ------
+    BadInputError
+        As `indent`; if the stage cannot ramp, or the ramp is too fast for the stiffness that the finger model
+        predicts.
+    """
 
     verb: ClassVar[str] = "ramp"
 
@@ -305,7 +407,7 @@ class Ramp(PressStep):
         refuse_no_number(self.verb, "speed_mm_s", self.speed_mm_s)
         check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s, speed_mm_s=self.speed_mm_s)
         walk.hold(self.verb, self.hold_s)
-        return walk.spot("data", 1, self.marks)
+        return walk.spot("data", 1)
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(
@@ -319,10 +421,42 @@ class Ramp(PressStep):
             ramp=True,
         )
 
+    def execute(self, engine: Engine, expected: ExpectedPresses) -> Indentation:
+        planned = expected.planned
+        return indentation.ramp(
+            engine,
+            planned.target.value,
+            float(self.speed_mm_s),
+            hold_s=float(planned.hold_s),
+            expected_contact_mm=planned.expected_contact_mm,
+            contact_area_mm2=planned.contact_area_mm2,
+            predicted=_predicted(planned),
+            press_id=expected.ids[0],
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class Precondition(Step[ExpectedPresses, None]):
-    """Press several times at the present position, to settle the skin."""
+    """Press several times at the present position, to settle the skin.
+
+    The journal stores these presses apart from data.
+
+    Parameters
+    ----------
+    presses : int
+        Number of presses.
+    doi_mm : float, optional
+        Depth of each press past contact (mm). Pass either a depth or a force.
+    force_gwt : float, optional
+        Force of each press (gwt).
+    hold_s : float, optional
+        Duration of each hold (s).
+
+    Raises
+    ------
+    BadInputError
+        As `indent`.
+    """
 
     verb: ClassVar[str] = "precondition"
     owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
@@ -341,15 +475,40 @@ class Precondition(Step[ExpectedPresses, None]):
         refuse_count(self.verb, "presses", self.presses)
         check_press(self.verb, self.target, walk, increments=1, hold_s=self.hold_s)
         walk.hold(self.verb, self.presses * self.hold_s)
-        return walk.spot("precondition", self.presses, self.marks)
+        return walk.spot("precondition", self.presses)
 
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=1, hold_s=self.hold_s)
 
+    def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
+        for press_id in expected.ids:
+            verbs.be_over(engine, expected.planned.x_mm)
+            press(engine, press_id, expected.planned)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Reference(Step[ExpectedPresses, None]):
-    """Press at a fixed position; an alarm is raised if the force differs from that of the first such press."""
+    """Press at a fixed position to monitor the skin.
+
+    An alarm is raised where the force differs from that of the first such press by more than
+    `limits.reference_band`. The journal stores these presses apart from data.
+
+    Parameters
+    ----------
+    x_mm : float
+        Lateral position from the center of the finger pad (mm).
+    doi_mm : float
+        Depth of the last increment past contact (mm).
+    increments : int, optional
+        Number of equal increments, each with a hold.
+    hold_s : float, optional
+        Duration of each hold (s).
+
+    Raises
+    ------
+    BadInputError
+        As `indent`.
+    """
 
     verb: ClassVar[str] = "reference"
     owed: ClassVar[Owed] = Owed.LAST_OF_INDENTOR
@@ -369,7 +528,7 @@ class Reference(Step[ExpectedPresses, None]):
         check_press(self.verb, self.target, walk, increments=self.increments, hold_s=self.hold_s)
         self._refuse_another(walk)
         walk.hold(self.verb, self.increments * self.hold_s)
-        return walk.spot("reference", 1, self.marks)
+        return walk.spot("reference", 1)
 
     def _refuse_another(self, walk: Walk) -> None:
         requested = (walk.indentor, self.x_mm, self.doi_mm, self.increments, self.hold_s)
@@ -384,10 +543,27 @@ class Reference(Step[ExpectedPresses, None]):
     def expect(self, spot: Spot, walk: Walk) -> ExpectedPresses:
         return expect_press(self.verb, self.target, spot, walk, increments=self.increments, hold_s=self.hold_s)
 
+    def execute(self, engine: Engine, expected: ExpectedPresses) -> None:
+        verbs.be_over(engine, expected.planned.x_mm)
+        band = expected.planned.band
+        found = press(engine, expected.ids[0], expected.planned)
+        compare_reference(engine, found, None if band is None else band.force_gwt)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Rest(Step[None, None]):
-    """Wait at clearance."""
+    """Wait at clearance.
+
+    Parameters
+    ----------
+    seconds : float
+        Duration (s).
+
+    Raises
+    ------
+    BadInputError
+        If the duration is out of range.
+    """
 
     verb: ClassVar[str] = "rest"
     owed: ClassVar[Owed] = Owed.LAST_IF_NEXT
@@ -399,10 +575,19 @@ class Rest(Step[None, None]):
         refuse_seconds(self.verb, "seconds", self.seconds)
         return walk.spot()
 
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.rest(engine, float(self.seconds))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Retract(Step[None, None]):
-    """Lift to clearance."""
+    """Lift to clearance.
+
+    Raises
+    ------
+    BadInputError
+        If the stage is not homed.
+    """
 
     verb: ClassVar[str] = "retract"
     owed: ClassVar[Owed] = Owed.NOTHING
@@ -410,6 +595,9 @@ class Retract(Step[None, None]):
     def check(self, walk: Walk) -> Spot:
         walk.need(walk.homed, self.verb, "home()")
         return walk.spot()
+
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.retract(engine)
 
 
 @dataclass(frozen=True)
@@ -422,7 +610,18 @@ class ExpectedTouch:
 
 @dataclass(frozen=True, kw_only=True)
 class Touch(Step[ExpectedTouch, float]):
-    """Find contact at the present position and lift; the answer is the height of contact (mm)."""
+    """Find contact at the present position, and lift.
+
+    Returns
+    -------
+    float
+        Height of contact above the nominal apex (mm).
+
+    Raises
+    ------
+    BadInputError
+        If a step that must come first is missing, or contact would be outside the travel of the stage.
+    """
 
     verb: ClassVar[str] = "touch"
     owed: ClassVar[Owed] = Owed.ANSWER
@@ -443,10 +642,24 @@ class Touch(Step[ExpectedTouch, float]):
     def answers(cls, before: Journalled) -> dict[int, float]:
         return {event["index"]: float(event["contact_height_mm"]) for event in before.stream("find")}
 
+    def execute(self, engine: Engine, expected: ExpectedTouch) -> float:
+        return indentation.touch_place(engine, expected.press.index, expected.contact_mm)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Checkpoint(Step[None, None]):
-    """Journal that the script has reached a named point."""
+    """Write into the journal that the script has reached this point.
+
+    Parameters
+    ----------
+    name : str
+        Name of the checkpoint; a script uses each name once.
+
+    Raises
+    ------
+    BadInputError
+        If the name is no text, or is used already.
+    """
 
     verb: ClassVar[str] = "checkpoint"
     owed: ClassVar[Owed] = Owed.ONCE
@@ -462,10 +675,24 @@ class Checkpoint(Step[None, None]):
         walk.checkpoints.add(self.name)
         return walk.spot()
 
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.checkpoint(engine, self.name)
 
-@dataclass(frozen=True, kw_only=True)
+
+@dataclass(frozen=True)
 class Note(Step[None, None]):
-    """Journal a line of text."""
+    """Write a line of text into the journal.
+
+    Parameters
+    ----------
+    text : str
+        The line.
+
+    Raises
+    ------
+    BadInputError
+        If it is no text.
+    """
 
     verb: ClassVar[str] = "note"
     owed: ClassVar[Owed] = Owed.ONCE
@@ -476,10 +703,19 @@ class Note(Step[None, None]):
         refuse_no_text(self.verb, self.text)
         return walk.spot()
 
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.note(engine, self.text)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Zero(Step[None, None]):
-    """Zero the force sensor."""
+    """Zero the force sensor while the indentor is in the air.
+
+    Raises
+    ------
+    BadInputError
+        If the stage is not homed.
+    """
 
     verb: ClassVar[str] = "zero"
     owed: ClassVar[Owed] = Owed.LAST
@@ -488,3 +724,6 @@ class Zero(Step[None, None]):
         walk.need(walk.homed, self.verb, "home()")
         walk.zeroed = True
         return walk.spot()
+
+    def execute(self, engine: Engine, expected: None) -> None:
+        verbs.zero(engine)

@@ -9,6 +9,7 @@ from rig.control.stop import OwnedStage
 from rig.devices.base import HasSetPoint, Stage, StageAlarm, StageError, StageHeld, is_held
 from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Engine, RunAborted, TripError, WatchedBench
+from rig.engine.engine import StopInputs, no_stop_inputs
 from rig.errors import BadInputError
 from rig.settings import BenchSettings, StopSettings
 from rig.transport import TransportError
@@ -159,22 +160,19 @@ def refuse_stop_inputs(settings: BenchSettings, bench: WatchedBench) -> None:
 
 
 @contextmanager
-def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButton | None) -> Iterator[None]:
-    """Check the stop inputs with each force reading during a run.
+def explained_by_stop_inputs(settings: BenchSettings, stage: Stage) -> Iterator[None]:
+    """Raise what a stop input means where the controller stopped first and reported it: by an alarm, while homing.
 
-    Raises RunAborted if the participant pressed the button on the controller (the stage was stopped at once), and
-    TripError if the hardware trip stopped the stage.
+    Raises RunAborted if the participant pressed the button on the controller, and TripError if the hardware trip
+    stopped the stage.
     """
     stop = settings.stop
-    if stop.kind == "off" and not stop.inputs:
-        yield
-        return
-    engine.stop_problem = _StopInputCheck(stop, engine, button)
     try:
         yield
-    # The controller stopped first and reported it: by an alarm, while homing.
     except (StageHeld, StageAlarm) as error:
-        held, active = isinstance(error, StageHeld), _active_now(engine.bench.stage)
+        if stop.kind == "off" and not stop.inputs:
+            raise
+        held, active = isinstance(error, StageHeld), _active_now(stage)
         if stop.trip_input in active:
             raise _by_the_relay(stop) from error
         if stop.kind == "board" and (held or stop.input in active):
@@ -182,22 +180,27 @@ def stop_inputs_heeded(settings: BenchSettings, engine: Engine, button: StopButt
         raise
 
 
+def stop_inputs_of(settings: BenchSettings, button: StopButton | None) -> StopInputs:
+    """Return the check of the stop inputs that a run makes with each force reading."""
+    stop = settings.stop
+    return no_stop_inputs if stop.kind == "off" and not stop.inputs else _StopInputCheck(stop, button)
+
+
 class _StopInputCheck:
     """Check made with each reading: at rest the controller is polled, in motion its last status counts."""
 
-    def __init__(self, stop: StopSettings, engine: Engine, button: StopButton | None) -> None:
-        self._stop, self._engine, self._button = stop, engine, button
+    def __init__(self, stop: StopSettings, button: StopButton | None) -> None:
+        self._stop, self._button = stop, button
         self._key = None if button is None else button.key
         # A board reports both in one line.
         self._with_its_state = bool({"door", "hold"} & set(stop.inputs.values()))
 
-    def _poll(self, *, anew: bool) -> tuple[frozenset[str], bool]:
+    def _poll(self, stage: Stage, *, anew: bool) -> tuple[frozenset[str], bool]:
         """Return the active inputs, and whether the controller is held."""
-        stage = self._engine.bench.stage
         held = is_held(stage.status().state) if anew and self._with_its_state else False
         return stage.active_inputs(), held
 
-    def __call__(self, *, at_rest: bool) -> TripError | None:
+    def __call__(self, engine: Engine, *, at_rest: bool) -> TripError | None:
         """Return a trip or None. Raises RunAborted if the button was pressed; the stage is then at rest."""
         if self._key is not None and self._key.problem:
             return TripError(
@@ -205,7 +208,7 @@ class _StopInputCheck:
             )
         if not self._stop.inputs:
             return None
-        active, held = self._engine.guarded(lambda: self._poll(anew=at_rest))
+        active, held = engine.guarded(lambda: self._poll(engine.bench.stage, anew=at_rest))
         if self._stop.trip_input in active:
             return _by_the_relay(self._stop)
         if self._stop.kind == "board":
@@ -213,7 +216,7 @@ class _StopInputCheck:
             if self._button is not None:
                 self._button.seen(pressed=pressed)
             if pressed:
-                self._engine.stop()
+                engine.stop()
                 raise RunAborted(BY_THE_BUTTON, "stop_button")
         return None
 

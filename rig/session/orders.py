@@ -19,7 +19,7 @@ from rig.protocol.api import ProtocolParameters, Rig
 from rig.protocol.check import Spot, Walk
 from rig.protocol.script import Script
 from rig.protocol.steps import Owed, Step
-from rig.session.execute import Live, executes
+from rig.session.execute import Live
 
 E = TypeVar("E")
 A = TypeVar("A")
@@ -80,11 +80,9 @@ class NextOrder(Step[None, Order | None]):
     def foreseen(self, expected: None) -> Order | None:
         return self.planned
 
-
-@executes(NextOrder)
-def next_order(engine: Engine, step: NextOrder, expected: None) -> Order | None:
-    """Return the planned order, in a rehearsal."""
-    return step.planned
+    def execute(self, engine: Engine, expected: None) -> Order | None:
+        """Return the planned order, in a rehearsal."""
+        return self.planned
 
 
 class PressOrders:
@@ -115,7 +113,7 @@ class PressOrders:
         rig.move_to(x_mm=at_mm)
         rig.zero()
         planned = self._planned()
-        while order := rig._do(NextOrder(planned=next(planned, None))):
+        while order := rig.do(NextOrder(planned=next(planned, None))):
             if order.x_mm is not None and (order.what == "move" or order.x_mm != at_mm):
                 at_mm = order.x_mm
                 rig.move_to(x_mm=at_mm)

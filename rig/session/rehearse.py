@@ -150,7 +150,7 @@ def rehearsed(script: Script, config: Config, finger: Finger, plan: Plan, before
     run_script(script, engine, Rig(script.parameters, walk, Patience(handler)))
     return Rehearsed(
         clock.monotonic_s(),
-        engine.contact.total_s,
+        engine.contact_time.total_s,
         timeline.instants_s,
         timeline.words,
         timeline.marks,

@@ -37,7 +37,13 @@ from rig.protocol.same_steps import as_lines
 from rig.protocol.script import Script
 from rig.session.early_ending import Ending, FinalPosition
 from rig.session.execute import Live
-from rig.session.hardware_stop import BY_THE_BUTTON, StopButton, refuse_stop_inputs, stop_inputs_heeded
+from rig.session.hardware_stop import (
+    BY_THE_BUTTON,
+    StopButton,
+    explained_by_stop_inputs,
+    refuse_stop_inputs,
+    stop_inputs_of,
+)
 from rig.session.lost_files import LostRun
 from rig.session.resume import StoppedRun, first_reference_gwt, provenance
 from rig.session.script_run import AT_ONCE, ENDINGS, run_script, stopped_at_once, with_trip
@@ -324,8 +330,11 @@ def _on_a_bench(
             streams = streams_with(find(ForceKind, session.config.force.kind).also)
             journal = Journal(folder.events, bench.clock, streams, watch, bench.witness, virtual=bench.virtual)
             stiffness = FingerStiffness.of((session.possible or session.plan).all_presses)
-            engine = Engine(session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness)
-            engine.keep_contact, engine.keep_zero = bench.touched, bench.record_zero
+            engine = Engine(
+                session.config, bench, journal, session.plan.soft_trip_n, contact_s, stiffness,
+                memory=bench, stop_inputs=stop_inputs_of(session.config, session.button),
+                first_reference_gwt=None if before is None else first_reference_gwt(before),
+            )  # fmt: skip
             journal.at_end = lambda: {"indentor": asdict(FinalPosition.of(engine))}
             journal.interrupted_by = lambda: session.stopped_by
             _begin(session, journal, virtual=bench.virtual)
@@ -341,7 +350,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
         with (
             journal,
             stopped_at_once(engine, session.attendant.stopped, lambda: session.stopped_by),
-            stop_inputs_heeded(session.config, engine, session.button),
+            explained_by_stop_inputs(session.config, bench.stage),
         ):
             with bench.monitor(engine.heartbeat), _measured_at_end(engine, session.attendant.stopped):
                 verbs.leave_finger(engine, bench.before, resumed=session.before is not None)
@@ -354,7 +363,7 @@ def _carry_out(session: Session, journal: Journal, engine: Engine, rig: Rig, ben
     except KeyboardInterrupt:  # The stage was stopped; the journal is still worth a report.
         return RunAborted(with_trip(engine, session.stopped_by), "stopped_at_once")
     finally:
-        if engine.may_touch:
+        if engine.contact.may_touch:
             with suppress(RecordError):  # The record already assumes contact.
                 bench.touched(engine.known_contact)
     return None
@@ -408,7 +417,6 @@ def _rig(session: Session, folder: RunFolder, engine: Engine) -> Rig:
     walk = Walk(config, FingerModel(session.finger, session.plan.predictions, where, config.identified))
     handler = session.handler(engine, walk)
     if session.before is not None:
-        engine.first_reference_gwt = first_reference_gwt(session.before)
         handler = ResumeHandler(session.before, handler, config.habits.press_speed_mm_s)
     return Rig(session.script.parameters, walk, Patience(handler))
 

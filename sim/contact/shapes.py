@@ -92,6 +92,24 @@ def shape_name(text: str) -> str:
     return f"{kind}:{float(number) * {'rd': 2.0, 'dr': 0.5}.get(by + bare, 1.0):g}{rest}"
 
 
+def shape_filter(text: str) -> Callable[[str], bool]:
+    """Return a test of names of shapes: whether they mean the same shape, or one of a kind such as "bar".
+
+    Raises ShapeError.
+    """
+    if text in _KINDS:
+        return lambda other: other.partition(":")[0] == text
+    wanted = shape_name(text)
+    return lambda other: _name_or_text(other) == wanted
+
+
+def _name_or_text(text: str) -> str:
+    try:
+        return shape_name(text)
+    except ShapeError:
+        return text  # of a run of another version
+
+
 def shape_size(text: str) -> str:
     """Return the size of a shape in words, with radius and width where it is round; empty where its name says all.
 

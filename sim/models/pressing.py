@@ -60,14 +60,16 @@ def refuse_beside_the_finger(config: FingertipConfig, x_mm: float, z_mm: float |
         raise z_outside(z_mm, length_mm)
 
 
-def refuse_meaningless(indentor: Indentor, x_mm: float, z_mm: float | None) -> None:
-    """Raise ModelRangeError for a position that makes no difference to an indentor; x = 0 is the default."""
-    for axis, position_mm in ((X, x_mm or None), (Z, z_mm)):
+def refuse_meaningless(indentor: Indentor, x_mm: float, along_mm: float | None, along: str = "z_mm") -> None:
+    """Raise ModelRangeError for a position that makes no difference to an indentor; x = 0 is the default.
+
+    along: name of the caller's argument for the position along the finger.
+    """
+    for axis, name, position_mm in ((X, "x_mm", x_mm or None), (Z, along, along_mm)):
         if position_mm is not None and axis not in indentor.placed_by:
             by = " and ".join(_AXIS_NAMES[axis] for axis in indentor.placed_by) or "its depth alone"
             raise ModelRangeError(
-                f"{indentor.name}: {_AXIS_NAMES[axis]}_mm = {position_mm:g} does not apply; the shape is "
-                f"positioned by {by}",
+                f"{indentor.name}: {name} = {position_mm:g} does not apply; the shape is positioned by {by}",
                 "meaningless_place",
             )
 

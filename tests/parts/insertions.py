@@ -24,31 +24,16 @@ class Tap(Step[ExpectedTouch, None]):
         refuse_approach(self.verb, contact_mm, walk.settings)
         return ExpectedTouch(spot.ids[0], contact_mm)
 
-
-''',
-    ),
-    ("rig/session/execute.py", "    Touch,\n", "    Tap,\n"),
-    ("rig/session/execute.py", "from rig.engine import", "from rig.data import events\n"),
-    (
-        "rig/session/execute.py",
-        "@executes(Touch)\n",
-        '''\
-@executes(Tap)
-def tap(engine: Engine, step: Tap, expected: ExpectedTouch) -> None:
-    """Find contact repeatedly, and journal the mean."""
-    first, times = expected.press.index, step.times
-    found = [indentation.touch_place(engine, first + k, expected.contact_mm) for k in range(times)]
-    engine.record(events.TapEvent(times, engine.x_mm, sum(found) / times))
+    def execute(self, engine: Engine, expected: ExpectedTouch) -> None:
+        first, times = expected.press.index, self.times
+        found = [indentation.touch_place(engine, first + k, expected.contact_mm) for k in range(times)]
+        engine.record(events.TapEvent(times, engine.x_mm, sum(found) / times))
 
 
 ''',
     ),
-    ("rig/protocol/api.py", "    Touch,\n", "    Tap,\n"),
-    (
-        "rig/protocol/api.py",
-        "    def touch(self)",
-        '    def tap(self, *, times: int) -> None:\n        """Tap."""\n        self._do(Tap(times=times))\n\n',
-    ),
+    ("rig/protocol/steps.py", "from rig.engine import", "from rig.data import events\n"),
+    ("rig/protocol/api.py", "    touch = ", "    tap = _method(steps.Tap)\n"),
     (
         "rig/data/events.py",
         "@dataclass(frozen=True, eq=False, repr=False)\nclass CheckpointEvent(Event):",

@@ -111,7 +111,7 @@ class HandBench:
         if known:
             self.memory.left(self.bench.stage.status())
         if zero is not None:
-            self.memory.zeroed(zero)
+            self.memory.record_zero(zero)
         if lifted:
             self.memory.touched(KnownContact("lifted", 0.0, 0.0, above_mm))
         self.owner = ManualOwner(self.config, self.bench, self.gate, self.wire, self.memory.read())

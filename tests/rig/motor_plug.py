@@ -12,6 +12,7 @@ from rig.bench.virtual import VirtualBench, bench_around
 from rig.data.journal import NoJournal
 from rig.devices.base import StageError
 from rig.engine import Engine, verbs
+from rig.engine.contact import ContactRecord
 from rig.engine.sensing import ForceZero
 from rig.errors import EngineError
 from rig.plan.config import Config
@@ -112,7 +113,7 @@ class PluggedBench:
             device.power_cycle()
         self.clock.wait_s(3.0)
         self.engine = Engine(self.config, self.bench, NoJournal())
-        self.engine.may_touch = self._may_touch
+        self.engine.contact = ContactRecord(may_touch=self._may_touch)
         if self._zeroed:
             self.engine.sensing.zero = ForceZero(0.0, 0.0)
 

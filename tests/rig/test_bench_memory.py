@@ -53,7 +53,7 @@ def test_a_stage_stands_where_it_was_left_only_at_rest_and_to_three_micrometres(
 
 
 def test_as_soon_as_something_moves_its_place_is_not_known_and_the_zero_still_is(memory: BenchMemory) -> None:
-    memory.zeroed(ForceZero(0.25, 0.02))
+    memory.record_zero(ForceZero(0.25, 0.02))
     memory.left(AT)
     memory.moves()
     known = memory.read()
@@ -169,10 +169,10 @@ def test_a_zero_of_another_sensor_or_scale_is_none(tables: dict[str, Any]) -> No
     """From it a touch of any force may seem none. What else is on record stays."""
     memory, other = BenchMemory(Config()), BenchMemory(Config.model_validate(tables))
     memory.left(StageStatus("Idle", 1.0, 2.0, 3.0))
-    memory.zeroed(ForceZero(0.4, 0.0))
+    memory.record_zero(ForceZero(0.4, 0.0))
     assert memory.read().zero == ForceZero(0.4, 0.0)
     assert (other.read().zero, other.read().left_at_mm) == (None, (1.0, 2.0, 3.0))
-    other.zeroed(ForceZero(0.1, 0.0))
+    other.record_zero(ForceZero(0.1, 0.0))
     assert (memory.read().zero, other.read().zero) == (None, ForceZero(0.1, 0.0))
 
 

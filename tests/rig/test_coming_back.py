@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from rig.devices.base import ForceReading
 from rig.engine import Engine, LimitError, RunAborted, Target, TripError, indent, verbs
 from rig.engine.indentation import touch_place
 from rig.engine.limits import Stopping, Touched, refuse_height
@@ -263,8 +264,10 @@ def test_a_touch_on_the_way_that_is_none_at_rest_is_followed_by_increments(sprin
         engine = bench.ready()
         indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
         bench.events.clear()
-        felt, knocked = engine.sensing.glance_gwt, [knock_gwt]
-        engine.sensing.glance_gwt = lambda felt=felt, knocked=knocked: knocked.pop() if knocked else felt()
+        read, knocked = engine.sensing.read_in_motion, [ForceReading(knock_gwt * GWT_N, True, 0.0)]
+        engine.sensing.read_in_motion = lambda begun, read=read, knocked=knocked: (
+            knocked.pop() if knocked else read(begun)
+        )
         done = indent(engine, TARGET, hold_s=0.1, expected_contact_mm=CONTACT_MM)
         heights = [s["height_mm"] for s in bench.of("sample") if s["phase"] == "approach"]
         assert (heights[0] > 1.0) is ends

@@ -14,7 +14,7 @@ from rig.bench.checks import contact_as_json
 from rig.data.run import read_run
 from rig.engine import Engine, RecordError, RunAborted, indent, verbs
 from rig.engine.bench_memory import BenchMemory
-from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, KnownContact, judged
+from rig.engine.contact import DOES_NOT_TOUCH, KINDS, MAY_TOUCH, ContactKind, ContactRecord, KnownContact, judged
 from rig.engine.dead_man import Direction
 from rig.engine.sensing import Sensing
 from rig.manual.guard import Guard
@@ -70,9 +70,8 @@ def _engine_that(known: KnownContact) -> Engine:
     bench = FaultyBench.__new__(FaultyBench)
     bench.stage = Stage()  # type: ignore[assignment]
     engine.settings, engine.bench = Config(), bench
-    engine.state, engine.may_touch = verbs.State.READY, known.may_touch
-    engine.clock = VirtualClock(1.7e9)
-    engine._known, engine._measured, engine._measured_s = known, True, engine.clock.monotonic_s()
+    engine.state, engine.clock = verbs.State.READY, VirtualClock(1.7e9)
+    engine.contact = ContactRecord(known, engine.clock.monotonic_s(), at_rest=True, may_touch=known.may_touch)
 
     class Motion:
         begun, x_mm, along_mm, height_mm = True, known.x_mm, 0.0, known.height_mm
@@ -195,7 +194,7 @@ def test_a_record_that_cannot_be_written_does_not_go_on_saying_that_the_finger_i
 def bench(tmp_path: Path, settings: Config) -> FaultyBench:
     """Ready at x = 0."""
     found = FaultyBench(tmp_path, {"stage": {"port": "here"}, "limits": {"soft_trip_n": SOFT_TRIP_N}})
-    found.engine.keep_contact = BenchMemory(settings).touched
+    found.engine.memory = BenchMemory(settings)
     verbs.mount(found.engine, "bar:3.0")
     verbs.home(found.engine)
     verbs.zero(found.engine)
@@ -218,8 +217,8 @@ def test_a_kill_is_remembered_through_a_run_that_never_moved_until_a_homing_that
     zero = bench.engine.sensing.zero
     run(tmp_path / "runs", "2", {"left": "not moved", "may_touch": None})
     assert MAY_TOUCH in str(left_on_record(tmp_path / "runs", settings))
-    again = bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    again.keep_contact, again.sensing.zero = BenchMemory(settings).touched, zero
+    again = bench.engine = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N, memory=BenchMemory(settings))
+    again.sensing.zero = zero
     verbs.home(again)
     assert left_on_record(tmp_path / "runs", settings) is None
     bench.journal.close()
@@ -230,8 +229,7 @@ def test_homing_without_a_zero_confirms_nothing_and_the_zero_after_it_does(
 ) -> None:
     memory = BenchMemory(settings)
     memory.touched(KnownContact("touching", 5.0))
-    again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N)
-    again.keep_contact = memory.touched
+    again = Engine(bench.config, bench, bench.journal, SOFT_TRIP_N, memory=memory)
     verbs.home(again)
     for verb, kind in ((lambda: None, "raised"), (lambda: verbs.zero(again), "lifted")):
         verb()

@@ -117,7 +117,7 @@ def test_a_touch_is_not_taken_for_zero(kind: str) -> None:
     """`rig zero` refuses a load against the last zero on record."""
     for crossing_s in CROSSINGS_S:
         at_hand = Drifted(kind, 2.5, crossing_s).bench
-        BenchMemory(at_hand.config).zeroed(ForceZero(0.0, 0.0))
+        BenchMemory(at_hand.config).record_zero(ForceZero(0.0, 0.0))
         with pytest.raises(LimitError) as found:
             zero_by_hand(at_hand.config, at_hand.sensing, at_hand.hand)
         assert found.value.code in ("maybe_touched", "unsteady"), f"{crossing_s:.2f} s"
@@ -173,7 +173,7 @@ def test_a_force_that_does_not_settle_is_not_zeroed() -> None:
     """The same two readings before `rig zero`: it names them, and the recorded zero stays."""
     sensing = _resting(lambda t_s: 0.04 if round(t_s / 0.55) % 2 else -0.04)
     settings = RigSettings()
-    BenchMemory(settings).zeroed(ForceZero(0.0, 0.0))
+    BenchMemory(settings).record_zero(ForceZero(0.0, 0.0))
     with raises(LimitError, "unsteady"):
         zero_by_hand(settings, sensing, Mock())
     assert BenchMemory(settings).read().zero == ForceZero(0.0, 0.0)

@@ -20,7 +20,7 @@ from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 from rig.units import GWT_N
 from tests.error_codes import raises
-from tests.stub_bench import StubBench, raising
+from tests.stub_bench import KeptMemory, StubBench, raising
 
 # --- clearance and contact ---
 
@@ -29,7 +29,7 @@ from tests.stub_bench import StubBench, raising
 def test_below_clearance_is_in_contact(height_mm: float, clear: bool) -> None:
     engine = StubBench().ready()
     engine.go_to_height(height_mm, 0.5)
-    assert (engine.state, engine.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
+    assert (engine.state, engine.contact.may_touch) == ((State.READY, False) if clear else (State.IN_CONTACT, True))
 
 
 @pytest.mark.parametrize(("to_mm", "lifted_mm"), [(None, 2.0), (1.99, 1.99), (5.0, 5.0), (1.955, 1.95)])
@@ -49,11 +49,11 @@ def test_what_was_lifted_is_clear_and_no_press() -> None:
     bench.clock.wait_s(1.0)
     bench.force.shows_gwt = 0.0
     verbs.retract(engine)
-    assert (engine.state, engine.may_touch) == (State.READY, False)
+    assert (engine.state, engine.contact.may_touch) == (State.READY, False)
     assert engine.trip_gwt == pytest.approx(203.943, abs=1e-3)
     touched_s = bench.of("retract")[0]["contact_s"]
     bench.clock.wait_s(100.0)
-    assert engine.contact.total_s == pytest.approx(touched_s)
+    assert engine.contact_time.total_s == pytest.approx(touched_s)
     engine.heartbeat.look()
     assert not engine.heartbeat.lost
 
@@ -119,7 +119,7 @@ def test_contact_at_rest_is_what_position_and_force_say(
 def test_contact_is_on_record_before_the_first_motion_below_clearance_and_whenever_it_is_measured() -> None:
     bench, kept = StubBench(), list[KnownContact]()
     engine = bench.ready()
-    engine.keep_contact = kept.append
+    engine.memory = KeptMemory(kept)
     engine.go_to_height(1.95, 0.5)
     engine.go_to_height(1.9, 0.5)
     bench.force.shows_gwt = 3.0
@@ -141,7 +141,7 @@ def test_a_stage_that_may_have_lost_its_lowest_height_is_told_it_again() -> None
     engine = bench.ready()
     lowest_mm, told = -bench.settings.stage.travel_mm[2], bench.stage.floors_mm
     told.clear()
-    for lose in (lambda: None, engine.forget_depth, engine.stop, lambda: None):
+    for lose in (lambda: None, engine.motion.forget_depth, engine.stop, lambda: None):
         lose()
         engine.limit_depth(-1000.0)
     assert told == [lowest_mm] * 3
@@ -168,7 +168,7 @@ def test_the_finger_is_touched_from_the_first_reading_that_means_contact_below_c
     bench.force.shows_gwt = force_gwt
     engine.read_force_gwt(PressId(0), "approach")
     bench.clock.wait_s(2.0)
-    assert engine.contact.total_s == (pytest.approx(2.0) if touched else 0.0)
+    assert engine.contact_time.total_s == (pytest.approx(2.0) if touched else 0.0)
 
 
 READINGS: dict[str, Callable[[Any], Any]] = {
@@ -202,7 +202,7 @@ def test_a_stop_input_before_or_after_a_reading_at_rest_trips(read: str, pressed
     engine, pressed = bench.in_contact(), list[bool]()
     bench.force.at_read = lambda: pressed.append(True)
     button = TripError("stop input button", "stop_input")
-    engine.stop_problem = lambda *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
+    engine.stop_inputs = lambda engine, *, at_rest: button if bool(pressed) is (pressed_at == "after") else None
     with raises(TripError, "stop_input", input="button"):
         READINGS[read](engine)
 
@@ -414,7 +414,7 @@ def test_a_force_that_homing_leaves_trips_after_a_touch_or_above_a_trip(
     with raises(TripError, code) if code else nullcontext():
         verbs.home(engine)
     assert engine.state is (State.TRIPPED if code else State.READY)
-    assert engine.may_touch is (below and code is not None)
+    assert engine.contact.may_touch is (below and code is not None)
     if code:
         assert bench.of("trip")[0]["force_gwt"] == pytest.approx(shows_gwt)
 
@@ -473,7 +473,7 @@ def test_a_rest_asks_inputs_and_force_all_the_time_and_records_a_reading_each_se
     engine = bench.ready()
     samples = len(bench.of("sample"))
     asked_s: list[float] = []
-    engine.stop_problem = lambda *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
+    engine.stop_inputs = lambda engine, *, at_rest: asked_s.append(bench.clock.monotonic_s()) if at_rest else None
     begun_s, read = bench.clock.monotonic_s(), len(bench.force.read_s)
     verbs.rest(engine, 3.8)
     ended_s = bench.clock.monotonic_s()
@@ -508,7 +508,7 @@ def test_a_zero_that_fails_leaves_none(fails_at: int) -> None:
     engine = bench.ready()
     kept, begun = list[ForceZero | None](), len(bench.force.read_s)
     before = engine.sensing.zero
-    engine.keep_zero = kept.append
+    engine.memory = KeptMemory(zeros=kept)
 
     def fail() -> None:
         if len(bench.force.read_s) - begun >= fails_at:

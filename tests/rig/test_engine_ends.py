@@ -68,7 +68,7 @@ def test_a_trip_does_what_is_configured_and_is_kept(on_trip: str, height_mm: flo
     engine = bench.in_contact()
     bench.force.shows_gwt = 1.0
     engine.read_force_gwt(PressId(0), "press")
-    contact_s = engine.contact.rounded_s
+    contact_s = engine.contact_time.rounded_s
     bench.force.shows_gwt = 0.0
     with raises(TripError, "for_the_test", limit_mm=3.0) as tripped:
         engine.trip(_reason(), 7.0)
@@ -157,7 +157,7 @@ def test_after_a_failure_elsewhere_the_finger_is_left() -> None:
     engine = bench.in_contact()
     engine.make_safe()
     assert bench.height_mm == pytest.approx(2.0)
-    assert (engine.state, engine.may_touch) == (State.READY, False)
+    assert (engine.state, engine.contact.may_touch) == (State.READY, False)
 
 
 @pytest.mark.parametrize(

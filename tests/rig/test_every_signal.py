@@ -176,7 +176,7 @@ def test_no_signal_suspends_or_ends_a_command_at_the_bench_that_moves_and_the_pa
     tables = {name: {"port": port} for name, port in ports.items()}
     config = Config.model_validate({**tables, "stop": {"kind": "key", "device": str(pipe)}})
     (tmp_path / "rig.toml").write_text(config.as_toml(), encoding="utf-8")
-    BenchMemory(config).zeroed(ForceZero(0.0, 0.0))
+    BenchMemory(config).record_zero(ForceZero(0.0, 0.0))
 
     def moves(*_: object, **__: object) -> NoReturn:
         dispositions.update(_now())

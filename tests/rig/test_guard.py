@@ -7,7 +7,7 @@ import pytest
 
 from rig.devices.base import ForceOverload, ForceReading
 from rig.engine.motion import InterruptedMotionError
-from rig.engine.sensing import NoReadingError, Sensing
+from rig.engine.sensing import MotionForce, NoReadingError, Sensing
 from rig.errors import LimitError
 from rig.manual.guard import Guard
 from rig.settings import RigSettings
@@ -25,7 +25,7 @@ class Told:
 
     def __init__(self) -> None:
         self.gwt, self.ways, self.zero_of = 0.0, list[bool](), list[float]()
-        self.absolute, self.away, self._before_gwt, self.shakes_gwt = True, False, 0.0, 0.0
+        self.absolute = True
         self.error: NoReadingError | None = None
 
     def settled(self) -> ForceReading:
@@ -35,12 +35,12 @@ class Told:
 
     raw = settled
 
-    def glance_gwt(self) -> float:
-        return self.settled().force_n / GWT_N
+    def read_in_motion(self, begun: MotionForce) -> ForceReading:
+        return self.settled()
 
-    def begin_motion(self, *, away: bool) -> None:
+    def begin_motion(self, *, away: bool) -> MotionForce:
         self.ways.append(away)
-        self.away, self._before_gwt = away, math.inf if self.error else self.gwt
+        return MotionForce(away=away, before_gwt=math.inf if self.error else self.gwt)
 
     unloads = Sensing.unloads
 

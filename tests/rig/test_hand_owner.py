@@ -360,7 +360,7 @@ def test_a_zero_that_fails_halfway_is_no_zero_on_record(make: Callable[..., Hand
 def test_a_sensor_that_cannot_zero_keeps_the_zero_it_had() -> None:
     settings, sensor = RigSettings(), StubSensor(VirtualClock(1.7e9))
     memory, sensing = BenchMemory(settings), Sensing(settings, sensor.clock, sensor)  # type: ignore[arg-type]
-    memory.zeroed(ZERO)
+    memory.record_zero(ZERO)
     sensor.zero = raising(ForceTimeout("not stable"))  # type: ignore[method-assign]
     with pytest.raises(ForceTimeout) as caught:
         at_hand.zero(settings, sensing, None)

@@ -10,7 +10,7 @@ from rig.data.journal import NoJournal
 from rig.engine import Engine, RunAborted, TripError, verbs
 from rig.errors import BadInputError
 from rig.plan.config import Config
-from rig.session.hardware_stop import refuse_stop_inputs, stop_inputs_heeded
+from rig.session.hardware_stop import explained_by_stop_inputs, refuse_stop_inputs, stop_inputs_of
 from rig.units import GWT_N
 from sim.devices.clock import VirtualClock
 from tests.error_codes import raises
@@ -75,14 +75,14 @@ def test_a_press_that_the_relay_stops_trips(stage: str, name: str) -> None:
     """Its set-point lies below the soft trip here: it should lie above the hard one."""
     config = _config(stage, trip_input=name, trip_gwt=2.0)
     bench = _bench(config)
-    engine = Engine(config, bench, NoJournal())
+    engine = Engine(config, bench, NoJournal(), stop_inputs=stop_inputs_of(config, None))
     refuse_stop_inputs(config, bench)
     with raises(TripError, "hardware_trip", trip_input=name):
         _pressed(config, engine)
 
 
 def _pressed(config: Config, engine: Engine) -> None:
-    with stop_inputs_heeded(config, engine, None):
+    with explained_by_stop_inputs(config, engine.bench.stage):
         verbs.mount(engine, "bar:3.0")
         verbs.home(engine)
         verbs.zero(engine)
@@ -107,7 +107,7 @@ def test_a_set_point_that_is_not_the_configured_one_is_refused(
 def test_a_button_pressed_while_the_relay_is_wired_is_the_button() -> None:
     config = _config("grbl", kind="board", input="door", trip_input="hold", trip_gwt=200.0)
     bench = _bench(config)
-    engine = Engine(config, bench, NoJournal())
+    engine = Engine(config, bench, NoJournal(), stop_inputs=stop_inputs_of(config, None))
     bench.clock.call_at(30.0, lambda: bench.board.press("door"))  # type: ignore[union-attr]
     with raises(RunAborted, "stop_button"):
         _pressed(config, engine)

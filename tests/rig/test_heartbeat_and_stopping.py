@@ -18,9 +18,8 @@ from tests.error_codes import raises
 
 def _watched() -> tuple[VirtualClock, Heartbeat, list[float]]:
     clock = VirtualClock(1.7e9, 100.0)
-    heartbeat, stopped_s = Heartbeat(clock), []
-    heartbeat.stop = lambda: stopped_s.append(clock.monotonic_s())
-    return clock, heartbeat, stopped_s
+    stopped_s = list[float]()
+    return clock, Heartbeat(clock, lambda: stopped_s.append(clock.monotonic_s())), stopped_s
 
 
 def test_a_promise_that_is_broken_stops_the_stage_once() -> None:
@@ -84,7 +83,7 @@ def test_a_computer_that_was_suspended_in_the_air_goes_on(spring: Callable[..., 
     engine = bench.ready()
     bench.clock.suspended_s = lambda: 3600.0
     indent(engine, Target("force_gwt", 1.0), hold_s=0.0)
-    assert engine.contact.total_s < 60.0
+    assert engine.contact_time.total_s < 60.0
 
 
 # --- how far a stage goes on ---

@@ -72,8 +72,8 @@ def test_what_was_said_later_counts_on_and_another_way_counts_from_its_own_time(
     ],
 )  # fmt: skip
 def test_what_is_no_hold_is_told_by_its_key(clock: VirtualClock, other: dict[str, Any]) -> None:
-    (key,) = other
-    with raises(LimitError, "invalid_request", do="hold", key=key):
+    ((key, value),) = other.items()
+    with raises(LimitError, "invalid_request", do="hold", key=key, value=value):
         a_hold(clock, **other)
 
 

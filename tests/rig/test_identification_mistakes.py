@@ -10,12 +10,13 @@ import rig.cli.identify_finger as identify_finger
 from tests.program import Program
 
 MISTAKES = {
-    "a width": (("identify", "--width", "wide"), "'--width': must be a number"),
-    "presses": (("identify", "--presses", "9"), "'--presses': must be less than or equal to 8"),
+    "a width": (("identify", "--width", "wide"), "'--width': must be a number, got 'wide'"),
+    "presses": (("identify", "--presses", "9"), "'--presses': must be less than or equal to 8, got '9'"),
     "a shape": (("identify", "--shapes", "bar:3.0,blob:3"), "blob:3"),
     "a parameter of a protocol": (("identify", "steps", "force_gwt=nan"), "force_gwt"),
+    "a parameter in words": (("identify", "steps", "force_gwt=ten"), "force_gwt = 'ten': must be a number (param"),
     "a subject": (("identify", "--subject", "a b/c"), "subject"),
-    "a seed": (("serve", "--random-finger", "-1"), "'--random-finger': must be greater than or equal to 0"),
+    "a seed": (("serve", "--random-finger", "-1"), "'--random-finger': must be greater than or equal to 0, got '-1'"),
     "another file": (("serve", "--reveal", "7", "--beside", "other.toml"), "other.toml: no [identified] table"),
     "no TOML": (("serve", "--reveal", "7", "--beside", "not.toml"), "not.toml: not valid TOML"),
 }

@@ -393,9 +393,9 @@ def test_nothing_is_pressed_unless_zeroed_or_once_the_finger_was_touched_for_too
         _press(bench, press)
     bench = _plain()
     bench.ready()
-    bench.engine.contact.begin()
+    bench.engine.contact_time.begin()
     bench.clock.wait_s(3600.5)
-    bench.engine.contact.end()
+    bench.engine.contact_time.end()
     moves = bench.stage.moves
     with raises(LimitError, "contact_time", limit_s=3600.0):
         _press(bench, press)

@@ -21,11 +21,11 @@ class Watched:
 
     def __init__(self) -> None:
         self.stage = StubStage(VirtualClock(1.7e9, 100.0))
-        self.motion = Motion(RigSettings(), self.stage, self.stage.clock, self._glance)
+        self.motion = Motion(RigSettings(), self.stage, self.stage.clock)
         self.seen: list[tuple[float, float, float]] = []
         self.feel: Callable[[], None] = lambda: None
 
-    def _glance(self) -> None:
+    def check(self) -> None:
         self.seen.append(self.at_mm)
         self.feel()
 
@@ -51,28 +51,28 @@ def _felt(*, after: int = 0) -> Callable[[], None]:
 
 
 def test_a_stage_that_says_nothing_on_the_way_is_watched_all_the_same(watched: Watched) -> None:
-    watched.motion.home()
+    watched.motion.home(watched.check)
     watched.seen.clear()
     watched.stage.silent = True
-    watched.motion.to_height(2.0, 50.0)
+    watched.motion.to_height(2.0, 50.0, watched.check)
     assert len(watched.seen) > 3
     assert {height_mm for *_, height_mm in watched.seen} == {24.0}
     assert watched.motion.height_mm == 2.0
 
 
-MOVES: dict[str, Callable[[Motion], None]] = {
-    "aside": lambda motion: motion.aside(1.5, -0.5, 50.0),
-    "to height": lambda motion: motion.to_height(2.0, 50.0),
+MOVES: dict[str, Callable[[Watched], None]] = {
+    "aside": lambda watched: watched.motion.aside(1.5, -0.5, 50.0, watched.check),
+    "to height": lambda watched: watched.motion.to_height(2.0, 50.0, watched.check),
 }
 
 
 @pytest.mark.parametrize("silent", [False, True])
 @pytest.mark.parametrize("move", MOVES)
 def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: str, silent: bool) -> None:
-    watched.motion.home()
+    watched.motion.home(watched.check)
     watched.stage.silent, watched.feel = silent, _felt(after=1)
     with raises(InterruptedMotionError, "for_the_test") as felt:
-        MOVES[move](watched.motion)
+        MOVES[move](watched)
     assert felt.value.force_gwt == 3.0
     assert watched.stage.told[-1] == "halt"
     x_mm, y_mm, z_mm = watched.stage.at_mm
@@ -83,23 +83,23 @@ def test_what_is_felt_halts_the_stage_where_it_then_is(watched: Watched, move: s
 def test_what_is_felt_in_homing_stops_the_stage_and_its_position_is_not_taken(watched: Watched) -> None:
     watched.feel = _felt()
     with pytest.raises(InterruptedMotionError):
-        watched.motion.home()
+        watched.motion.home(watched.check)
     assert watched.stage.told == ["home", "stop"]
     assert math.isnan(watched.motion.height_mm)
 
 
 def test_a_halt_that_lost_the_position_is_not_asked_for_it(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
-    watched.motion.home()
+    watched.motion.home(watched.check)
     watched.stage.silent, watched.feel = True, _felt(after=2)
     monkeypatch.setattr(watched.stage, "halt", watched.stage.stop)
     with pytest.raises(InterruptedMotionError):
-        watched.motion.to_height(2.0, 50.0)
+        watched.motion.to_height(2.0, 50.0, watched.check)
     assert watched.motion.height_mm == 24.0  # the last that was trusted
 
 
 @pytest.mark.parametrize("state", ["Hold:0", "Hold:1", "Door:2"])
 def test_a_stage_that_somebody_holds_is_named(watched: Watched, state: str) -> None:
-    watched.motion.home()
+    watched.motion.home(watched.check)
     watched.stage.state = state
     with raises(StageHeld, "held", state=state):
-        watched.motion.to_height(2.0, 50.0)
+        watched.motion.to_height(2.0, 50.0, watched.check)

@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from rig.engine import EngineError, verbs
-from rig.errors import BadInputError
 from rig.protocol import Rig
 from rig.protocol.api import ProtocolParameters
 from rig.protocol.check import Spot, Walk
@@ -32,7 +31,7 @@ from rig.records import (
     Target,
 )
 from rig.session.execute import Live, execute
-from tests.error_codes import raises, shows
+from tests.error_codes import shows
 from tests.rig.plain_bench import PlainBench
 from tests.rig.script_walk import StandIn, Walked, ready, walked
 from tests.stub_bench import raising
@@ -190,17 +189,11 @@ def test_a_reference_is_held_to_the_band_of_an_identified_finger(
     assert len(bench.of("alarm")) == alarms
 
 
-def test_an_executor_that_leaves_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_that_an_interrupt_ends_stops_the_stage_first(monkeypatch: pytest.MonkeyPatch) -> None:
     """What a script cannot catch comes when the stage is stopped; an error does not stop it."""
     engine = PlainBench(lambda bench: 0.0, {}).engine
     stopped: list[bool] = []
     monkeypatch.setattr(engine, "stop", lambda: stopped.append(True))
-
-    class Odd(Zero):
-        """A step of its own, without an executor."""
-
-    with raises(BadInputError, "no_executor", verb="zero", step="Odd"):
-        execute(engine, Odd(), None)
     for error, stops in ((EngineError("it failed"), []), (KeyboardInterrupt(), [True])):
         monkeypatch.setattr(verbs, "zero", raising(error))
         with pytest.raises(type(error)):

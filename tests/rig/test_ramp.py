@@ -388,7 +388,7 @@ def test_a_stop_from_another_thread_ends_it(faulty: FaultyBench, monkeypatch: py
 def test_a_stop_input_ends_it(faulty: FaultyBench) -> None:
     pressed: list[bool] = []
     button = TripError("a button", "stop_input")
-    faulty.engine.stop_problem = lambda *, at_rest: button if pressed else None
+    faulty.engine.stop_inputs = lambda engine, *, at_rest: button if pressed else None
     _in_the_ramp(faulty, lambda: pressed.append(True))
     with raises(TripError, "stop_input"):
         _ramp(faulty)

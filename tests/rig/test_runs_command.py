@@ -67,6 +67,7 @@ def test_what_cannot_be_read_comes_last_and_keeps_no_index_from_the_others(runs:
         (["--subject", "S07"], NAMES[1:]),
         (["--shape", "bar"], NAMES),
         (["--shape", "bar:1.5"], ()),
+        (["--shape", "bar:3"], NAMES),
         (["--protocol", "bars_of_five"], NAMES[:1]),
         (["--state", "killed"], NAMES[2:]),
         (["--state", "done", "--subject", "S07"], NAMES[1:2]),

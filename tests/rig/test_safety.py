@@ -95,8 +95,7 @@ def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
     """On the real clock: nobody beats, as in a read that never returns."""
     stopped_s: list[float] = []
     clock, stopped = WallClock(), threading.Event()
-    heartbeat = Watched(clock)
-    heartbeat.stop = lambda: (stopped_s.append(clock.monotonic_s()), stopped.set())
+    heartbeat = Watched(clock, lambda: (stopped_s.append(clock.monotonic_s()), stopped.set()))
     with monitored(heartbeat):
         began_s = clock.monotonic_s()
         heartbeat.beat(0.1)
@@ -110,8 +109,7 @@ def test_a_silent_engine_stops_the_stage_while_another_thread_blocks() -> None:
 def test_a_beating_or_resting_engine_is_left_alone() -> None:
     stopped: list[bool] = []
     clock = VirtualClock()
-    heartbeat = Watched(clock)
-    heartbeat.stop = lambda: stopped.append(True)
+    heartbeat = Watched(clock, lambda: stopped.append(True))
     with monitored(heartbeat):
         for _ in range(5):
             heartbeat.beat(0.5)
@@ -131,8 +129,7 @@ def test_a_lost_heartbeat_holds_and_trips(spring: Make) -> None:
     """A disk that hangs under the journal: the stop goes out meanwhile, and nothing moves after it."""
     bench = spring()
     engine = bench.ready()
-    engine.heartbeat = heartbeat = Heartbeat(bench.clock)
-    heartbeat.stop = engine._stop_stage
+    engine.heartbeat = heartbeat = Heartbeat(bench.clock, engine._stop_stage)
 
     def hang() -> None:
         bench.clock.call_at(bench.clock.monotonic_s() + 3.5, heartbeat.look)

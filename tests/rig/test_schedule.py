@@ -81,8 +81,8 @@ def test_every_order_is_as_likely() -> None:
 # --- every step in its place, with its marks ---
 
 
-def _steps(schedule: Schedule[Any]) -> list[Step[Any, Any]]:
-    """What is handed on for a script that notes each block and each item."""
+def _marked_steps(schedule: Schedule[Any]) -> list[tuple[Step[Any, Any], dict[str, Any]]]:
+    """What is handed on, and with which marks, for a script that notes each block and each item."""
 
     def script(rig: Rig) -> None:
         rig.mount("bar")
@@ -93,28 +93,29 @@ def _steps(schedule: Schedule[Any]) -> list[Step[Any, Any]]:
                 rig.note(str(item))
             rig.note("ended")
 
-    return walked(script).steps[2:]
+    found = walked(script)
+    return [(step, dict(spot.marks)) for step, spot in zip(found.steps, found.spots, strict=True)][2:]
 
 
 def test_rests_lie_between_items_and_between_blocks() -> None:
     """Neither before the first nor after the last; a rest belongs to the block, not to an item."""
-    found = _steps(Schedule(("a", "b", "c"), blocks=3, rest_s=1.5, block_rest_s=10.0))
-    between = [Rest(seconds=10.0)]
+    found = _marked_steps(Schedule(("a", "b", "c"), blocks=3, rest_s=1.5, block_rest_s=10.0))
+    between: list[tuple[Step[Any, Any], dict[str, Any]]] = [(Rest(10.0), {})]
     assert found == [
         step
         for number in (1, 2, 3)
         for step in (
             *(between if number > 1 else []),
-            Checkpoint(name=f"block {number} of 3"),
-            Zero(),
-            Note(text="begun", block=number),
-            Note(text="a", block=number, repeat=1, condition="a"),
-            Rest(seconds=1.5, block=number),
-            Note(text="b", block=number, repeat=1, condition="b"),
-            Rest(seconds=1.5, block=number),
-            Note(text="c", block=number, repeat=1, condition="c"),
-            Note(text="ended", block=number),
-            Zero(),
+            (Checkpoint(f"block {number} of 3"), {}),
+            (Zero(), {}),
+            (Note("begun"), {"block": number}),
+            (Note("a"), {"block": number, "repeat": 1, "condition": "a"}),
+            (Rest(1.5), {"block": number}),
+            (Note("b"), {"block": number, "repeat": 1, "condition": "b"}),
+            (Rest(1.5), {"block": number}),
+            (Note("c"), {"block": number, "repeat": 1, "condition": "c"}),
+            (Note("ended"), {"block": number}),
+            (Zero(), {}),
         )
     ]
 
@@ -122,22 +123,21 @@ def test_rests_lie_between_items_and_between_blocks() -> None:
 def test_a_reference_comes_before_every_so_many_items() -> None:
     """And a schedule without one has none."""
     presses = [
-        step
-        for step in _steps(Schedule("abcde", reference=ReferencePress(2, x_mm=-1.0, doi_mm=0.3)))
-        if isinstance(step, Reference) or (isinstance(step, Note) and step.condition)
+        (step, marks)
+        for step, marks in _marked_steps(Schedule("abcde", reference=ReferencePress(2, x_mm=-1.0, doi_mm=0.3)))
+        if isinstance(step, Reference) or (isinstance(step, Note) and "condition" in marks)
     ]
-    reference = Reference(x_mm=-1.0, doi_mm=0.3, block=1)
-    a, b, c, d, e = (Note(text=name, block=1, repeat=1, condition=name) for name in "abcde")
+    reference = (Reference(x_mm=-1.0, doi_mm=0.3), {"block": 1})
+    a, b, c, d, e = ((Note(name), {"block": 1, "repeat": 1, "condition": name}) for name in "abcde")
     assert presses == [reference, a, b, reference, c, d, reference, e]
 
 
 def test_repeats_are_counted_from_one_in_each_block() -> None:
-    found = _steps(Schedule((0.5, 1), repeats=3, blocks=2))
-    marks = [(s.block, s.repeat, s.condition) for s in found if s.condition]
-    assert marks == [
+    found = _marked_steps(Schedule((0.5, 1), repeats=3, blocks=2))
+    assert [tuple(marks.values()) for _, marks in found if "condition" in marks] == [
         (block, repeat, condition) for block in (1, 2) for repeat in (1, 2, 3) for condition in ("0.5", "1")
     ]
-    assert [s.repeat for s in _steps(Schedule("aab")) if s.condition] == [1, 2, 1]
+    assert [marks["repeat"] for _, marks in _marked_steps(Schedule("aab")) if "condition" in marks] == [1, 2, 1]
 
 
 # --- a run by a schedule ---

@@ -45,8 +45,8 @@ def _from_ready(script: Script, parameters: ProtocolParameters | None = None) ->
 
 
 def test_every_verb_is_in_the_table() -> None:
-    """The rest of what a script sees are `parameters` and `mark`."""
-    assert {name for name in vars(Rig) if not name.startswith("_")} == {*VERBS, "parameters", "mark"}
+    """The rest of what a script sees are `parameters`, `mark`, and `do` for steps of its own."""
+    assert {name for name in vars(Rig) if not name.startswith("_")} == {*VERBS, "parameters", "mark", "do"}
 
 
 # --- where a step stands ---

@@ -12,7 +12,7 @@ from rig.data import read_run
 from rig.data.journal import read_journal
 from rig.devices.base import StageError
 from rig.engine import RunAborted, ScriptError, TripError
-from rig.engine.motion import Motion
+from rig.engine.motion import Check, Motion
 from rig.errors import BadInputError
 from rig.plan.config import Config
 from rig.plan.plan import make_plan
@@ -125,10 +125,10 @@ def test_what_ended_a_run_ends_it_whatever_the_script_makes_of_it(
     """Nothing moves after it, and it is what the run tells."""
     aside = Motion.aside
 
-    def fails(motion: Motion, x_mm: float, along_mm: float, speed_mm_s: float, look_s: float) -> None:
+    def fails(motion: Motion, x_mm: float, along_mm: float, speed_mm_s: float, check: Check, look_s: float) -> None:
         if x_mm == 1.0:
             raise StageError("it failed", "it_failed")
-        aside(motion, x_mm, along_mm, speed_mm_s, look_s)
+        aside(motion, x_mm, along_mm, speed_mm_s, check, look_s)
 
     monkeypatch.setattr(Motion, "aside", fails)
     verb, attendant = {

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceBroken, ForceBusy, ForceOverload, ForceTimeout, ForceUnderload
-from rig.engine.sensing import NoReadingError, Sensing, read
+from rig.engine.sensing import MotionForce, NoReadingError, Sensing, read
 from rig.settings import RigSettings
 from rig.transport.wire import TransportError
 from rig.units import GWT_N
@@ -129,8 +129,7 @@ def test_forces_count_from_the_mean_of_the_readings_in_the_air() -> None:
     assert (zero.offset_n, zero.noise_gwt) == pytest.approx((2.0 * GWT_N, math.sqrt(0.02 / 3)))
     assert sensing.settled().force_n == pytest.approx(5.0 * GWT_N)
     assert sensing.raw().force_n == pytest.approx(7.0 * GWT_N)
-    sensing.begin_motion(away=False)
-    assert sensing.glance_gwt() == pytest.approx(5.0)
+    assert _in_motion_gwt(sensing, sensing.begin_motion(away=False)) == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize(
@@ -152,16 +151,21 @@ def test_contact_is_six_standard_deviations_or_a_step_or_what_is_configured(
 # --- while something moves ---
 
 
+def _in_motion_gwt(sensing: Sensing, begun: MotionForce) -> float:
+    reading = sensing.read_in_motion(begun)
+    assert reading is not None
+    return reading.force_n / GWT_N
+
+
 def test_without_a_zero_a_force_counts_from_the_reading_before_the_motion() -> None:
     """A new reading: the last one at rest may be from long ago."""
     sensor, sensing = _sensing()
     sensor.shows_gwt = 70.0
     sensing.settled()
     sensor.shows_gwt = 80.0
-    assert sensing.glance_gwt() == pytest.approx(80.0)
-    sensing.begin_motion(away=False)
+    begun = sensing.begin_motion(away=False)
     sensor.shows_gwt = 83.0
-    assert sensing.glance_gwt() == pytest.approx(3.0)
+    assert _in_motion_gwt(sensing, begun) == pytest.approx(3.0)
     assert sensing.moved
 
 
@@ -171,9 +175,9 @@ def test_with_a_zero_nothing_is_read_before_the_motion() -> None:
     sensing.begin_motion(away=False)
     sensing.take_zero([1.0])
     sensor.read_s.clear()
-    sensing.begin_motion(away=False)
+    begun = sensing.begin_motion(away=False)
     assert not sensor.read_s
-    assert sensing.glance_gwt() == pytest.approx(2.0)
+    assert _in_motion_gwt(sensing, begun) == pytest.approx(2.0)
 
 
 BEYOND = [ForceOverload("overloaded"), ForceUnderload("underloaded"), ForceBusy("busy")]
@@ -186,8 +190,7 @@ def test_a_sensor_beyond_its_range_is_left_unfelt_and_by_a_lift_only(error: Exce
     sensor.at_read = raising(error)
     with raises(NoReadingError, "no_reading", error=str(error)):
         sensing.begin_motion(away=False)
-    sensing.begin_motion(away=True)
-    assert sensing.glance_gwt() is None
+    assert sensing.read_in_motion(sensing.begin_motion(away=True)) is None
 
 
 @pytest.mark.parametrize("away", [False, True])

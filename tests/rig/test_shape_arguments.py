@@ -16,7 +16,7 @@ from rig.records import Target
 from rig.study.exceptions import StudyError
 from rig.study.parameter_study import read_study
 from sim.carriage import Pose
-from sim.contact.shapes import ShapeError, parse_shape, shape_name, shape_size, with_size
+from sim.contact.shapes import ShapeError, parse_shape, shape_filter, shape_name, shape_size, with_size
 from sim.errors import ModelRangeError
 from sim.models.fingertip import Fingertip
 from sim.plant import PressedFinger
@@ -107,7 +107,8 @@ def test_places_that_mean_nothing_are_refused_wherever_one_is_given(
     model = FingerModel(finger, {})
     along_mm = 0.0 if z_mm is None else z_mm - finger.config.receptor_plane_mm
     if x_mm or along_mm:
-        with pytest.raises(ModelRangeError, match="does not apply"):
+        name = f"x_mm = {x_mm:g}" if x_mm else f"along_mm = {along_mm:g}"
+        with pytest.raises(ModelRangeError, match=f"{re.escape(name)} does not apply"):
             model.touch_height_mm(shape, x_mm, along_mm)
     if x_mm and shape != "step:1":
         with pytest.raises(ModelRangeError, match="does not apply"):
@@ -157,6 +158,8 @@ def test_round_shapes_have_a_radius_or_a_diameter(
     """Nobody has to know which of the two a bare number is."""
     radius_mm, wide_mm = size
     assert {shape_name(name) for name in names} == {shape}
+    assert all(shape_filter(name)(other) for name in (*names, shape.partition(":")[0]) for other in names)
+    assert not shape_filter(shape)(f"{shape}5")
     for name in names:
         assert {f"{radius_mm:g}", f"{wide_mm:g}"} == set(re.findall(r"[\d.]+", shape_size(name)))
         assert with_size(name).startswith(name)

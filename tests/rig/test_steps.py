@@ -2,16 +2,14 @@
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
-from inspect import isabstract
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, get_type_hints
+from typing import Any, ClassVar
 
 import pytest
 
 from rig.data import Run
 from rig.data.documents import as_line
-from rig.engine import Engine
 from rig.plan.config import Config
 from rig.plan.finger_model import FingerModel
 from rig.plan.plan import Plan, make_plan
@@ -21,7 +19,6 @@ from rig.protocol.handlers import ResumeHandler
 from rig.protocol.script import Script, load_script
 from rig.protocol.steps import Home, Indent, Mount, MoveTo, Note, Rest, Retract, Step, Zero
 from rig.records import Prediction, PressId
-from rig.session.execute import EXECUTE
 from rig.session.resume import read_stopped
 from rig.session.session import FinishedRun, NewRun, Session, dry_run
 from sim.models.fingertip import Fingertip
@@ -241,11 +238,11 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
     """Also with one that is left by `break`."""
     from rig.protocol import Schedule
 
-    seen: list[Step[Any, Any]] = []
+    seen: list[tuple[Step[Any, Any], Spot]] = []
 
     class Noting:
         def handle(self, step: Step[Any, Any], spot: Spot) -> Any:
-            seen.append(step)
+            seen.append((step, spot))
 
     class Anything:
         def refuse_shape(self, indentor: str) -> None:
@@ -263,24 +260,6 @@ def test_marks_end_with_the_loop_that_made_them() -> None:
         rig.mount("four")
         break
     rig.mount("five")
-    marks = [(s.block, s.repeat, s.condition) for s in seen if isinstance(s, Mount)]
+    marks = [tuple(spot.marks.values()) for step, spot in seen if isinstance(step, Mount)]
     assert marks[:4] == [(1, 1, "a"), (1, 1, "('b', 2)"), (1, 2, "a"), (1, 2, "('b', 2)")]
-    assert marks[4:] == [(1, None, None), (1, 1, "a"), (1, None, None), (None, None, None)]
-
-
-# --- executors ---
-
-
-def _kinds(kind: type[Step[Any, Any]] = Step) -> Iterator[type[Step[Any, Any]]]:
-    """Every class of steps, tests' own included."""
-    for one in kind.__subclasses__():
-        yield one
-        yield from _kinds(one)
-
-
-def test_every_step_has_an_executor_and_every_executor_a_step() -> None:
-    product = {kind for kind in _kinds() if kind.__module__.startswith("rig.") and not isabstract(kind)}
-    assert len(product) >= 12
-    assert product == {kind for kind in EXECUTE if kind.__module__.startswith("rig.")}
-    for kind, executor in EXECUTE.items():
-        assert list(get_type_hints(executor).values())[:2] == [Engine, kind]
+    assert marks[4:] == [(1,), (1, 1, "a"), (1,), ()]

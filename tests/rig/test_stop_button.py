@@ -20,7 +20,7 @@ from rig.devices.stop_key import StopKey, StopKeyError
 from rig.engine import Journal, TripError
 from rig.errors import BadInputError
 from rig.plan.config import load_config
-from rig.session.hardware_stop import BY_THE_BUTTON, stop_inputs_heeded
+from rig.session.hardware_stop import BY_THE_BUTTON, explained_by_stop_inputs, stop_inputs_of
 from rig.settings import StopSettings
 from sim.devices.clock import VirtualClock
 from sim.devices.line import StopPins
@@ -398,7 +398,8 @@ def test_a_button_that_is_gone_trips_and_lifts(down_mm: float, spring: Callable[
 
 
 def _read_with(settings: Any, engine: Any, button: Any) -> None:
-    with stop_inputs_heeded(settings, engine, button):
+    engine.stop_inputs = stop_inputs_of(settings, button)
+    with explained_by_stop_inputs(settings, engine.bench.stage):
         engine.reading()
 
 

@@ -204,7 +204,7 @@ def test_what_is_wrong_elsewhere_is_passed_over(text: str, passed: int, tmp_path
     ("text", "code", "fields"),
     [
         ("[stage]\nport = ''\n", "invalid_value", {"key": "stage.port"}),
-        ("[stage]\nport = 3\n", "invalid_value", {"key": "stage.port"}),
+        ("[stage]\nport = 3\n", "invalid_value", {"key": "stage.port = 3: must be text"}),
         ("[stage]\nkind = 'gbrl'\n", "invalid_value", {"key": "stage.kind"}),
         ("[stage]\nport = '/dev/a\n", "no_toml", {}),
         ("stage = 3\n", "invalid_value", {"key": "stage"}),

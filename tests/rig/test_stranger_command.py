@@ -27,7 +27,8 @@ def _file(folder: Path, off_sds: float) -> Path:
         band=Band(model_error=0.02),
     )  # fmt: skip
     path = folder / "finger.toml"
-    path.write_text(FingerFile(finger=FingertipConfig(), relaxation=((0.2, 1.4),), identified=identified).as_toml())
+    file = FingerFile(finger=FingertipConfig(), relaxation=((0.2, 1.4),), identified=identified)
+    path.write_text(file.sealed().as_toml())
     return path
 
 

@@ -9,13 +9,14 @@ from typing import Any
 import pytest
 
 from rig.devices.base import ForceError
-from rig.engine import NotReadyError, Pause, RunAborted, TripError, verbs
+from rig.engine import Engine, NotReadyError, Pause, RunAborted, TripError, verbs
 from rig.engine.engine import State
 from rig.engine.sensing import ForceZero
 from rig.settings import RigSettings
 from rig.transport import TransportError
 from rig.units import GWT_N
 from tests.error_codes import causes, raises
+from tests.stub_bench import KeptMemory
 
 Make = Callable[..., Any]
 
@@ -65,7 +66,7 @@ def test_a_zero_is_left_to_the_next_command_as_soon_as_it_is_taken(spring: Make)
     """So that also after kill -9 no force counts from the zero before; without readings after it there is none."""
     bench = _homed(spring)
     engine, left = bench.engine, list[ForceZero | None]()
-    engine.keep_zero = left.append
+    engine.memory = KeptMemory(zeros=left)
     verbs.zero(engine)
     assert left == [None, engine.sensing.zero]
     assert (engine.known_contact.kind, engine.known_contact.force_gwt) == ("lifted", 0.0)
@@ -316,11 +317,11 @@ def test_a_stop_input_counts_in_a_rest_however_short_it_is_pressed(spring: Make)
     engine = bench.ready()
     from_s = bench.clock.monotonic_s() + 10.3
 
-    def pressed(*, at_rest: bool) -> TripError | None:
+    def pressed(engine: Engine, *, at_rest: bool) -> TripError | None:
         now = from_s <= bench.clock.monotonic_s() < from_s + 0.15
         return TripError("pressed", "hardware_trip") if now else None
 
-    engine.stop_problem = pressed
+    engine.stop_inputs = pressed
     with raises(TripError, "hardware_trip"):
         verbs.rest(engine, 600.0)
 
@@ -332,7 +333,7 @@ def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Mak
     engine = bench.ready()
     from_s = bench.clock.monotonic_s() + 10.3
 
-    def pressed(*, at_rest: bool) -> TripError | None:
+    def pressed(engine: Engine, *, at_rest: bool) -> TripError | None:
         if from_s <= bench.clock.monotonic_s() < from_s + 0.15:
             raise RunAborted("pressed", "stop_button")
         return TripError("by the relay", "hardware_trip")
@@ -343,7 +344,7 @@ def test_the_participants_button_counts_while_a_person_is_waited_for(spring: Mak
             bench.clock.wait_s(0.05)
         return True
 
-    engine.stop_problem = pressed
+    engine.stop_inputs = pressed
     bench.pause = Pause(lambda: True, waits)
     bench.mount = lambda indentor, meanwhile: indentor if waits(meanwhile) else ""  # type: ignore[method-assign]
     height_mm = engine.height_mm

@@ -13,10 +13,11 @@ import pytest
 
 from rig.bench.virtual import VirtualBench, bench_around
 from rig.data.journal import NoJournal
-from rig.devices.base import LOOK_S, next_look_s
+from rig.devices.base import LOOK_S, ForceReading, next_look_s
 from rig.engine import LimitError, Target, TripError, indent, verbs
 from rig.engine.bench import NO_PAUSE
 from rig.engine.engine import Engine, State
+from rig.engine.sensing import MotionForce
 from rig.plan.config import Config
 from rig.units import GWT_N
 from sim.carriage import Carriage, Pose, TruePose
@@ -169,16 +170,16 @@ def test_an_error_in_the_program_ends_the_motion(
     engine = bench.ready()
     looks: list[float] = []
 
-    def broken() -> float | None:
+    def broken(begun: MotionForce) -> ForceReading:
         looks.append(bench.clock.monotonic_s())
         if len(looks) > 2:
             raise ZeroDivisionError
-        return 0.0
+        return ForceReading(0.0, True, 0.0)
 
     def ramp(engine: Engine) -> None:
-        engine.go_to_height(1.9, 0.1, ramp=lambda force_gwt: None)
+        engine.go_to_height(1.9, 0.1, ramp=lambda reading: None)
 
-    monkeypatch.setattr(engine.sensing, "glance_gwt", broken)
+    monkeypatch.setattr(engine.sensing, "read_in_motion", broken)
     with pytest.raises(ZeroDivisionError):
         (MOTIONS | {"ramp": ramp})[motion](engine)
     assert len(looks) == 3

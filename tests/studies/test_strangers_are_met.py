@@ -16,7 +16,7 @@ from sim.identification.predicted_forces import PredictedForces
 from sim.identification.prior import REAL_KINDS, Prior
 from sim.models.fingertip import Fingertip
 from studies.identification.proof import met
-from studies.identification.strangers import Stranger, inside, outside
+from studies.identification.strangers import AS_FINE, Stranger, inside, outside
 
 KNOWN = with_reliable_touch(Config())
 GOALS = (PressAt("cylinder:9", 0.0, 0.67), PressAt("cylinder:9", 0.8, 0.5), PressAt("sphere:6", -0.5, 0.5))
@@ -39,7 +39,7 @@ def _met(stranger: Stranger) -> dict[str, Any]:
 
 @pytest.fixture(scope="module")
 def rows() -> list[dict[str, Any]]:
-    return [_met(inside(KNOWN, FIRST + k)) for k in range(INSIDE)]
+    return [_met(inside(KNOWN, FIRST + k, AS_FINE)) for k in range(INSIDE)]
 
 
 def test_forces_of_shapes_that_were_not_pressed_are_foreseen(rows: list[dict[str, Any]]) -> None:

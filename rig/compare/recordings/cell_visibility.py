@@ -48,6 +48,38 @@ def are_alike(one: Color, other: Color) -> bool:
     return one is not None and other is not None and max(abs(a - b) for a, b in zip(one, other, strict=True)) < _ALIKE
 
 
+class ConditionalFormat(NamedTuple):
+    """How a cell looks where a condition holds."""
+
+    ink: ElementTree.Element | None
+    """Color of its text; None for the cell's own."""
+    fill: ElementTree.Element | None
+    """Its background; None for the cell's own."""
+    hides: bool
+    """Whether the cell's number is hidden, struck out or shown as another one."""
+
+    @classmethod
+    def of(cls, style: ElementTree.Element, namespace: str) -> "ConditionalFormat":
+        """Return the format of a differential style (`dxf`)."""
+        strike, code = style.find(f"{namespace}font/{namespace}strike"), style.find(f"{namespace}numFmt")
+        shown = code is None or _shows_all(int(code.get("numFmtId", 0)), code.get("formatCode", ""))
+        return cls(
+            style.find(f"{namespace}font/{namespace}color"),
+            style.find(f"{namespace}fill/{namespace}patternFill/{namespace}bgColor"),
+            not shown or is_on(strike),
+        )
+
+    def may_mislead(self, ink: Color, background: Color) -> bool:
+        """Return whether a cell of these colors does not show its number where the condition holds."""
+        text = ink if self.ink is None else color_of(self.ink)
+        return self.hides or are_alike(text, background if self.fill is None else color_of(self.fill))
+
+
+def is_on(flag: ElementTree.Element | None) -> bool:
+    """Return whether a property such as `strike` is there and not switched off."""
+    return flag is not None and flag.get("val", "1") not in ("0", "false")
+
+
 _DATE_FORMATS = {*range(14, 23), *range(27, 37), *range(45, 48), *range(50, 59)}
 _PERCENT_FORMATS = (9, 10)
 _CURRENCY_FORMATS = (5, 6, 7, 8, 42, 44)
@@ -120,3 +152,9 @@ class NumberFormatParts(NamedTuple):
             return "shown with another sign in Excel" if other else ""
         seen = number == 0 or _MINUS.search(_BRACKETED.sub("", self.negative)) or _COLORED.search(self.negative)
         return "" if seen else "shown without its sign in Excel"
+
+
+def _shows_all(number: int, code: str) -> bool:
+    """Return whether a number format shows every number as it is."""
+    parts = NumberFormatParts.of(code)
+    return not shown_as(number, code) and not any(parts.hides(x) or parts.sign_problem(x) for x in (-1.0, 0.0, 1.0))

@@ -44,10 +44,10 @@ class NumberFormat(NamedTuple):
 def label_key(label: str) -> str | float:
     """Return what all ways of writing a label have in common: the number of `1`, `1.0` and `01`, or small letters.
 
-    A label that is no number is compared as text: `A1` is `a1`, and not `A01`.
+    A label that is no number is compared as text, with single spaces: `A1` is `a1`, and not `A01`.
     """
     number = NumberFormat().number(label)
-    return label.casefold() if math.isnan(number) else number
+    return " ".join(label.split()).casefold() if math.isnan(number) else number
 
 
 def number_format(rows: Iterable[Mapping[str, str]], *, semicolons: bool = False) -> NumberFormat:

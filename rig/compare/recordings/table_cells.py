@@ -19,12 +19,15 @@ from xml.etree import ElementTree
 
 from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.cell_visibility import (
+    BLACK,
     WHITE,
     Color,
+    ConditionalFormat,
     NumberFormatParts,
     are_alike,
     background_of,
     color_of,
+    is_on,
     shown_as,
 )
 from rig.compare.recordings.column_units import same_name
@@ -173,6 +176,7 @@ def has_semicolons(path: Path) -> bool:
 _MAIN = "{http://schemas.openxmlformats.org/spreadsheetml/2006/main}"
 _STRICT = "{http://purl.oclc.org/ooxml/spreadsheetml/main}"
 _REFERENCE = re.compile(r"([A-Z]{1,3})(\d{1,7})")
+_END = re.compile(r"\$?([A-Z]{0,3})\$?(\d{0,7})")
 _LETTER = re.compile(r"[^\W\d_]|[%‰]")
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, ElementTree.ParseError, KeyError, ValueError, IndexError, EOFError,
@@ -189,12 +193,16 @@ class _Workbook(NamedTuple):
     shown: Mapping[int, str]
     """What cells of a style are not plain numbers for, by the number of the style, e.g. "a percentage"."""
     struck: frozenset[int]
-    pale: frozenset[int]
-    """Styles whose text has the color of its background."""
+    colors: Mapping[int, tuple[Color, Color]]
+    """Colors of text and background, by the number of the style."""
     parts: Mapping[int, NumberFormatParts]
     """Number formats of the workbook's own, by the number of the style."""
+    conditional: list[ConditionalFormat]
     hidden: frozenset[str]
     """Names of hidden sheets."""
+
+    def colors_of(self, style: int) -> tuple[Color, Color]:
+        return self.colors.get(style, (BLACK, WHITE))
 
 
 @lru_cache(maxsize=1)  # a header is looked at several times before the rows are read
@@ -266,7 +274,7 @@ def _text(element: ElementTree.Element) -> str:
     runs = element.findall(f"{_MAIN}r")
     text = "".join(one.text or "" for part in (element, *runs) for one in part.findall(f"{_MAIN}t"))
     styles = [style for run in runs for style in run.findall(f"{_MAIN}rPr/*")]
-    if any(style.tag == f"{_MAIN}strike" and _is_on(style) for style in styles):
+    if any(style.tag == f"{_MAIN}strike" and is_on(style) for style in styles):
         return f"{text} (partly struck out in Excel)"
     raised = any(style.tag == f"{_MAIN}vertAlign" and style.get("val") != "baseline" for style in styles)
     return f"{text} (partly superscript or subscript in Excel)" if raised and not _LETTER.search(text) else text
@@ -274,48 +282,89 @@ def _text(element: ElementTree.Element) -> str:
 
 def _styles(
     archive: zipfile.ZipFile,
-) -> tuple[dict[int, str], frozenset[int], frozenset[int], dict[int, NumberFormatParts]]:
-    """Return what `_Workbook` has of the cell styles: `shown`, `struck`, `pale` and `parts`."""
+) -> tuple[
+    dict[int, str],
+    frozenset[int],
+    dict[int, tuple[Color, Color]],
+    dict[int, NumberFormatParts],
+    list[ConditionalFormat],
+]:
+    """Return what `_Workbook` has of the styles: `shown`, `struck`, `colors`, `parts` and `conditional`."""
     if "xl/styles.xml" not in archive.namelist():
-        return {}, frozenset(), frozenset(), {}
+        return {}, frozenset(), {}, {}, []
     own: dict[int, str] = {}
     styles: list[tuple[int, int, int]] = []
     fonts: list[bool] = []
     inks: list[Color] = []
     fills: list[Color] = []
+    conditional: list[ConditionalFormat] = []
     for element in _xml(archive, "xl/styles.xml"):
-        if element.tag == f"{_MAIN}numFmt":
-            own[int(element.get("numFmtId", 0))] = element.get("formatCode", "")
+        if element.tag == f"{_MAIN}numFmts":
+            own = {int(one.get("numFmtId", 0)): one.get("formatCode", "") for one in element}
         elif element.tag == f"{_MAIN}cellXfs":
             styles = [
                 (int(one.get("numFmtId", 0)), int(one.get("fontId", 0)), int(one.get("fillId", 0))) for one in element
             ]
         elif element.tag == f"{_MAIN}fonts":
-            fonts = [_is_on(one.find(f"{_MAIN}strike")) for one in element]
+            fonts = [is_on(one.find(f"{_MAIN}strike")) for one in element]
             inks = [color_of(one.find(f"{_MAIN}color")) for one in element]
         elif element.tag == f"{_MAIN}fills":
             fills = [background_of(next(iter(one), None), _MAIN) for one in element]
+        elif element.tag == f"{_MAIN}dxfs":
+            conditional = [ConditionalFormat.of(one, _MAIN) for one in element]
     shown = {n: what for n, (number, *_) in enumerate(styles) if (what := shown_as(number, own.get(number, "")))}
     struck = frozenset(n for n, (_, font, _) in enumerate(styles) if font < len(fonts) and fonts[font])
-    pale = frozenset(
-        n for n, (_, font, fill) in enumerate(styles)
-        if font < len(inks) and are_alike(inks[font], fills[fill] if fill < len(fills) else WHITE)
-    )  # fmt: skip
+    colors = {
+        n: (inks[font] if font < len(inks) else BLACK, fills[fill] if fill < len(fills) else WHITE)
+        for n, (_, font, fill) in enumerate(styles)
+    }
     parts = {n: NumberFormatParts.of(own[number]) for n, (number, *_) in enumerate(styles) if number in own}
-    return shown, struck, pale, parts
+    return shown, struck, colors, parts, conditional
 
 
 def _is_unseen(cell: ElementTree.Element, book: _Workbook) -> bool:
     """Return whether a cell with content shows none: by its color, or by its number format."""
     style = int(cell.get("s", 0))
-    if style in book.pale or style not in book.parts:
-        return style in book.pale
+    if are_alike(*book.colors_of(style)):
+        return True
+    if style not in book.parts:
+        return False
     number = float(cell.findtext(f"{_MAIN}v") or "nan") if cell.get("t", "n") == "n" else None
     return book.parts[style].hides(number)
 
 
-def _is_on(flag: ElementTree.Element | None) -> bool:
-    return flag is not None and flag.get("val", "1") not in ("0", "false")
+class _ConditionalCells(NamedTuple):
+    """Cells that look different where a condition holds."""
+
+    areas: list[tuple[range, range]]
+    """Rows from 1 and columns from 0."""
+    format: ConditionalFormat
+
+    def may_mislead(self, row: int, column: int, colors: tuple[Color, Color]) -> bool:
+        """Return whether a cell of these colors is one of them, and may not show its number."""
+        inside = any(row in rows and column in columns for rows, columns in self.areas)
+        return inside and self.format.may_mislead(*colors)
+
+
+def _conditional_cells(element: ElementTree.Element, book: _Workbook) -> Iterator[_ConditionalCells]:
+    """Yield the rules of a conditional format; those of Excel 2010 have their areas and styles inside."""
+    within = [one.text for one in element if one.tag.endswith("}sqref")]
+    areas = [_area(one) for one in (element.get("sqref") or " ".join(filter(None, within))).split()]
+    for rule in (one for one in element if one.tag.endswith("}cfRule")):
+        known = [] if (number := rule.get("dxfId")) is None else [book.conditional[int(number)]]
+        styles = [*known, *(ConditionalFormat.of(one, _MAIN) for one in rule if one.tag.endswith("}dxf"))]
+        alone = any(one.get("showValue") in ("0", "false") for one in rule)  # a bar or an icon without its number
+        for style in [*styles, *[ConditionalFormat(None, None, True)] * alone]:
+            yield _ConditionalCells(areas, style)
+
+
+def _area(cells: str) -> tuple[range, range]:
+    """Return rows and columns of a range such as B3, B5:B9 or A:B."""
+    ends = [_END.fullmatch(end) for end in cells.split(":")]
+    if (first := ends[0]) is None or (last := ends[-1]) is None:
+        raise ValueError(f"{cells} is no range of cells")
+    right = _column_number(last[1]) if last[1] else _MOST_CELLS
+    return range(int(first[2] or 1), int(last[2] or _MOST_CELLS) + 1), range(_column_number(first[1]), right + 1)
 
 
 def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
@@ -339,19 +388,23 @@ def _sheets(archive: zipfile.ZipFile) -> tuple[dict[str, str], frozenset[str]]:
 def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
     found, cells = list[tuple[int, list[str]]](), 0
     hidden, struck, invisible, merged, columns = list[int](), list[int](), list[int](), list[str](), set[int]()
+    styles, conditional = list[list[int]](), list[_ConditionalCells]()
     for element in _xml(book.archive, part):
         if element.tag == f"{_MAIN}col" and _is_hidden(element, "width"):
             columns.update(range(int(element.get("min", 0)), int(element.get("max", 0)) + 1))
         if element.tag == f"{_MAIN}mergeCell":
             merged += [element.get("ref", "")] if _has_rows(element.get("ref", "")) else []
+        if element.tag.endswith("}conditionalFormatting"):
+            conditional += _conditional_cells(element, book)
         if element.tag != f"{_MAIN}row":
             continue
         number = int(element.get("r", found[-1][0] + 1 if found else 1))
-        row, unseen = list[str](), False
+        row, unseen, of_row = list[str](), False, list[int]()
         for cell in element.findall(f"{_MAIN}c"):
             at = _REFERENCE.fullmatch(cell.get("r", ""))
             column = _column_number(at[1]) if at else len(row)
             text = _cell(cell, book)
+            of_row += [0] * (column - len(row)) + [int(cell.get("s", 0))]
             row += [""] * (column - len(row)) + [text]
             unseen |= text != "" and _is_unseen(cell, book)
         cells += len(row)
@@ -364,8 +417,16 @@ def _rows(book: _Workbook, part: str) -> list[tuple[int, list[str]]]:
             invisible += [number] if unseen else []
         element.clear()
         found.append((number, row))
+        styles.append(of_row)
     unseen_columns = sorted({n for _, row in found for n, cell in enumerate(row, 1) if cell and n in columns})
-    _refuse_unclear(book.path, hidden, struck, invisible, unseen_columns, merged)
+    uncertain = [
+        number for (number, row), of_row in zip(found, styles, strict=True)
+        if any(
+            text and one.may_mislead(number, column, book.colors_of(style))
+            for one in conditional for column, (text, style) in enumerate(zip(row, of_row, strict=True))
+        )
+    ]  # fmt: skip
+    _refuse_unclear(book.path, hidden, struck, invisible, uncertain, unseen_columns, merged)
     before = min((next(n for n, cell in enumerate(row) if cell) for _, row in found if any(row)), default=0)
     found = [(number, row[before:]) for number, row in found]
     width = len(_without_empty_ends(next((row for _, row in found if any(row)), []), 0))
@@ -383,7 +444,13 @@ def _has_rows(merged: str) -> bool:
 
 
 def _refuse_unclear(
-    path: Path, hidden: list[int], struck: list[int], invisible: list[int], unseen: list[int], merged: list[str]
+    path: Path,
+    hidden: list[int],
+    struck: list[int],
+    invisible: list[int],
+    uncertain: list[int],
+    unseen: list[int],
+    merged: list[str],
 ) -> None:
     """Refuse a sheet in which a reader sees other rows or columns than a program, or cells of several rows."""
     for rows, what, remedy in (
@@ -398,6 +465,11 @@ def _refuse_unclear(
             "has rows with cells that do not show their content, since their text has the color of the background or "
             "their number format has no digits",
             "delete the content of these cells, or make it visible",
+        ),
+        (
+            uncertain,
+            "has rows with cells that a conditional format may hide, strike out or show as another number",
+            "remove the conditional format, and look at the cells again",
         ),
         (
             unseen,

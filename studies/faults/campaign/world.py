@@ -293,10 +293,7 @@ class CampaignBench:
 
     def record_zero(self, zero: ForceZero | None) -> None:
         """As a real bench remembers it."""
-        if zero is None:
-            self.memory.forget_zero()
-        else:
-            self.memory.zeroed(zero)
+        self.memory.record_zero(zero)
 
     def touched(self, known: Any) -> None:
         """What is known about contact, as a real bench records it."""

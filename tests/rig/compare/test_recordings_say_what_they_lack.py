@@ -375,7 +375,7 @@ PRESENT = {
                 f"{one},{t}\n{other},{t + 0.1}\n" for t in TIMES))(folder) + f"#{one}",
             ("time=t_s",), code="unclear_name", says=(f"'{one}'", f"'{other}'", "one way"), pulses=False,
         )
-        for one, other in (("1", "1.0"), ("01", "1"), ("a", "A"))
+        for one, other in (("1", "1.0"), ("01", "1"), ("a", "A"), ("a b", "a  b"))
     },
     "CSV, unit 1.0 called 1": Case(
         "one number", lambda folder: text("unit,t_s\n" + "".join(f"1.0,{t}\n2.0,{t + 0.1}\n" for t in TIMES))(folder)
@@ -571,7 +571,8 @@ ROWS = {
             "one repeat", table("position_mm,rate,repeat", f"0,6,{first}", f"0,24,{again}", f"0.25,12,{more}"),
             code="place_twice", says=("row 3", "first in row 2", f"both have {again!r} in the column repeat"),
         )
-        for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"))
+        for first, again, more in (("1", "1.0", "2"), ("01", "1", "2"), ("1e1", "10", "2"), ("a1", "A1", "a2"),
+                                   ("a 1", "a  1", "a 2"), ("a 1", "a\u00a01", "a 2"))
     },
     **{
         f"a repeat {word!r} beside numbers": Case(
@@ -1261,6 +1262,7 @@ NO_PULSES_THERE = {
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
     ink: str = "", fill: str = "", number: int = 200, header: str = "rate", pattern: str = "",
+    dxf: str = "",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
@@ -1286,7 +1288,9 @@ def styled(
         )
         solid = fill and f'<patternFill patternType="solid"><fgColor {fill}/></patternFill>'
         fills = f"<fills><fill/><fill>{solid or pattern}</fill></fills>"
-        parts["xl/styles.xml"] = f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}</styleSheet>"
+        parts["xl/styles.xml"] = (
+            f"{_XML}<styleSheet {_MAIN}>{formats}{fonts}{fills}{xfs}<dxfs>{dxf}</dxfs></styleSheet>"
+        )
         with zipfile.ZipFile(path, "w") as file:
             for name, content in parts.items():
                 file.writestr(name, content)
@@ -1294,6 +1298,20 @@ def styled(
 
     return change
 
+
+def conditional(dxf: str, cells: str = "B3 B5:B9", rule: str = "", **cell: str) -> Any:
+    """A workbook with a conditional format, whose rule is here that the value is above 10."""
+    rule = (
+        rule or '<cfRule type="cellIs" dxfId="0" priority="1" operator="greaterThan"><formula>10</formula></cfRule>'
+    )
+    after = f'<conditionalFormatting sqref="{cells}">{rule}</conditionalFormatting>'
+    return styled(after=after, dxf=f"<dxf>{dxf}</dxf>", **cell)
+
+
+X14 = 'xmlns:x14="http://schemas.microsoft.com/office/spreadsheetml/2009/9/main"'
+XM = 'xmlns:xm="http://schemas.microsoft.com/office/excel/2006/main"'
+RED_ON_PINK = '<font><color rgb="FF9C0006"/></font><fill><patternFill><bgColor rgb="FFFFC7CE"/></patternFill></fill>'
+WHITE_TEXT = '<font><color rgb="FFFFFFFF"/></font>'
 
 SHOWN = {
     "plain": Case("numbers", styled(), rates=ALL),
@@ -1407,6 +1425,42 @@ SHOWN = {
                          code="merged_cells", says=("A2:A3", "unmerge")),
     "a merged title": Case("in one row", styled(after='<mergeCells><mergeCell ref="A1:B1"/></mergeCells>'),
                            rates=ALL),
+    **{
+        f"on a condition, {what}": Case("a reader may see nothing, or another number", write, code="unclear_rows",
+                                        says=("conditional format", f"({rows})", "remove"))
+        for what, rows, write in (
+            ("white text", "3, 5", conditional(WHITE_TEXT)),
+            ("text like its own fill", "3, 5", conditional('<font><color theme="0"/></font>', fill='theme="0"')),
+            ("a fill like its own text", "3, 5", conditional(
+                '<fill><patternFill><bgColor rgb="FF010101"/></patternFill></fill>')),
+            ("no digits", "1, 2, 3, 4, 5", conditional('<numFmt numFmtId="201" formatCode=";;;"/>', "A1:XFD1048576")),
+            ("no digits for 0", "2, 3, 4, 5", conditional('<numFmt numFmtId="201" formatCode="0;-0;"/>', "B2:B9")),
+            ("a unit", "3", conditional('<numFmt numFmtId="201" formatCode="0.0&quot; kHz&quot;"/>', "B3")),
+            ("percent", "3", conditional('<numFmt numFmtId="9" formatCode="0%"/>', "B3")),
+            ("struck out", "3", conditional("<font><strike/></font>", "3:3")),
+            ("a bar alone", "3", conditional("", "B3", '<cfRule type="dataBar"><dataBar showValue="0"/></cfRule>')),
+            ("an icon alone", "3, 4", styled(after=(
+                f'<extLst><ext {X14} {XM}><x14:conditionalFormattings><x14:conditionalFormatting><x14:cfRule '
+                'type="iconSet"><x14:iconSet showValue="0"/></x14:cfRule><xm:sqref>B3:B4</xm:sqref>'
+                "</x14:conditionalFormatting></x14:conditionalFormattings></ext></extLst>"))),
+            ("white text by another sheet", "3", styled(after=(
+                f'<extLst><ext {X14} {XM}><x14:conditionalFormattings><x14:conditionalFormatting><x14:cfRule '
+                f'type="expression"><xm:f>other!A1</xm:f><x14:dxf>{WHITE_TEXT}</x14:dxf></x14:cfRule><xm:sqref>B3'
+                "</xm:sqref></x14:conditionalFormatting></x14:conditionalFormattings></ext></extLst>"))),
+        )
+    },
+    **{
+        f"on a condition, {what}": Case("a reader sees it", write, rates=ALL)
+        for what, write in (
+            ("red on pink", conditional(RED_ON_PINK)),
+            ("bold", conditional("<font><b/><strike val='0'/></font>")),
+            ("white on blue", conditional(WHITE_TEXT, fill='rgb="FF4472C4"')),
+            ("more digits", conditional('<numFmt numFmtId="201" formatCode="0.000"/>')),
+            ("a bar", conditional("", "B3", '<cfRule type="dataBar"><dataBar><cfvo type="min"/></dataBar></cfRule>')),
+            ("a number format of an empty cell", conditional('<numFmt numFmtId="200" formatCode="0%"/>', "C2")),
+            ("white text in empty cells", conditional(WHITE_TEXT, "C1:C9 B6:B9")),
+        )
+    },
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),

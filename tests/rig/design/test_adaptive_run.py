@@ -406,7 +406,7 @@ def waiting(here: Path, some: ResponseTable, few_times: PressTimes, spring: Call
         bench.journal.start({"protocol": "p"})
         engine = bench.ready()
         bench.interrupt = interrupt
-        engine.stop_problem = lambda *, at_rest: problem
+        engine.stop_inputs = lambda engine, *, at_rest: problem
         lost(bench)
         found = run.choose(engine, step)
         return found, bench

@@ -29,7 +29,7 @@ def identified_file(
         relaxation=relaxation,
         identified=IdentifiedFinger(
             date="2026-11-23",
-            version="0",
+            version="0.2.0",
             bench="virtual",
             runs=("one",),
             journals_sha256=("0" * 64,),

@@ -121,6 +121,7 @@ CHANGED = {
     "a draw deleted": (r"(?s)\[\[identified\.draw\]\].*?(?=\[\[identified\.draw\]\])", ""),
     "the flag deleted": ("flagged = .*\n", ""),
     "number of presses": ("presses = 8", "presses = 9"),
+    "the checksum deleted": ("(?m)^sha256 = .*\n", ""),
 }
 
 
@@ -130,7 +131,8 @@ def test_an_identification_that_was_changed_by_hand_is_refused(
     tmp_path: Path, changed: str, read: Callable[[Path], object]
 ) -> None:
     file = identified_file(relaxation=SERIES)
-    identified = file.identified.model_copy(update={"flagged": FLAGGED} if changed == "the flag deleted" else {})
+    flagged = {"flagged": FLAGGED} if changed == "the flag deleted" else {}
+    identified = file.identified.model_copy(update={"version": "0.3.0", **flagged})
     path = tmp_path / "finger.toml"
     text = file.model_copy(update={"identified": identified}).sealed().as_toml()
     pattern, by = CHANGED[changed]
@@ -139,6 +141,17 @@ def test_an_identification_that_was_changed_by_hand_is_refused(
     with pytest.raises(RigError) as caught:
         read(path)
     has_code(caught.value, "changed_identification")
+
+
+@pytest.mark.parametrize("read", [read_finger_file, load_config, read_plausible])
+def test_an_identification_of_0_2_has_no_checksum_and_is_read_with_a_warning(
+    path: Path, caplog: pytest.LogCaptureFixture, read: Callable[[Path], object]
+) -> None:
+    for _ in range(2):
+        read(path)
+    (record,) = caplog.records
+    assert (record.name.split(".")[0], record.levelname) == ("rig", "WARNING")
+    assert f"{path}" in record.getMessage()
 
 
 def test_a_sealed_file_and_the_configuration_of_its_run_are_read(path: Path) -> None:

@@ -44,6 +44,12 @@ def test_the_runs_there_are_the_newest_first(runs: Path, panel: StubPanel) -> No
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(("shape", "n", "code"), [("bar", 2, None), ("bar:3", 2, None), ("bar:", 0, "no_dimension")])
+def test_runs_are_filtered_by_their_shape(runs: Path, panel: StubPanel, shape: str, n: int, code: str | None) -> None:
+    told = panel.get(f"/runs.json?shape={quote(shape)}").json()
+    assert (len(told["runs"]), told.get("code")) == (n, code)
+
+
 @pytest.mark.parametrize("limit", ["-1", "a", "1.5", "\u0662", ""])
 def test_a_limit_is_a_number(limit: str, panel: StubPanel) -> None:
     answer = panel.get(f"/runs.json?limit={quote(limit)}")

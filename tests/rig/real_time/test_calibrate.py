@@ -66,7 +66,7 @@ def test_force_scale_with_a_known_mass(rig: Rig, running: Running, tmp_path: Pat
 
     weigh = ("calibrate", "force", "--config", config, "--mass-g", "50", "--json")
     memory = BenchMemory(load_config(config))
-    memory.zeroed(ForceZero(0.2, 0.0))
+    memory.record_zero(ForceZero(0.2, 0.0))
     with running(scheduler, port):
         weighed, missed = rig(*weigh, typed=Hand()), rig(*weigh, typed="\n")
     assert memory.read().zero is None, "the sensor was zeroed, and may since have been turned over"
