@@ -187,7 +187,7 @@ class RunsRequest:
 
     @property
     def filter(self) -> RunFilter:
-        """The runs to list. Raises RunError for an unknown state or day."""
+        """The runs to list. Raises RunError, ShapeError."""
         if self.state not in (None, *RunStatus):
             raise RunError(f"--state {self.state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
         days = _day("--since", self.since), _day("--until", self.until)

@@ -36,9 +36,9 @@ class Tap(Step[ExpectedTouch, None]):
     ("rig/protocol/api.py", "    touch = ", "    tap = _method(steps.Tap)\n"),
     (
         "rig/data/events.py",
-        "@dataclass(frozen=True)\nclass CheckpointEvent(Event):",
+        "@dataclass(frozen=True, eq=False, repr=False)\nclass CheckpointEvent(Event):",
         '''\
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class TapEvent(Event):
     """Contact was found several times."""
 
