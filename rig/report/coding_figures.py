@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 from numpy.typing import NDArray
@@ -181,13 +180,13 @@ def point_spread_figure(drawn: PointSpreadPlot) -> Plot:
     before, after = (
         np.concatenate([nodes, nodes[:1]]) for nodes in (section.at_mm, section.at_mm + times * section.moved_mm)
     )
-    elements = LineCollection([*after.swapaxes(0, 1), *after], colors=BLUE, linewidths=0.3)
+    x, y = np.moveaxis(after, -1, 0)
     mesh = [
-        Series(
-            "plot", *before[:, 0].T, color=GREY, lw=0.8, ls="--", rows=rows_of("deformed", "skin_x_mm", "skin_y_mm")
-        ),
-        guide("add_collection", elements),
-    ]
+        Series("plot", *before[:, 0].T, color=GREY, lw=0.8, ls="--",
+               rows=rows_of("deformed", "skin_x_mm", "skin_y_mm")),
+        Series("plot", x, y, color=BLUE, lw=0.3, rows=rows_of("deformed", "x_mm", "y_mm")),
+        Series("plot", x.T, y.T, color=BLUE, lw=0.3, rows=rows_of("deformed", "x_mm across", "y_mm across")),
+    ]  # fmt: skip
     skin_x, _, skin_z = spread.sheet.skin_mm.T
     over = [
         Series("tricontourf", skin_x, skin_z, spread.sed, levels=12, cmap="viridis",

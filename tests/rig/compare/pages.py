@@ -4,7 +4,7 @@ import json
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -251,25 +251,10 @@ def adaptive(run: Run) -> Run:
 # --- pages ---
 
 
-@dataclass(frozen=True)
-class World:
-    """What the figures of a page are drawn of."""
+class World(SimpleNamespace):
+    """What the figures of a page are drawn of; of a run only some `presses`, if their number is given."""
 
-    run: Any = None
     presses: int | None = None
-    """How many of the run, if not all."""
-    found: Any = ()
-    spikes: Any = None
-    comparison: Any = None
-    answer: Any = None
-    maps: Any = ()
-    deflections: Any = ()
-    group: Any = None
-    identified: Any = None
-    design: Any = None
-    speed: Any = ()
-    rehearsal: Any = None
-    coding: Any = None
 
 
 class Made(NamedTuple):
@@ -297,7 +282,7 @@ def _of_run(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Mad
     own = _own(run, path, responses(run, finger))
     page = write_report(own, finger, further=strain_figures(own, finger))
     strain = deepest_map(own, finger)
-    return Made(World(own, found=responses(own, finger), maps=[strain]), page.read_text(encoding="utf-8"))
+    return Made(World(run=own, found=responses(own, finger), maps=[strain]), page.read_text(encoding="utf-8"))
 
 
 def _of_human(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
@@ -307,7 +292,7 @@ def _of_human(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> M
     large = [
         replace(one, result=human.indent("bar:3.0", one.result.x_mm, doi_mm=0.4)) for one in responses(run, finger)
     ]
-    return _run_figures(World(_own(run, path, large), found=large))
+    return _run_figures(World(run=_own(run, path, large), found=large))
 
 
 def _of_one_press(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
@@ -317,7 +302,7 @@ def _of_one_press(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) 
     of_press = run_figures.delivered_presses(delivered(run)[:1])
     contact = run_figures.contact_panels([found], run_figures.highest_pressure(found))
     return Made(
-        World(_own(run, path, found), 1, found),
+        World(run=_own(run, path, found), presses=1, found=found),
         figures=[of_press, contact, run_figures.population_responses(found, moved=False)],
     )
 
@@ -325,7 +310,7 @@ def _of_one_press(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) 
 def _of_relief(path: Path, run: Run, finger: Fingertip, make_stimulus: Make) -> Made:
     found = [one for one in responses(run, finger) if one.last]
     results, titles = [one.result for one in found], ["x"] * len(found)
-    return Made(World(run, found=found), figures=[run_figures.contacts_from_below(results, titles)])
+    return Made(World(run=run, found=found), figures=[run_figures.contacts_from_below(results, titles)])
 
 
 def _of_spikes(n: int) -> Callable[..., Made]:
@@ -339,7 +324,7 @@ def _of_spikes(n: int) -> Callable[..., Made]:
             for k, (name, spike_s) in enumerate(zip(names, times, strict=True))
         ]
         record = SpikeRecord(tuple(trains), 0, 0.2)
-        return Made(World(run, spikes=record), figures=nerve_figures(run, record))
+        return Made(World(run=run, spikes=record), figures=nerve_figures(run, record))
 
     return make
 
@@ -352,7 +337,7 @@ def of_comparison(rate: Any, *, recorded: bool = True, title: str = "") -> Calla
         maps, verdicts = strain_maps(comparison), answers(comparison)
         runs = () if title else (run,)
         write_comparison(path, comparison, runs, finger, f"rig compare{title}", answers=verdicts, maps=maps)
-        world = World(run, comparison=comparison, answer=next(iter(verdicts), None), maps=maps)
+        world = World(run=run, comparison=comparison, answer=next(iter(verdicts), None), maps=maps)
         return Made(world, path.read_text(encoding="utf-8"), tuple(one.folder.path.name for one in runs))
 
     return make
@@ -449,8 +434,8 @@ PAGES: dict[str, Callable[[Path, Run, Fingertip, Make], Made]] = {
 }
 FIGURES = PAGES | {
     "run": _of_run,
-    "run resumed": lambda path, run, *_: _run_figures(World(resumed(run))),
-    "run of choices": lambda path, run, *_: _run_figures(World(adaptive(run))),
+    "run resumed": lambda path, run, *_: _run_figures(World(run=resumed(run), found=())),
+    "run of choices": lambda path, run, *_: _run_figures(World(run=adaptive(run), found=())),
     "run on a human finger": _of_human,
     "run of one press": _of_one_press,
     "run with a relief": _of_relief,
