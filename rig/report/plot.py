@@ -204,11 +204,6 @@ class Plot:
         files = list(dict.fromkeys(name for name in tables if name.endswith(".csv")))
         return f"{self.caption} Data: {', '.join(files)}." if files else self.caption
 
-    @property
-    def alt(self) -> str:
-        """Text for readers who do not see the figure: its message, axes and ranges."""
-        return f"{self.message} {self.axes_in_words}".strip()
-
     @cached_property
     def svg(self) -> str:
         """Figure as SVG text."""
@@ -234,8 +229,8 @@ class Plot:
         return any(_mapped(axes) for axes in self._laid_out.axes)
 
     @property
-    def axes_in_words(self) -> str:
-        """What is plotted against what, over which ranges, for readers who do not see the figure."""
+    def alt(self) -> str:
+        """Text for readers who do not see the figure: its message, axes and ranges."""
         panels = self.panels
         parts = [f"{len(panels)} panels"] if len(panels) > 1 else []
         for y, x in dict.fromkeys((one.y, one.x) for one in panels):
@@ -247,7 +242,7 @@ class Plot:
         parts += dict.fromkeys(f"color: {one.color}" for one in panels if one.color)
         if self.names:
             parts.append(f"legend: {_some(self.names)}")
-        return " ".join("; ".join(parts).split()) + "."
+        return " ".join(f"{self.message} {'; '.join(parts)}.".split())
 
     @property
     def names(self) -> list[str]:
@@ -285,11 +280,6 @@ class ZoomLine:
     color: str
     y: Sequence[float | None]
 
-    @property
-    def colors(self) -> tuple[str, str]:
-        """Color on light and on dark pages."""
-        return self.color, on_dark(self.color)
-
 
 @dataclass(frozen=True)
 class ZoomBand:
@@ -298,11 +288,6 @@ class ZoomBand:
     name: str
     color: str
     spans: Sequence[tuple[float, float]]
-
-    @property
-    def colors(self) -> tuple[str, str]:
-        """Color on light and on dark pages."""
-        return self.color, on_dark(self.color)
 
 
 @dataclass(frozen=True)
@@ -319,7 +304,7 @@ class ZoomChart:
     def as_data(self) -> dict[str, Any]:
         """Content for the page's script."""
         parts = {
-            key: [{"name": one.name, "colors": one.colors} for one in found]
+            key: [{"name": one.name, "colors": (one.color, on_dark(one.color))} for one in found]
             for key, found in (("lines", self.lines), ("bands", self.bands))
         }
         spans = [band.spans for band in self.bands]

@@ -298,7 +298,6 @@ _LEAST_SD_GWT = 0.05
 
 _NEAR = 2.5  # multiple of the readings; a higher trip limit would flatten their plot
 
-
 Groups = Mapping[str, list[Condition]]
 """Conditions under the label that they share."""
 
@@ -311,7 +310,6 @@ def has_repeats(run: Run) -> bool:
 _NAMES = {"force_gwt": ("force", "gwt"), "doi_mm": ("DOI", "mm")}
 _MANY = 60
 """Number of presses above which markers are small."""
-
 
 _MOST_POINTS_OF_A_CHART = 100_000
 _TIME_DECIMALS, _FORCE_DECIMALS = 3, 4
@@ -668,8 +666,6 @@ def _loadings(run: Run, name: str, members: Sequence[Condition]) -> tuple[Panel,
 
 
 _BESIDE_A_SCALE = Room(right=1.0, top=_TITLES_IN, columns=0.8, rows=0.85)
-
-
 _LEGEND_IN = 0.2  # height of one line of a legend
 _NAMES_A_LINE = 4
 _HANDLE_IN, _CHARACTER_IN = 0.6, 0.07
