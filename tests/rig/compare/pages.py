@@ -432,7 +432,9 @@ PAGES: dict[str, Callable[[Path, Run, Fingertip, Make], Made]] = {
     "design": _of_design,
     "benchmark": _of_benchmark,
 }
-FIGURES = PAGES | {
+REPEATED = ("example", "comparison without a recording")
+"""Pages whose figures are those of a comparison, and of a deflection."""
+FIGURES = {name: make for name, make in PAGES.items() if name not in REPEATED} | {
     "run": _of_run,
     "run resumed": lambda path, run, *_: _run_figures(World(run=resumed(run), found=())),
     "run of choices": lambda path, run, *_: _run_figures(World(run=adaptive(run), found=())),
