@@ -65,7 +65,7 @@ def wrong_value(message: str, cause: BaseException | None) -> str:
     from pydantic import ValidationError  # loaded only for an error, so that programs start fast
 
     problems = cause.errors() if isinstance(cause, ValidationError) else []
-    return plain_rule(message) + "".join(f", got {_SHORT.repr(problem['input'])}" for problem in problems[:1])
+    return plain_rule(message) + "".join(f", got {Repr().repr(problem['input'])}" for problem in problems[:1])
 
 
 def first_problem(

@@ -104,7 +104,7 @@ def functions() -> Iterator[tuple[list[str], Callable[..., None]]]:
 
 EMPTY_FIGURES = """\
 from matplotlib.figure import Figure
-from rig.report.style import Plot
+from rig.report.plot import Plot
 Plot._save = lambda plot, target, **options: Figure((1, 1)).savefig(target, **options)
 """
 """To begin a program with that has a process of its own: what the fixture of that name is in this one."""

@@ -10,7 +10,7 @@ import typer
 from rig.errors import BadInputError
 
 if TYPE_CHECKING:
-    from rig.report.style import Plot
+    from rig.report.plot import Plot
 
 
 ProtocolArgument = Annotated[str, typer.Argument(help="Path of a protocol, or the name of a shipped one.")]
