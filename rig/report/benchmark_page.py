@@ -11,7 +11,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from rig.report.page_parts import render
 from rig.report.page_source import source_line
-from rig.report.plot import Panel, Plot, Series, in_grid, rows_of
+from rig.report.plot import Plot, Series, Subplot, in_grid, rows_of
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW
 from rig_shared.plural import number_of
 
@@ -89,7 +89,7 @@ def pareto(rows: Sequence[Row], against: str = "total_s", title: str = "", capti
     return Plot(
         (10.2, 5.6),
         [
-            Panel(
+            Subplot(
                 _COSTS[against],
                 "largest error (%)", lines(family, quantity),
                 f"{_TITLES[quantity]}, {name}",
@@ -121,7 +121,7 @@ def cost_against_nodes(rows: Sequence[Row]) -> Plot:
             one.legend(fontsize=8, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=2)
 
     return Plot(
-        (10.2, 4.4), [Panel("number of nodes (1)", _COSTS[key], lines(key)) for key in ("total_s", "memory_mb")],
+        (10.2, 4.4), [Subplot("number of nodes (1)", _COSTS[key], lines(key)) for key in ("total_s", "memory_mb")],
         "Cost against size",
         "Straight lines are fitted to the logarithms; the nodes of a half-space are those of its patch.",
         arrange=in_grid(2, 2), finish=finish,

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rig.data import Run
 from rig.data.choices import BY_PLAN, LEVEL, ChoiceVerdict, probabilities_of, verdict_of
 from rig.report.measure_colors import color_of
-from rig.report.plot import Panel, Plot, Series, guide, rows_of
+from rig.report.plot import Plot, Series, Subplot, guide, rows_of
 from rig.report.style import DOTTED, GREY, label
 
 _COLORED = 5
@@ -84,7 +84,7 @@ def probabilities(run: Run, verdict: ChoiceVerdict) -> Plot:
     others = " Thin gray: all others." if len(verdict.probability) > _COLORED else ""
     plan = "" if verdict.planned_from is None else " From there on counts are missing, and the run follows the plan."
     return Plot(
-        (9.6, 4.2), [Panel("number of counts (1)", "probability (1)", [*reversed(lines), level])],
+        (9.6, 4.2), [Subplot("number of counts (1)", "probability (1)", [*reversed(lines), level])],
         "Probabilities",
         "Probability of each candidate against the number of counts. "
         f"Dotted: {100 * LEVEL:g} %, at which the presses end.{truth}{others}{plan}",

@@ -10,7 +10,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormat
 from numpy.typing import NDArray
 
 from rig.report.measure_colors import color_of
-from rig.report.plot import Panel, Plot, Series, entry, guide, handles, in_grid, rows_of
+from rig.report.plot import Plot, Series, Subplot, entry, guide, handles, in_grid, rows_of
 from rig.report.style import BLUE, GREEN, GREY, ORANGE
 from sim.coding.encoding import RATE_UNIT, Encoded
 from sim.coding.operators import NAMES, ForwardOperator, ImpulseResponses, ShiftErrors
@@ -50,7 +50,7 @@ def decoded_figure(drawn: DecodingPlot) -> Plot:
         Series("plot", receptor, explained, color=GREY, lw=1, label="explained",
                rows=rows_of("decoded", "receptor_mm", "explained")),
     ]  # fmt: skip
-    panels = [Panel(_PLACE, _PRESSURE, skin, printed="y"), Panel(_PLACE, _SED, energy)]
+    panels = [Subplot(_PLACE, _PRESSURE, skin, printed="y"), Subplot(_PLACE, _SED, energy)]
     return Plot((6.0, 5.4), panels, arrange=in_grid(2, sharex=True), finish=_with_legends)
 
 
@@ -89,13 +89,13 @@ def encoding_figure(drawn: EncodingPlot) -> Plot:
         energy.append(Series("plot", *drawn.true, color=GREY, ls="--", label="finite elements",
                              rows=rows_of("encoded", "true_mm", "true_sed")))  # fmt: skip
     panels = [
-        Panel(_PLACE, _PRESSURE, [*skin, guide("axhline", 0, color=GREY, lw=0.6)], printed="y"),
-        Panel(_PLACE, f"SED, {operator.energy} (pseudo-units)", energy, printed="y" if drawn.receptor else "xy"),
+        Subplot(_PLACE, _PRESSURE, [*skin, guide("axhline", 0, color=GREY, lw=0.6)], printed="y"),
+        Subplot(_PLACE, f"SED, {operator.energy} (pseudo-units)", energy, printed="y" if drawn.receptor else "xy"),
     ]
     if drawn.receptor:
         rates = Series("plot", operator.receptor_mm, encoded.rate, ls="-", marker=".", color=GREEN,
                        rows=rows_of("encoded", "receptor_mm", "rate"))  # fmt: skip
-        panels.append(Panel(_PLACE, f"rate ({RATE_UNIT})", [rates]))
+        panels.append(Subplot(_PLACE, f"rate ({RATE_UNIT})", [rates]))
 
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for one in axes[2:]:
@@ -134,7 +134,7 @@ def impulse_figure(drawn: Mapping[str, ImpulsePlot]) -> Plot:
     return Plot((4.6 * len(drawn), 9.0), panels, arrange=arrange, finish=finish)
 
 
-def _impulse_panels(axes: str, drawn: ImpulsePlot, printed: str) -> tuple[Panel, Panel, Panel]:
+def _impulse_panels(axes: str, drawn: ImpulsePlot, printed: str) -> tuple[Subplot, Subplot, Subplot]:
     responses, errors = drawn.responses, drawn.errors
     place, (frequency, amplitude) = responses.sampling.place_mm, responses.spectra()
     response = [
@@ -157,9 +157,9 @@ def _impulse_panels(axes: str, drawn: ImpulsePlot, printed: str) -> tuple[Panel,
         )
     ]  # fmt: skip
     return (
-        Panel(_PLACE, "strain by load on one sample (1/pseudo-unit)", response, f"{axes} axes", printed),
-        Panel("spatial frequency (cycles/mm)", "amplitude over its maximum (1)", spectrum, printed=printed),
-        Panel("position of the load (mm)", "relative L2 error of shifting (%)", error, printed=printed),
+        Subplot(_PLACE, "strain by load on one sample (1/pseudo-unit)", response, f"{axes} axes", printed),
+        Subplot("spatial frequency (cycles/mm)", "amplitude over its maximum (1)", spectrum, printed=printed),
+        Subplot("position of the load (mm)", "relative L2 error of shifting (%)", error, printed=printed),
     )
 
 
@@ -221,9 +221,9 @@ def point_spread_figure(drawn: PointSpreadPlot) -> Plot:
             axis.set_minor_formatter(NullFormatter())
 
     panels = [
-        Panel("x (mm)", "y (mm)", mesh, f"displacements × {times:.3g}"),
-        Panel("x (mm)", "z (mm)", over, f"site {spread.site.number}", color=_SED),
-        Panel("distance from the load (mm)", _SED, fall),
+        Subplot("x (mm)", "y (mm)", mesh, f"displacements × {times:.3g}"),
+        Subplot("x (mm)", "z (mm)", over, f"site {spread.site.number}", color=_SED),
+        Subplot("distance from the load (mm)", _SED, fall),
     ]
     return Plot((10.2, 3.6), panels, arrange=in_grid(3, 3), finish=finish)
 
@@ -268,11 +268,11 @@ def search_figure(surfaces: Mapping[str, ErrorSurface], paths: Mapping[str, Arra
         left.legend(handles=[*left.get_legend_handles_labels()[0], *handles(ends)])
 
     panels = [
-        Panel("first pressure (pseudo-units)", "second pressure (pseudo-units)",
+        Subplot("first pressure (pseudo-units)", "second pressure (pseudo-units)",
               [*_surface(title, surface), *_ways(paths, true)], title, printed="x" if k else "xy", is_part=True)
         for k, (title, surface) in enumerate(surfaces.items())
     ]  # fmt: skip
-    panels.append(Panel("position along the trajectory (1)", away, _what_is_left(paths, true)))
+    panels.append(Subplot("position along the trajectory (1)", away, _what_is_left(paths, true)))
     return Plot((3.6 * len(surfaces), 6.4), panels, arrange=arrange, finish=finish, legend=ends)
 
 
@@ -336,7 +336,7 @@ def sheet_figure(drawn: SheetPlot) -> Plot:
     """Plot pressures and their standard deviation on one color scale, with the receptors."""
     highest = max(float(drawn.pressure.max()), float(drawn.sd.max()))
     panels = [
-        Panel(
+        Subplot(
             "z (mm)",
             "x (mm)",
             [

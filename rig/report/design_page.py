@@ -25,7 +25,7 @@ from rig.design.design_text import (
 from rig.design.power import PowerRow
 from rig.report.page_parts import Section, alone, render
 from rig.report.page_source import source_line
-from rig.report.plot import Panel, Plot, Series, guide, in_grid, rows_of
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
 from rig.report.style import BLUE, DOTTED, GREEN, GREY, ORANGE, PURPLE, as_number, shade, signed
 from rig.report.title_lines import title_lines
 from rig_shared.plural import number_of
@@ -112,7 +112,7 @@ def press_map(found: Design) -> Plot:
         ]  # fmt: skip
         about = f"{number}. {shape}: {number_of(len(mine), 'presses')}"
         title, printed = title_lines(about, 9.0 / columns - 0.4, 9), "xy" if number % columns == 1 % columns else "x"
-        panels.append(Panel(_X, _target(found), series, title, printed, color="number in the session (1)"))
+        panels.append(Subplot(_X, _target(found), series, title, printed, color="number in the session (1)"))
 
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for one, mine in zip(axes, repeats, strict=True):
@@ -167,8 +167,8 @@ def curves(found: Design) -> Plot:
     return Plot(
         (10.2, 3.6),
         [
-            Panel("session (min)", "failures (%)", lines("failed")),
-            Panel("session (min)", "truth in the set (%)", [*lines("kept"), level]),
+            Subplot("session (min)", "failures (%)", lines("failed")),
+            Subplot("session (min)", "truth in the set (%)", [*lines("kept"), level]),
         ],
         "Failures against minutes",
         "Share of simulated experiments that fail, and that have the truth in their set, with one standard error of "
@@ -186,7 +186,7 @@ def confusion(outcome: Confusion) -> Plot:
     names, n = outcome.candidates, len(outcome.candidates)
     side = max(3.2, 0.32 * n + 1.4)
     image = Series("imshow", 100 * outcome.matrix, vmin=0, vmax=100, cmap="Blues", rows=rows_of("confusion", "share"))
-    panel = Panel(
+    panel = Subplot(
         "most probable candidate (1)", "true candidate (1)", [image], x_names=names, y_names=names, color=_SHARE
     )
 
@@ -223,7 +223,7 @@ def growth(found: Design) -> Plot:
     )
     complete = guide("axhline", np.log2(len(found.request.candidates)), color=GREY, lw=0.8, ls="--")
     return Plot(
-        (6.4, 3.2), [Panel("number of presses (1)", "information (bits)", [line, complete])],
+        (6.4, 3.2), [Subplot("number of presses (1)", "information (bits)", [line, complete])],
         "What each group of presses adds",
         "Information about the candidate as the design grew, before presses were exchanged, on the simulated data "
         "that it was chosen with. The dashed line is complete knowledge. It may fall by the error of its simulation.",

@@ -24,7 +24,7 @@ from rig.compare.fit import fit_rates, predicted
 from rig.compare.verdict_text import percent, probability
 from rig.report.measure_colors import color_of
 from rig.report.page_parts import Section
-from rig.report.plot import Panel, Plot, Series, guide, in_grid, rows_of
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
 from rig.report.style import GREY, as_number
 from sim.models.fingertip import Fingertip
 
@@ -232,7 +232,7 @@ def profiles(rehearsal: Rehearsal, verdicts: Sequence[PhaseVerdict]) -> Plot:
     return Plot(
         (8.4, 3.3),
         [
-            Panel(
+            Subplot(
                 "position of the bar from the field center (mm)",
                 "discharge rate (impulses/s)",
                 _rates(rehearsal, one),

@@ -22,7 +22,7 @@ from rig.data import Run
 from rig.data.folder import replace_text
 from rig.report.page_parts import Section, render
 from rig.report.page_source import source_line
-from rig.report.plot import Panel, Plot, Series, rows_of
+from rig.report.plot import Plot, Series, Subplot, rows_of
 from rig.report.spikes_section import spikes_sections
 from rig.report.style import as_limits, as_number
 from rig_shared.plural import number_of
@@ -167,7 +167,7 @@ def log_likelihoods(verdict: GroupVerdict) -> Plot:
     below = below - np.array([row.by_afferent for row in verdict.rows]).min(axis=0)
     image = Series("imshow", np.clip(below.T, _LEAST, _MOST), norm=LogNorm(_LEAST, _MOST), cmap="cividis_r",
                    aspect="auto", rows=rows_of("group", "below the best"))  # fmt: skip
-    panel = Panel(
+    panel = Subplot(
         "", "", [image], printed="", x_names=[row.name for row in rows], y_names=list(verdict.afferents),
         color="log-likelihood\nbelow the best (1)",
     )  # fmt: skip

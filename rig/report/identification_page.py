@@ -12,7 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from rig.data.folder import replace_text
 from rig.report.page_parts import Section, alone, render
-from rig.report.plot import PAGE_IN, Panel, Plot, Series, in_grid, rows_of
+from rig.report.plot import PAGE_IN, Plot, Series, Subplot, in_grid, rows_of
 from rig.report.style import BLUE, GREY, ORANGE, as_number, signed
 from rig.report.title_lines import title_lines
 from rig.units import unit_of_key
@@ -143,7 +143,7 @@ def force_band(bands: Sequence[ForceBand], message: str = "") -> Plot:
 
     return Plot(
         (5.6, 0.8 + 0.4 * len(bands)),
-        [Panel("force (gwt)", "", series, printed="x", y_names=[one.press for one in bands])],
+        [Subplot("force (gwt)", "", series, printed="x", y_names=[one.press for one in bands])],
         "The force band",
         f"Blue: the {100 * COVERAGE:.0f} % band of the force that the identified finger predicts, and its middle. "
         "Black: the highest force that was measured. Rows without a black dot were asked for and not pressed.",
@@ -176,7 +176,7 @@ def presses_over_time(page: IdentificationPage) -> Plot:
         ]  # fmt: skip
         title = title_lines(f"{k + 1}: {path.indentor} at {signed(path.x_mm)} mm", 2.3, 9)
         time = "time since the start of the press (s)"
-        panels.append(Panel(time, "force (gwt)", series, title, printed="x" if k % _ACROSS else "xy"))
+        panels.append(Subplot(time, "force (gwt)", series, title, printed="x" if k % _ACROSS else "xy"))
     return Plot(
         (10.2, 2.6 * -(-len(panels) // _ACROSS)), panels,
         "Each press over time",
@@ -200,7 +200,7 @@ def marginals(page: IdentificationPage) -> Plot:
         ]
         x = f"{named(name)} ({unit_of_key(named(name)) or '1'})"
         estimate = Series("axvline", likely, rows=rows_of("after", f"estimate of {name}"), color=ORANGE, lw=1)
-        panels.append(Panel(x, "density (1)", [*series, estimate], printed="x" if k % _ACROSS else "xy"))
+        panels.append(Subplot(x, "density (1)", [*series, estimate], printed="x" if k % _ACROSS else "xy"))
 
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for one, name in zip(axes, names, strict=True):
@@ -223,7 +223,7 @@ def correlations(page: IdentificationPage) -> Plot:
     names = [named(name) for name, varies in zip(page.learned.prior.names, varied, strict=True) if varies]
     image = Series("imshow", np.corrcoef(page.learned.draws[:, varied].T), vmin=-1, vmax=1, cmap="RdBu_r",
                    rows=rows_of("after", "r"))  # fmt: skip
-    panel = Panel("", "", [image], printed="", x_names=names, y_names=names, color="correlation (1)")
+    panel = Subplot("", "", [image], printed="", x_names=names, y_names=names, color="correlation (1)")
 
     def finish(figure: Figure, panels: list[Axes]) -> None:
         (axes,) = panels

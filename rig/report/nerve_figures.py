@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rig.data import Run
 from rig.data.spike_files import SPIKES, SpikeRecord, SpikeTrain
 from rig.report.page_parts import figures_of
-from rig.report.plot import Panel, Plot, Room, Series, entry, guide, handles, in_grid, rows_of
+from rig.report.plot import Plot, Room, Series, Subplot, entry, guide, handles, in_grid, rows_of
 from rig.report.run_figures import broken
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, signed
 from rig.report.title_lines import title_lines
@@ -143,7 +143,7 @@ def _rate(train: SpikeTrain, window: Sequence[tuple[float, float]]) -> list[floa
 def _rates(found: Sequence[RatePanel], about: str) -> Plot:
     columns = min(len(found), _PANELS_ACROSS)
     panels = [
-        Panel(
+        Subplot(
             "indentor x (mm)",
             "rate (impulses/s)",
             [
@@ -244,7 +244,7 @@ def _over_press(run: Run, record: SpikeRecord, presses: Sequence[Pressed], about
         (width, height),
         [
             _force(run, ends_s), _raster(record, ends_s),
-            Panel("time since the start of the last hold (s)", "rate (impulses/s)", _class_rates(record, presses)),
+            Subplot("time since the start of the last hold (s)", "rate (impulses/s)", _class_rates(record, presses)),
         ],
         "Simulated spikes over the press",
         f"Left: the press with the most spikes, {busiest.group} at x = {signed(busiest.x_mm)} mm. Right: rate of "
@@ -269,22 +269,22 @@ def _class_rates(record: SpikeRecord, presses: Sequence[Pressed]) -> list[Series
     return [*found, guide("axvline", 0.0, color=GREY, lw=0.6)]
 
 
-def _force(run: Run, ends_s: tuple[float, float]) -> Panel:
+def _force(run: Run, ends_s: tuple[float, float]) -> Subplot:
     read = [s for s in run.stream("sample") if ends_s[0] <= s["t_s"] <= ends_s[1]]
     rows = rows_of("sample.csv", "t_s", "force_gwt", ends_s=ends_s)
-    return Panel(
+    return Subplot(
         _TIME, "force (gwt)", [Series("plot", *broken(read, run), color="black", lw=0.8, rows=rows)], printed="y"
     )
 
 
-def _raster(record: SpikeRecord, ends_s: tuple[float, float]) -> Panel:
+def _raster(record: SpikeRecord, ends_s: tuple[float, float]) -> Subplot:
     trains = _fired(record)
     shown = [one.spike_s[(one.spike_s >= ends_s[0]) & (one.spike_s <= ends_s[1])] for one in trains]
     colors = [_color(record, one.model) for one in trains]
     rows = rows_of(_SPIKES, "t_s", ends_s=ends_s)
     marks = Series("eventplot", shown, colors=colors, linewidths=0.8, linelengths=0.8, rows=rows)
     names = [one.afferent for one in trains] if len(trains) <= _MOST_LABELS else []
-    return Panel(_TIME, "", [marks], printed="x", y_names=names)
+    return Subplot(_TIME, "", [marks], printed="x", y_names=names)
 
 
 def _classes(record: SpikeRecord) -> list[Series]:

@@ -118,7 +118,7 @@ def handles(entries: Iterable[Series]) -> list[Line2D]:
 
 
 @dataclass(frozen=True)
-class Panel:
+class Subplot:
     """Series on one pair of axes, whose labels end with the unit in brackets."""
 
     x: str
@@ -163,7 +163,7 @@ class Plot:
     """A figure of a page: its data in panels, heading and caption, and how it is drawn in a size (in)."""
 
     size: tuple[float, float]
-    panels: Sequence[Panel]
+    panels: Sequence[Subplot]
     title: str = ""
     caption: str = ""
     """What is plotted, without the files of the data, which follow from the series."""
@@ -361,7 +361,7 @@ def _some(names: Sequence[str]) -> str:
     return ", ".join(names[:_MOST_NAMES]) + more
 
 
-def _with_range(name: str, axis: Literal["x", "y"], panels: Sequence[Panel]) -> str:
+def _with_range(name: str, axis: Literal["x", "y"], panels: Sequence[Subplot]) -> str:
     values = np.concatenate([np.zeros(0), *(one.along(axis) for panel in panels for one in panel.series)])
     return f"{name}, {as_number(values.min())} to {as_number(values.max())}" if name and len(values) else name
 

@@ -14,7 +14,7 @@ from rig.compare.fit import FEWEST_POSITIONS
 from rig.compare.profile_shape_test import THRESHOLD, shape_test
 from rig.compare.stimuli import MAPPED, StimulusMap, StimulusRow
 from rig.report.measure_colors import color_of
-from rig.report.plot import POSITIONS, Panel, Plot, Room, Series, guide, in_grid, rows_of
+from rig.report.plot import POSITIONS, Plot, Room, Series, Subplot, guide, in_grid, rows_of
 from rig.report.recording_sections import frame
 from rig.report.style import DOTTED, GREY, in_unit, label, shade_of, signed, some_of, unit
 from rig.report.title_lines import title_lines
@@ -49,7 +49,7 @@ def ssrps(stimulus: StimulusRow, measures: Sequence[str], *, tested: bool) -> Pl
             series += found
             marks += [(n, k, colour, mark)] if mark else []
         title = f"{label(measure)}, one step up = {_STEP_UP * size:.3g} {unit(measure)}"
-        panels.append(Panel("indentor x (mm)", "receptor x (mm)", series, title, printed="x" if n else "xy"))
+        panels.append(Subplot("indentor x (mm)", "receptor x (mm)", series, title, printed="x" if n else "xy"))
 
     def finish(figure: Figure, axes: list[Axes]) -> None:
         for n, k, color, mark in marks:
@@ -129,7 +129,7 @@ def _lines(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
     return Plot(
         (0.8 + 2.4 * len(measures), 2.6),
         [
-            Panel("receptor x (mm)", in_unit(measure), [line(measure, k, x) for k, x in enumerate(positions)])
+            Subplot("receptor x (mm)", in_unit(measure), [line(measure, k, x) for k, x in enumerate(positions)])
             for measure in measures
         ],
         f"Population responses: {stimulus.title}",
@@ -140,7 +140,7 @@ def _lines(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
 
 def _images(stimulus: StimulusRow, measures: Sequence[str]) -> Plot:
     panels = [
-        Panel("receptor x (mm)", "indentor x (mm)", _image(stimulus, measure), in_unit(measure),
+        Subplot("receptor x (mm)", "indentor x (mm)", _image(stimulus, measure), in_unit(measure),
               printed="x" if k else "xy", color=in_unit(measure))
         for k, measure in enumerate(measures)
     ]  # fmt: skip
@@ -238,7 +238,7 @@ def correlations(comparison: Comparison, judged: Sequence[StimulusRow]) -> Plot:
 _R = "Pearson's r (1)"
 
 
-def _heat_map(stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np.bool_] | None) -> Panel:
+def _heat_map(stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np.bool_] | None) -> Subplot:
     """Return r at receptors with enough positions; the number of positions stands beside each location."""
     n = len(stimulus.receptor_mm)
     used = np.zeros(n, dtype=int) if overlay is None else overlay.used
@@ -261,7 +261,7 @@ def _heat_map(stimulus: StimulusRow, overlay: Overlay | None, passed: NDArray[np
         for k in some_of(n, _MOST_RECEPTORS)
     ]
     about = stimulus.title + ("" if passed is not None else "\nno shape test")
-    return Panel(
+    return Subplot(
         "receptor x (mm)", "", series, title_lines(about, 1.9, 8), printed="", x_names=names,
         y_names=[label(one) for one in MEASURES], color="" if overlay is None else _R,
     )  # fmt: skip
@@ -298,7 +298,7 @@ def pressure_maps(stimuli: Sequence[StimulusRow]) -> Plot:
     )  # fmt: skip
 
 
-def _pressure_map(stimulus: StimulusRow) -> Panel:
+def _pressure_map(stimulus: StimulusRow) -> Subplot:
     ends = [
         (end, x)
         for position, x in enumerate(stimulus.x_mm)
@@ -315,7 +315,7 @@ def _pressure_map(stimulus: StimulusRow) -> Panel:
                path_effects=outline, rows=rows_of("pressure", "contact_end_mm", "at_x_mm", stimulus=stimulus)),
     ]  # fmt: skip
     title = title_lines(stimulus.title, 2.3, 8)
-    return Panel("skin, undeformed x (mm)", "indentor x (mm)", series, title, printed="", color="pressure (kPa)")
+    return Subplot("skin, undeformed x (mm)", "indentor x (mm)", series, title, printed="", color="pressure (kPa)")
 
 
 _ABOUT_MM = ((1.4, 1.4), (1.15, 1.5))
@@ -328,7 +328,7 @@ def strain_maps(maps: Sequence[StimulusMap], title: str, where: str) -> Plot:
     """Plot maps of one stimulus: measures down, positions across, one color scale per measure."""
     across, up = seen = _seen_mm(maps)
     panels = [
-        Panel("x (mm)", "y (mm)", _map(one, measure, max(_top(other, measure, seen) for other in maps)),
+        Subplot("x (mm)", "y (mm)", _map(one, measure, max(_top(other, measure, seen) for other in maps)),
               f"indentor at x = {signed(one.x_mm)} mm" if measure == MAPPED[0] else "",
               printed="x" * (measure == MAPPED[-1]) + "y" * (k == 0), color=in_unit(measure), is_part=True)
         for measure in MAPPED

@@ -22,7 +22,7 @@ from rig.data import Run
 from rig.plan.finger_model import from_copy, responses
 from rig.report.measure_colors import color_of
 from rig.report.page_parts import Section
-from rig.report.plot import Panel, Plot, Series, guide, in_grid, rows_of
+from rig.report.plot import Plot, Series, Subplot, guide, in_grid, rows_of
 from rig.report.style import GREY, as_number, in_unit, label, shade, signed
 from rig.report.verdict_figures import stimulus_styles
 from rig_shared.plural import number_of
@@ -39,7 +39,7 @@ def overlays(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "")
     """Plot rates predicted by the joint line over recorded ones: pairs down, shapes across."""
     rows, columns = (len(pairs), len(joint.overlays)) if len(joint.overlays) > 1 else (1, len(pairs))
     panels = [
-        Panel("position from field center (mm)", _RATE, _overlay(overlay, joint.fit, pair),
+        Subplot("position from field center (mm)", _RATE, _overlay(overlay, joint.fit, pair),
               f"{overlay.stimulus.title}: {named(overlay.stimulus.receptor_mm, pair)}",
               printed="x" if k >= (rows - 1) * columns else "")
         for k, (pair, overlay) in enumerate((pair, overlay) for pair in pairs for overlay in joint.overlays)
@@ -88,7 +88,7 @@ def scatter(joint: Joint, pairs: list[Pair], figure: str = "", files: str = "") 
     )  # fmt: skip
 
 
-def _against_measure(joint: Joint, pair: Pair) -> Panel:
+def _against_measure(joint: Joint, pair: Pair) -> Subplot:
     (measure, receptor), series = pair, []
     styles = stimulus_styles(len(joint.overlays))
     for overlay, (colour, marker) in zip(joint.overlays, styles, strict=True):
@@ -111,7 +111,7 @@ def _against_measure(joint: Joint, pair: Pair) -> Panel:
     )
     fitted = f"R² = {joint.explained[pair]:.3f}, k = {k:.3g}, ε₀ = {eps0:.3g}".replace("-", "−")
     title = f"{named(joint.overlays[0].stimulus.receptor_mm, pair)}\n{fitted}"
-    return Panel(in_unit(MEASURES[measure]), _RATE, [*series, line], title, printed="x")
+    return Subplot(in_unit(MEASURES[measure]), _RATE, [*series, line], title, printed="x")
 
 
 def frame(overlays: Sequence[Overlay]) -> str:
@@ -342,7 +342,7 @@ def deflections(profiles: list[Deflection], measured: list[Deflection]) -> Plot:
         axes[0].legend(fontsize=8)
 
     return Plot(
-        (7.2, 3.8), [Panel("z along the finger (mm)", "deflection of the skin (mm)", [*lines, *points, zero])],
+        (7.2, 3.8), [Subplot("z along the finger (mm)", "deflection of the skin (mm)", [*lines, *points, zero])],
         "Deflection of the skin along the finger",
         "Downward displacement of the skin along the center line of the pad against undeformed z (proximal "
         "on the left). "

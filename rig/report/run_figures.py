@@ -18,10 +18,10 @@ from rig.plan.finger_model import PredictedHold, by_group, measured
 from rig.records import SAME_DECIMALS
 from rig.report.plot import (
     POSITIONS,
-    Panel,
     Plot,
     Room,
     Series,
+    Subplot,
     ZoomBand,
     ZoomChart,
     ZoomLine,
@@ -78,8 +78,8 @@ def contact_panels(found: Sequence[Sequence[PredictedHold]], top: float, group: 
         y, x = ("y" if k % _CONTACT_COLUMNS == 0 else ""), ("x" if k + _CONTACT_COLUMNS >= len(found) else "")
         lines = guide("hlines", scale, *across, color=GREY, lw=0.3, alpha=0.5)
         panels += [
-            Panel(_LATERAL, "height (mm)", _skin(repeats, across), _title(repeats), printed=y),
-            Panel(_LATERAL, "pressure\n(kPa)", [*_pressures(repeats), lines], printed=x + y),
+            Subplot(_LATERAL, "height (mm)", _skin(repeats, across), _title(repeats), printed=y),
+            Subplot(_LATERAL, "pressure\n(kPa)", [*_pressures(repeats), lines], printed=x + y),
         ]
 
     def arrange(figure: Figure) -> Iterator[Axes]:
@@ -232,7 +232,7 @@ def contacts_from_below(found: Sequence[IndentationResult], titles: Sequence[str
         figure.colorbar(axes[-1].collections[0], ax=figure.axes, label="pressure (kPa)", shrink=0.8)
 
     panels = [
-        Panel(_LATERAL, "along the finger, z (mm)", _from_below(result, top, number), wrapped(title, _TITLE_WIDTH),
+        Subplot(_LATERAL, "along the finger, z (mm)", _from_below(result, top, number), wrapped(title, _TITLE_WIDTH),
               printed="x" if number % columns else "xy", color="pressure (kPa)", is_part=True)
         for number, (result, title) in enumerate(zip(found, titles, strict=True))
     ]  # fmt: skip
@@ -398,7 +398,7 @@ def _columns_of(found: Sequence[DeliveredPress]) -> list[Array]:
     return [np.array([getattr(one, field) for one in found], dtype=float) for field in fields]
 
 
-def _delivered(key: str, mine: Sequence[DeliveredPress]) -> tuple[Panel, Panel]:
+def _delivered(key: str, mine: Sequence[DeliveredPress]) -> tuple[Subplot, Subplot]:
     """Return the panels of one quantity: delivered and asked, and their difference."""
     name, unit_ = _NAMES[key]
     index, asked, got, sd, allowed = _columns_of(mine)
@@ -424,7 +424,7 @@ def _delivered(key: str, mine: Sequence[DeliveredPress]) -> tuple[Panel, Panel]:
                 rows=rows_of("hold_end.csv", "index", "difference", "sd", **where),
             ))  # fmt: skip
     x = "press, by index (1)"
-    return Panel(x, f"{name} ({unit_})", above, printed="y"), Panel(x, f"difference ({unit_})", below)
+    return Subplot(x, f"{name} ({unit_})", above, printed="y"), Subplot(x, f"difference ({unit_})", below)
 
 
 def force_time(run: Run) -> Plot:
@@ -456,7 +456,10 @@ def force_time(run: Run) -> Plot:
     cut = " Hatched: the time between the parts of the run, not to scale." if len(run.parts) > 1 else ""
     return Plot(
         (_WIDTH_IN, 3.2),
-        [Panel(x, "force (gwt)", [*readings, *hatched], printed="y"), Panel(x, "", [*strip, *hatched], printed="x")],
+        [
+            Subplot(x, "force (gwt)", [*readings, *hatched], printed="y"),
+            Subplot(x, "", [*strip, *hatched], printed="x"),
+        ],
         "Force against time",
         f"All readings of the run{others}. Below: the phases of the run; white: "
         f"lateral moves, rests, zeroing and waits.{cut}",
@@ -583,7 +586,7 @@ def presses(run: Run, groups: Groups) -> Plot:
     )  # fmt: skip
 
 
-def _press_panels(run: Run, name: str, members: Sequence[Condition]) -> tuple[Panel, Panel]:
+def _press_panels(run: Run, name: str, members: Sequence[Condition]) -> tuple[Subplot, Subplot]:
     xs, force, relative = [condition.x_mm for condition in members], [], []
     for condition in members:
         for index in condition.indices:
@@ -594,8 +597,8 @@ def _press_panels(run: Run, name: str, members: Sequence[Condition]) -> tuple[Pa
                 rows = rows_of("sample.csv", "in hold_s", "relative", index=index, hold=number)
                 relative.append(Series("plot", *_thinned(t, ratio), rows=rows, **style))
     return (
-        Panel("time since the start of the press (s)", "force (gwt)", force, name),
-        Panel("time in the hold (s)", "force relative to first (1)", relative, color=POSITIONS),
+        Subplot("time since the start of the press (s)", "force (gwt)", force, name),
+        Subplot("time in the hold (s)", "force relative to first (1)", relative, color=POSITIONS),
     )
 
 
@@ -647,7 +650,7 @@ def force_depth(run: Run, groups: Groups) -> Plot:
     )  # fmt: skip
 
 
-def _loadings(run: Run, name: str, members: Sequence[Condition]) -> tuple[Panel, Panel]:
+def _loadings(run: Run, name: str, members: Sequence[Condition]) -> tuple[Subplot, Subplot]:
     xs = [condition.x_mm for condition in members]
     found = [(condition, loading(condition, run)) for condition in members]
     mean, sd = (
@@ -660,8 +663,8 @@ def _loadings(run: Run, name: str, members: Sequence[Condition]) -> tuple[Panel,
     )  # fmt: skip
     depth = "depth of indentation (mm)"
     return (
-        Panel(depth, "mean force (gwt)", mean, name, color=POSITIONS),
-        Panel(depth, "sd over repeats (gwt)", sd, color=POSITIONS),
+        Subplot(depth, "mean force (gwt)", mean, name, color=POSITIONS),
+        Subplot(depth, "sd over repeats (gwt)", sd, color=POSITIONS),
     )
 
 
@@ -705,10 +708,10 @@ def population_responses(found: list[PredictedHold], *, moved: bool) -> Plot:
     )  # fmt: skip
 
 
-def _population_row(name: str, lines: Sequence[tuple[float, PredictedHold]], *, moved: bool) -> list[Panel]:
+def _population_row(name: str, lines: Sequence[tuple[float, PredictedHold]], *, moved: bool) -> list[Subplot]:
     receptor_x, shades = lines[0][1].result.model.receptors.position_mm[:, 0], [value for value, _ in lines]
     return [
-        Panel(
+        Subplot(
             "receptor x (mm)", in_unit(measure),
             [
                 Series("plot", receptor_x, shown(measure, measured([one], measure)[1][0]), ls="-", marker="o", ms=2.5,
@@ -734,7 +737,7 @@ def ssrps(found: list[PredictedHold], measure: str) -> Plot:
     columns = -(-len(receptor_x) // 2)
     profiles = {name: _over_repeats(*measured(members, measure)) for name, members in groups.items()}
     panels = [
-        Panel(
+        Subplot(
             "indentor x (mm)", in_unit(measure),
             [
                 *(

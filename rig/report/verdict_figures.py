@@ -15,7 +15,7 @@ from rig.compare.stimuli import CONTROL_UNITS
 from rig.compare.verdict import AfferentVerdict, LeftOut, PairRow
 from rig.compare.verdict_text import percent, sentence
 from rig.report.measure_colors import color_of
-from rig.report.plot import Panel, Plot, Room, Series, entry, guide, handles, in_grid, rows_of
+from rig.report.plot import Plot, Room, Series, Subplot, entry, guide, handles, in_grid, rows_of
 from rig.report.style import DOTTED, GREY, as_number, in_unit, label, shade, signed, some_of
 from rig.report.title_lines import title_lines
 from sim.measures.measures import MEASURES
@@ -80,7 +80,7 @@ def the_answer(answer: AfferentVerdict, shown: Sequence[int], frame: str, of: st
     styles = [(row, {"color": color_of(row.name), "ls": dashes, "lw": width}) for row, (dashes, width) in pairs]
     heights = (_PROFILES_IN, 0.95 + 0.19 * len(ranked))
     panels = [
-        Panel(_POSITION, _RATE,
+        Subplot(_POSITION, _RATE,
               [*_recorded(answer, number), *(_predicted(answer, number, row, **style) for row, style in styles)],
               title_lines(answer.stimuli[number], (_WIDE_IN - 1) / len(shown), 8), printed="" if k else "y")
         for k, number in enumerate(shown)
@@ -186,7 +186,7 @@ def _grid(
 
     return Plot(
         (room.left + 2.3 * columns, room.top + room.bottom + (1.03 + room.rows) * rows),
-        [Panel(_POSITION, quantity, series(number, row), title, printed="") for row, number, title in titles],
+        [Subplot(_POSITION, quantity, series(number, row), title, printed="") for row, number, title in titles],
         arrange=in_grid(len(titles), columns, room, sharex="col" if rows > 1 else True, sharey=True), finish=finish,
         titles={"fontsize": 7}, ticks={"labelsize": 7.5}, layout=None,
     )  # fmt: skip
@@ -219,7 +219,7 @@ def scatter(answer: AfferentVerdict, frame: str, of: str = "") -> Plot:
     return Plot(
         (0.6 + 2.4 * len(pairs), 3.0),
         [
-            Panel(
+            Subplot(
                 measured_in(row.name), _RATE,
                 [*(points(row, number, *style) for number, style in enumerate(styles)), fit(row)],
                 f"{named(row)}\nk = {as_number(row.k)}, ε₀ = {as_number(row.eps0)}",
@@ -253,7 +253,7 @@ def every_pair(answer: AfferentVerdict, of: str = "") -> Plot:
                    rows=rows_of("pairs", "misfit"))  # fmt: skip
     controls = {row.name for row in answer.controls}
     written = some_of(len(receptors), _MOST_RECEPTORS)
-    panel = Panel(
+    panel = Subplot(
         "receptor x (mm)",
         "",
         [*marks, image, guide("axhline", len(names) - len(controls) - 0.5, color="white", lw=2)], printed="x",
@@ -324,14 +324,14 @@ def _left_out(answer: AfferentVerdict, number: int) -> list[LeftOut]:
     return [one for one in answer.left_out if one.stimulus == answer.stimuli[number]]
 
 
-def _ranking(ranked: Sequence[PairRow]) -> Panel:
+def _ranking(ranked: Sequence[PairRow]) -> Subplot:
     series = []
     for height, row in enumerate(ranked):
         style = {"marker": "o" if row.fits else "x", "ms": 6, "mec": color_of(row.name)}
         mfc, rows = color_of(row.name) if row.in_set else "white", rows_of("pairs", "lack_of_fit", pair=row.title)
         series.append(Series("plot", row.lack_of_fit, height, rows=rows, mfc=mfc, **style))
     noise = guide("axvline", 1.0, color=GREY, lw=0.8, ls=DOTTED)
-    return Panel(_MISFIT, "", [*series, noise], printed="x", y_names=[named(row) for row in ranked])
+    return Subplot(_MISFIT, "", [*series, noise], printed="x", y_names=[named(row) for row in ranked])
 
 
 def _finish_ranking(axes: Axes, ranked: Sequence[PairRow]) -> None:

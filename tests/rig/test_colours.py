@@ -13,7 +13,7 @@ import pytest
 from matplotlib.colors import to_rgb
 from numpy.typing import NDArray
 
-from rig.report.plot import Panel, Plot, guide
+from rig.report.plot import Plot, Subplot, guide
 from rig.report.run_figures import PHASES
 from rig.report.style import BLUE, GREEN, GREY, ORANGE, PURPLE, YELLOW, shade
 
@@ -80,7 +80,7 @@ def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
 ) -> None:
     """Black on the dark page itself could not be read."""
     number = guide("text", *place, "84 %", ha="center", va="bottom")
-    plot = Plot((3, 3), [Panel("", "", [guide("imshow", cells), number])])
+    plot = Plot((3, 3), [Subplot("", "", [guide("imshow", cells), number])])
     (group,) = re.findall(r'<g id="(\w+)">\s*<text [^>]*>84 %<', plot.page_svg)
     assert group.startswith("map") is kept
 
@@ -88,6 +88,6 @@ def test_only_what_lies_on_colors_keeps_its_own_on_a_dark_page(
 def test_edges_of_markers_on_a_map_stay_on_a_dark_page() -> None:
     """Browsers do not find the map around a marker that they repeat, so that it has a rule of its own."""
     marks = guide("plot", [0, 1], [0, 1], "o", mfc="black", mec="white")
-    svg = Plot((3, 3), [Panel("", "", [guide("imshow", CELLS), marks])]).page_svg
+    svg = Plot((3, 3), [Subplot("", "", [guide("imshow", CELLS), marks])]).page_svg
     (name,) = re.findall(r'<g id="map_\d+">\s*<defs>\s*<path id="(\w+)"', svg)
     assert f"#{name}{{stroke:#ffffff!important}}" in svg

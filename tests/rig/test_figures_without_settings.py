@@ -8,9 +8,9 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
-from rig.report.plot import Panel, Plot, guide
+from rig.report.plot import Plot, Subplot, guide
 
-PANELS = [Panel("time (s)", "force (gwt)", [guide("plot", [0.0, 1.0], [1.0, 0.0])])]
+PANELS = [Subplot("time (s)", "force (gwt)", [guide("plot", [0.0, 1.0], [1.0, 0.0])])]
 
 
 SETTINGS: dict[str, dict[str, object]] = {

@@ -7,12 +7,12 @@ import pytest
 
 from rig.report.glossary import GLOSSARY
 from rig.report.page_parts import Section, prose, render
-from rig.report.plot import Panel, Plot
+from rig.report.plot import Plot, Subplot
 
 TEMPLATES = Path(__file__).parents[3] / "rig" / "report" / "templates"
 PARTS = ("page.html.j2", "figure.html.j2", "section.html.j2")
 PAGES = sorted(path.name for path in TEMPLATES.glob("*.html.j2") if path.name not in PARTS)
-PANELS = [Panel("x (mm)", "y (mm)", ())]
+PANELS = [Subplot("x (mm)", "y (mm)", ())]
 
 
 @pytest.mark.parametrize("name", PAGES)
