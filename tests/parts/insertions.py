@@ -128,7 +128,7 @@ def final_depths(found: list[PredictedHold]) -> Plot:
     x, depth = ([response.hold[key] for response in found] for key in ("x_mm", "doi_mm"))
     rows = rows_of("hold_end.csv", "x_mm", "doi_mm")
     points = Series("plot", x, depth, rows=rows, ls="", marker=".", color=GREY)
-    return Plot((6.6, 2.6), [Panel("indentor x (mm)", "depth (mm)", [points])], "Final depths", "Every hold.")
+    return Plot((6.6, 2.6), [Subplot("indentor x (mm)", "depth (mm)", [points])], "Final depths", "Every hold.")
 
 
 ''',
@@ -149,7 +149,7 @@ def depths(stimulus: StimulusRow) -> Plot:
     """Plot the depth at each position."""
     rows = rows_of("population", "x_mm", "doi_mm", stimulus=stimulus)
     line = Series("plot", stimulus.x_mm, stimulus.doi_mm, rows=rows, marker="o", ms=2, lw=1, color=GREY)
-    panel = Panel("indentor x (mm)", "depth (mm)", [line])
+    panel = Subplot("indentor x (mm)", "depth (mm)", [line])
     return Plot((4.6, 2.6), [panel], f"Depths: {stimulus.title}", "As held.")
 
 
