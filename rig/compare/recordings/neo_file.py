@@ -23,7 +23,7 @@ from rig.compare.recordings.column_units import same_name
 from rig.compare.recordings.columns import ColumnMap
 from rig.compare.recordings.hdf5 import trouble
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import UnitSpikes
+from rig.compare.recordings.spike_times import THROUGHOUT, UnitSpikes
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -117,7 +117,7 @@ def read_neo(path: Path, unit: str, columns: ColumnMap) -> UnitSpikes:
     return UnitSpikes(
         finite_times(path, name, spikes),
         np.sort(finite_times(path, channel, pulses)),
-        segment.spans.get(name),
+        segment.spans.get(name, THROUGHOUT),
         stated="sync" in columns.named and columns["sync"].name == NO_PULSES,
         end_s=ends,
         line=channel in segment.lines,

@@ -29,7 +29,7 @@ from rig.compare.recordings.hdf5 import (
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import Array, UnitSpikes, union, without
+from rig.compare.recordings.spike_times import THROUGHOUT, Array, UnitSpikes, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -68,7 +68,17 @@ def read_nwb(path: Path, unit: str, columns: ColumnMap, uid: str = "") -> UnitSp
         pulses, stated, notes = _pulses(file, path, columns, required=not of_run)
         pulse_s, end_s = (columns["sync"].factor * np.sort(one) for one in (pulses.begin, pulses.end))
         read_as = f"Spike times read: units/{units.column} in {columns['time'].unit or 's'}."
-        return UnitSpikes(spikes, pulse_s, observed, of_run, stated, notes, end_s, pulses.line, read_as)
+        return UnitSpikes(
+            spikes,
+            pulse_s,
+            observed,
+            of_run=of_run,
+            stated=stated,
+            notes=notes,
+            end_s=end_s,
+            line=pulses.line,
+            read_as=read_as,
+        )
 
 
 @contextmanager
@@ -193,13 +203,11 @@ def _bounds(ends: h5py.Dataset, path: Path, column: str, row: int, values: int, 
     return begin, end
 
 
-def _observed(
-    file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array
-) -> Array | None:
-    """Return the intervals (n, 2) in which a unit was observed, in s; None if the file states none."""
+def _observed(file: h5py.File, path: Path, columns: ColumnMap, units: _Units, row: int, spike_s: Array) -> Array:
+    """Return the intervals (n, 2) in which a unit was observed, in s; infinite if the file states none."""
     column = columns["observed"]
     place = f"units/{column.name}"
-    found = None
+    found = THROUGHOUT
     if columns.observed_throughout:
         place = "units/obs_intervals"
     is_there = not {place, f"{place}_index"}.isdisjoint(f"units/{name}" for name in members(file, path, "units"))
@@ -230,9 +238,7 @@ def _observed(
                 "spikes_outside_observed",
             )
     invalid = _invalid(file, path)
-    if invalid is None:
-        return found
-    return without(np.array([[-np.inf, np.inf]]) if found is None else found, invalid)
+    return found if invalid is None else without(found, invalid)
 
 
 def _invalid(file: h5py.File, path: Path) -> Array | None:

@@ -186,6 +186,19 @@ class Case:
     """Words that must not be among them."""
 
 
+def gap(begin: float, end: float) -> dict[str, Any]:
+    return {"intervals__invalid_times__start_time": [begin], "intervals__invalid_times__stop_time": [end]}
+
+
+def units_csv(unit: str, *rows: str) -> Callable[[Path], str]:
+    """A table of a unit a, or 1.0, and of a unit b after 25 s, with more rows, of which `unit` is chosen."""
+    a = "1.0" if unit == "1" else "a"
+    spikes = [f"{t},spike,{a}" for t in TIMES] + [f"{t},spike,b" for t in TIMES if t > 25]
+    return lambda folder: text("\n".join(["time_s,kind,unit", *rows, *spikes]) + "\n")(folder) + f"#{unit}"
+
+
+SINCE_15_S = [t for t in TIMES if t > BEGAN_S]
+
 UNOBSERVED = {
     "NWB, obs_intervals end": Case(
         "presses at 70 and 80 s are after the unit was lost at 65 s",
@@ -287,6 +300,57 @@ UNOBSERVED = {
     "CSV, the last pulses are missing": Case(
         "the amplifier was off before the last two presses",
         spikes_csv(*syncs(amplifier(RISES[:6])), spikes=amplifier(UNTIL_LOST).tolist()), rates=ALL[:3], lost=2,
+    ),
+    **{
+        f"{source}, {what}": Case(
+            "what the file states holds; where it states nothing, it is known to have recorded from its first event "
+            "(10.01 s) to its last (60.06 s), and the press that has it counts", write, pulses=False, **right,
+        )
+        for what, right, sources in (
+            ("start alone", {"rates": [8, 24, 12], "lost": 3, "read_as": "from 15.0 s to 60.1 s, as its intervals"}, {
+                "CSV": spikes_csv((BEGAN_S, "start"), spikes=UNTIL_LOST),
+            }),
+            ("stop alone", {"rates": ALL[:3], "lost": 2}, {
+                "CSV": spikes_csv((LOST_S, "stop"), spikes=UNTIL_LOST),
+            }),
+            ("stop alone, late", {"rates": [8, 24, 12, 1], "lost": 1}, {
+                "CSV": spikes_csv((100.0, "stop"), spikes=SINCE_15_S),
+            }),
+            ("a gap alone", {"rates": [6, 28, 12], "lost": 3}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if not 25 < t < 35], **gap(25, 35)),
+                "CSV": spikes_csv((25.0, "stop"), (35.0, "start"), spikes=[t for t in UNTIL_LOST if not 25 < t < 35]),
+            }),
+            ("a gap before all events", {"rates": [8, 24, 12], "lost": 3}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if t > BEGAN_S], **gap(0, 2)),
+            }),
+            ("nothing", {"rates": ALL[:3], "lost": 2}, {
+                "NWB": nwb(units__spike_times=UNTIL_LOST), "CSV": spikes_csv(spikes=UNTIL_LOST),
+                "NIX": nix(stop=max(UNTIL_LOST)),
+            }),
+            ("a gap, else throughout", {"rates": [6, 28, 12, 0], "lost": 1, "columns": ("observed=throughout",)}, {
+                "NWB": nwb(units__spike_times=[t for t in UNTIL_LOST if not 25 < t < 35], **gap(25, 35)),
+                "CSV": spikes_csv((25.0, "stop"), (35.0, "start"), spikes=[t for t in UNTIL_LOST if not 25 < t < 35]),
+            }),
+        )
+        for source, write in sources.items()
+    },
+    **{
+        f"CSV, {what}": Case(why, units_csv(unit, *rows), rates=rates, lost=lost, pulses=False)
+        for what, why, unit, rates, lost, rows in (
+            ("fibers in turn, the first", "b's time is not a's", "a", ALL[:3], 2, (
+                "0,start,a", f"{LOST_S},stop,a", f"{LOST_S + 1},start,b", "100,stop,b")),
+            ("fibers in turn, the second", "a's time is not b's", "b", ALL[1:], 2, (
+                "0,start,a", "25,stop,a", "26,start,b", "100,stop,b")),
+            ("fibers at once", "each has its own time", "a", ALL, 0, (
+                "0,start,a", "0,start,b", f"{LOST_S},stop,b", "100,stop,a")),
+            ("a start of the file, a stop of a fiber", "both hold", "a", ALL[:3], 2, (
+                "0,start,", f"{LOST_S},stop,a", "100,stop,")),
+            ("a start of 1, a unit 1.0", "one number", "1", ALL, 0, ("0,start,1.0", "100,stop,1.0")),
+        )
+    },
+    "CSV, a fiber without spikes": Case(
+        "its time is stated, so it is there", units_csv("c", "0,start,c", "100,stop,c"), code="no_spikes",
+        pulses=False,
     ),
     "nothing observed": Case(
         "no press is left", of_amplifier([0.5], **PULSES, **observed((0, 1))), code="few_positions",
