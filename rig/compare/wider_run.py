@@ -194,7 +194,7 @@ class _Planned:
         rig, walk = self._rig(parameters)
         try:
             with impatient():
-                self._script.run(rig)
+                self._script.fresh().run(rig)
         except (*_REFUSED, SilentScriptError):
             return walk.x_mm
         return None

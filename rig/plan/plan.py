@@ -126,7 +126,8 @@ def make_plan(
         compared.append(planner)
     try:
         with impatient():
-            script.run(Rig(script.parameters, walk, Patience(planner, on_step)))
+            fresh = script.fresh()
+            fresh.run(Rig(fresh.parameters, walk, Patience(planner, on_step)))
         for one in compared:
             one.end()
     except FingerLostError:

@@ -120,6 +120,18 @@ def test_a_module_beside_a_script_is_imported_at_its_top(tmp_path: Path, finger:
     has_code(_not_planned(tmp_path, finger, "import depths"), "module_beside_script")
 
 
+def test_a_later_pass_runs_the_text_that_was_loaded(tmp_path: Path) -> None:
+    """A script that is edited while it runs presses what was planned, and what the run has a copy of."""
+    _write(tmp_path, "DOI_MM = 0.5\n", "depths.py")
+    path = _write(tmp_path, f"from depths import DOI_MM\n{RUN}")
+    script = load_script(str(path))
+    path.write_text("nothing", encoding="utf-8")
+    (tmp_path / "depths.py").unlink()
+    fresh = script.fresh()
+    assert fresh.run is not script.run
+    assert fresh.beside == {"depths.py": b"DOI_MM = 0.5\n"}
+
+
 # --- parameters ---
 
 
