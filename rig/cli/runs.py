@@ -57,6 +57,8 @@ class RunSummaryJson(Output):
     planned: int
     done: int
     duration_s: float
+    damage_text: NotRequired[str]
+    """Damage of its journal, and what is left out."""
 
 
 class UnreadableJson(Output):
@@ -180,7 +182,7 @@ def runs_command(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """List runs, newest last; an unreadable run gets one line on standard error."""
+    """List runs, newest last; an unreadable or damaged run gets one line on standard error."""
     with one_line_errors(as_json=as_json):
         if state not in (None, *RunStatus):
             raise RunError(f"--state {state!r}: must be one of {', '.join(RunStatus)}", "unknown_choice")
@@ -190,6 +192,9 @@ def runs_command(
         entries = _entries(runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
+        for one in found:
+            if one.summary.damage:
+                complain(f"{runs / one.summary.name}: {one.summary.damage}")
         if table is not None:
             replace_text(table, _as_csv(found))
         if as_json:
@@ -268,7 +273,7 @@ def _runs_json(found: Sequence[IndexEntry], broken: Sequence[Summary], table: Pa
 
 
 def _summary(run: Summary) -> RunSummaryJson:
-    return {
+    found: RunSummaryJson = {
         "name": run.name,
         "date_utc": run.date_utc,
         "protocol": run.protocol,
@@ -281,6 +286,7 @@ def _summary(run: Summary) -> RunSummaryJson:
         "done": run.done,
         "duration_s": run.duration_s,
     }
+    return {**found, "damage_text": run.damage} if run.damage else found
 
 
 _UNKNOWN = "unknown"

@@ -36,10 +36,13 @@ class Script:
     run: Callable[[Rig], None]
     design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
-    texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None for one without a file
+    texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
 
     def fresh(self) -> "Script":
-        """Return the script loaded anew from the same texts, so that a pass begins as in a new process."""
+        """Return the script loaded anew from the same texts, so that a pass begins as in a new process.
+
+        One whose `run` is the program's stays as it is.
+        """
         if self.texts is None:
             return self
         return script_with(self.path, self.name, self.parameters.model_dump(mode="json"), self.texts)
