@@ -370,7 +370,7 @@ AT_THE_TOP = {
 def test_a_run_makes_the_presses_that_were_planned(program: Program, tmp_path: Path, what: str) -> None:
     """Each pass begins as in a new process, whatever an earlier one left at the top of the script."""
     top, places = AT_THE_TOP[what]
-    beside = "import random\nRNG = random.Random(7)\ndef places():\n    return [RNG.uniform(-0.4, 0.4), RNG.random() / 2]\n"
+    beside = "import random\nRNG = random.Random(7)\ndef places():\n    return [RNG.random(), RNG.random()]\n"
     (tmp_path / "lab_random.py").write_text(beside, encoding="utf-8")
     path = tmp_path / "script.py"
     head = "from enum import Enum\nimport numpy as np\nfrom rig.protocol import ProtocolParameters\n"

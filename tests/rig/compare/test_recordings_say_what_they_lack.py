@@ -29,7 +29,8 @@ from rig.compare.exceptions import RecordingError
 from rig.compare.recordings.afferents_table import read_afferents
 from rig.compare.recordings.columns import column_map
 from rig.compare.recordings.deflection import read_skin_deflection
-from rig.compare.recordings.reading import Reading, read_recordings
+from rig.compare.recordings.reading import Reading, read_recordings, read_srp
+from rig.compare.recordings.spikes import read_spike_times
 from rig.compare.spike_clock import clock_shift, recording_sentences
 from rig.data import Run, read_run
 from rig.data.index import listed
@@ -1323,10 +1324,13 @@ NO_PULSES_THERE = {
 }  # fmt: skip
 
 
+COMPUTE = '<calcPr calcId="124519" fullCalcOnLoad="1"/>'
+
+
 def styled(
     style: str = "", row: str = "", after: str = "", before: str = "", value: str = "<v>{y}</v>", kind: str = "",
     ink: str = "", fill: str = "", number: int = 200, header: str = "rate", pattern: str = "",
-    dxf: str = "",
+    dxf: str = "", calculation: str = "",
 ) -> Any:  # fmt: skip
     """A workbook whose rates have a style, whose third row has an attribute, with more after its cells."""
     write = xlsx({"A": [["position_mm", header], *RATES_ROWS[1:]]}, inline=True)
@@ -1342,6 +1346,7 @@ def styled(
         sheet = sheet.replace('<row r="3">', f'<row r="3" {row}>').replace("</sheetData>", f"</sheetData>{after}")
         sheet = sheet.replace("<sheetData>", f"{before}<sheetData>")
         parts["xl/worksheets/sheet1.xml"] = sheet
+        parts["xl/workbook.xml"] = parts["xl/workbook.xml"].replace("</workbook>", f"{calculation}</workbook>")
         xfs = '<cellXfs><xf numFmtId="0" fontId="0"/><xf numFmtId="FORMAT" fontId="1" fillId="1"/></cellXfs>'.replace(
             "FORMAT", str(number)
         )
@@ -1525,6 +1530,18 @@ SHOWN = {
             ("white text in empty cells", conditional(WHITE_TEXT, "C1:C9 B6:B9")),
         )
     },
+    **{
+        f"formulas {what}": Case("0 is no value of theirs", styled(value=value, kind=kind, calculation=calculation),
+                                 code="no_number", says=("a formula that was not computed", "save it"))
+        for what, value, kind, calculation in (
+            ("without values", "<f>A2</f>", "", ""),
+            ("whose values are 0 until Excel computes them", "<f>A2</f><v>0</v>", "", COMPUTE),
+            ("of one group, with 0 for each", '<f t="shared" si="0"/><v>0</v>', "", COMPUTE),
+            ("with an empty text for each", "<f>A2</f><v></v>", ' t="str"', COMPUTE),
+        )
+    },
+    "formulas with values": Case("computed", styled(value="<f>A2</f><v>{y}</v>"), rates=ALL),
+    "numbers beside such formulas": Case("no formula", styled(calculation=COMPUTE), rates=ALL),
     "logical": Case("TRUE is no rate", styled(value="<v>1</v>", kind=' t="b"'), code="no_number", says=("TRUE",)),
     "a table from B3": Case("empty rows and columns before it", xlsx({"A": [
         [], [], *([None, *row] for row in RATES_ROWS)]}), rates=ALL),
@@ -1664,6 +1681,20 @@ def test_units_convert_in_every_table_that_has_them(name: str, tmp_path: Path) -
     with raises(RecordingError, "unknown_unit", path=str(path)) as caught:
         read(path)
     assert any(word in str(caught.value) for word in ("furlong", "slug"))
+
+
+@pytest.mark.parametrize("name", [*TABLES, "rates", "spikes of units"])
+def test_a_row_that_is_commented_out_is_in_no_table(name: str, tmp_path: Path) -> None:
+    """It does not count, and as a label that begins with # it would."""
+    others = {
+        "rates": (read_srp, "repeat|position_mm|rate", "a|0|1"),
+        "spikes of units": (lambda path: read_spike_times(path, journal(tmp_path), "a"), "unit|time_s", "a|10"),
+    }
+    read, header, row = TABLES[name][:3] if name in TABLES else others[name]
+    path = Path(table(header.format(um="um", mN="mN"), row, f"#{row}")(tmp_path))
+    with raises(RecordingError, "comment_row", path=str(path)) as caught:
+        read(path)
+    assert "row 3" in str(caught.value)
 
 
 @pytest.mark.parametrize("name", TABLES)
