@@ -5,6 +5,7 @@ unit was observed (obs_intervals), without those of the table `invalid_times`. S
 a TimeSeries called `sync_pulses`: events with timestamps, or a sampled line, whose rises count.
 """
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -29,7 +30,7 @@ from rig.compare.recordings.hdf5 import (
     values_of,
 )
 from rig.compare.recordings.recording import finite_times
-from rig.compare.recordings.spike_times import THROUGHOUT, Array, UnitSpikes, union, without
+from rig.compare.recordings.spike_times import NOT_USED, THROUGHOUT, Array, UnitSpikes, joined, union, without
 from rig.compare.recordings.sync_pulses import NO_PULSES, called_like_pulses, edges
 from rig_shared.plural import number_of
 from rig_shared.user_files import open_file
@@ -332,11 +333,11 @@ def _pulses(
     """
     name, named = columns["sync"].name, "sync" in columns.named
     if named and name == NO_PULSES:
-        return _Pulses(np.empty(0)), True, ()
+        return _Pulses(np.empty(0)), True, _unused(file, path, _candidates(file, path))
     every = _candidates(file, path)
     meant = [one for one in every if name in (one.place, one.name)]
     if len(meant) == 1:
-        return _edges(file, path, meant[0]), False, _unused(every, meant[0])
+        return _edges(file, path, meant[0]), False, _unused(file, path, every, meant[0])
     likely = [one for one in every if _may_be_pulses(file, path, one)]
     if not (meant or named or (likely and required)):
         return _Pulses(np.empty(0)), False, ()
@@ -356,9 +357,22 @@ def _pulses(
     )
 
 
-def _unused(every: list[_Candidate], pulses: _Candidate) -> tuple[str, ...]:
-    trials = [str(one) for one in every if one.name == "trials" and one is not pulses]
-    return tuple(f"The file's {one} are not used: presses are those of the run's journal." for one in trials)
+def _unused(
+    file: h5py.File, path: Path, every: list[_Candidate], pulses: _Candidate | None = None
+) -> tuple[str, ...]:
+    """Return a sentence on the intervals that are not the pulses, with tags, and columns that may reject some."""
+    others = [one for one in every if one.kind == "intervals" and one is not pulses][:_MOST_LISTED]
+    held = [f"{one.name} ({', '.join([number_of(one.size, one.kind), *_about(file, path, one)])})" for one in others]
+    return (NOT_USED.format(joined(held)),) if held else ()
+
+
+def _about(file: h5py.File, path: Path, one: _Candidate) -> list[str]:
+    columns = [name for name in members(file, path, one.place) if _REJECTING.search(name)]
+    tags = sorted(set(texts_in(file, path, f"{one.place}/tags") or []))
+    return [*(f"column {name}" for name in columns), *tags][:_MOST_LISTED]
+
+
+_REJECTING = re.compile(r"artifact|artefact|reject|bad|exclude|invalid|noise|valid|keep|good", re.IGNORECASE)
 
 
 class _Pulses(NamedTuple):

@@ -143,6 +143,13 @@ def both(spans: Array, others: Array) -> Array:
     return union(np.array([(max(a, c), min(b, d)) for a, b in spans for c, d in others]).reshape(-1, 2))
 
 
+NOT_USED = (
+    "The file's {} are not used: presses are those of the run's journal. If they mark presses that do not count, "
+    "leave these out of the times at which the unit was observed."
+)
+"""Sentence on intervals of a file."""
+
+
 def joined(words: Sequence[str]) -> str:
     """Return words with commas, and "and" before the last."""
     return " and ".join(part for part in (", ".join(words[:-1]), *words[-1:]) if part)

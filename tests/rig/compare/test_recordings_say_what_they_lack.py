@@ -127,8 +127,9 @@ def pulses_at(times: Array) -> dict[str, Any]:
 
 
 def nix(
-    start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, **of_line: Any
-) -> Any:
+    start: float = 0.0, stop: float = 200.0, spikes: Sequence[float] = TIMES, line_v: bool = False, name: str = "ttl",
+    epoch: tuple[str, ...] = (), **of_line: Any,
+) -> Any:  # fmt: skip
     def write(folder: Path) -> str:
         path = folder / "synthetic.nix"
         segment = neo.Segment()
@@ -137,9 +138,12 @@ def nix(
         if line_v:
             segment.analogsignals.append(
                 neo.AnalogSignal(
-                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name="ttl"
+                    line(np.array(RISES), **of_line), units="V", sampling_rate=SAMPLES_HZ * pq.Hz, name=name
                 )
             )
+        if epoch:
+            times, durations = np.array([45.0]) * pq.s, np.array([20.0]) * pq.s
+            segment.epochs.append(neo.Epoch(times, durations, labels=np.array(epoch[1:]), name=epoch[0]))
         block = neo.Block()
         block.segments.append(segment)
         with neo.NixIO(str(path), mode="ow") as file:
@@ -423,6 +427,29 @@ PRESENT = {
     "NIX, a sampled line": Case(
         "a signal called ttl may be the pulses", nix(line_v=True), code="several_channels", says=("ttl",)
     ),
+    "NIX, a line under another name": Case(
+        "a measured signal is no pulse until it is named", nix(line_v=True, name="Stim monitor"),
+        code="no_pulses_in_file",
+    ),
+    "NIX, that other name": Case("named", nix(line_v=True, name="Stim monitor"), ("sync=Stim monitor",), rates=ALL),
+    "NIX, an epoch": Case(
+        "it may mark presses that do not count", nix(line_v=True, epoch=("bad", "artifact")), ("sync=ttl",),
+        rates=ALL, read_as="The file's bad (1 interval) are not used",
+    ),
+    "NWB, trials with a column of rejections": Case(
+        "it is not used, and said", of_amplifier(
+            **PULSES, intervals__trials__start_time=amplifier(STARTS), intervals__trials__rejected=[0] * 8),
+        rates=ALL, read_as="trials (8 intervals, column rejected) are not used",
+    ),
+    "NWB, epochs with tags": Case(
+        "they are not used, and said", of_amplifier(
+            **PULSES, intervals__epochs__start_time=[45.0], intervals__epochs__tags=["artifact"]),
+        rates=ALL, read_as="epochs (1 interval, artifact) are not used",
+    ),
+    "NWB, epochs and no pulses": Case(
+        "said, whatever the clock", nwb(intervals__epochs__start_time=[45.0]), ("sync=none",), rates=ALL,
+        pulses=False, read_as="epochs (1 interval) are not used",
+    ),
     "NIX, that line": Case("named", nix(line_v=True), ("sync=ttl",), rates=ALL),
     "CSV, a column of pulses beside": Case(
         "--columns names the times, and the pulses are there", text(
@@ -480,6 +507,19 @@ UNITS = {
                                                     "1|60"), rates=ALL),
     "rate (spikes per second)": Case("1/s", table("position_mm|rate (spikes per second)", "-0.5|6", "0|24", "0.25|12",
                                                   "1|1"), rates=ALL),
+    **{
+        header: Case(why, table(f"position_mm|{header}", "-0.5|6", "0|24", "0.25|12", "1|1"), rates=ALL, read_as=said)
+        for header, why, said in (
+            ("impulses/sec", "a unit of rates alone", "impulses/sec as rate in impulses/sec"),
+            ("spikes per second", "a unit of rates alone", "spikes per second as rate in spikes per second"),
+            ("Hz", "a unit of rates alone", "Hz as rate in Hz"),
+            ("normalized rate", "in units of their own", "normalized rate as rate in normalized"),
+        )
+    },
+    "imp/min": Case("a minute has 60 s", table("position_mm|imp/min", "-0.5|360", "0|1440", "0.25|720", "1|60"),
+                    rates=ALL),
+    "a unit of rates beside rates": Case("which of the two?", table("position_mm|rate|Hz", "-0.5|6|6", "0|24|24"),
+                                         code="extra_column", says=("'Hz'",)),
     "rate (kHz)": Case("1000/s", table("position_mm|rate (kHz)", "-0.5|.006", "0|.024", "0.25|.012", "1|.001"),
                        rates=ALL),
     "sd with the rates": Case("an sd without a unit has that of the rates, so its rates are read",
