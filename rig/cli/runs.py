@@ -192,9 +192,8 @@ def runs_command(
         entries = _entries(runs)
         found = [one for one in entries if not one.summary.problem and chosen.has(one.summary)]
         broken = [one.summary for one in entries if one.summary.problem]
-        for one in found:
-            if one.summary.damage:
-                complain(f"{runs / one.summary.name}: {one.summary.damage}")
+        for listed_run in (one.summary for one in found if one.summary.damage):
+            complain(f"{runs / listed_run.name}: {listed_run.damage}")
         if table is not None:
             replace_text(table, _as_csv(found))
         if as_json:

@@ -40,9 +40,9 @@ def find_difference(
     steps: those of the first pass, with the answers that the script received; they are given again.
     """
     here = [in_words(step) for step, _ in steps]
-    parameters, answers = script.parameters.model_dump(mode="json"), [answer for _, answer in steps]
+    answers = [answer for _, answer in steps]
     tables = config.model_dump(mode="json", exclude_none=True)
-    order = pickle.dumps((str(script.path), script.name, parameters, tables, answers))
+    order = pickle.dumps((str(script.path), script.name, script.given, tables, answers))
     with contextlib.ExitStack() as running:
         processes = [running.enter_context(_pass(seed)) for seed in _HASH_SEEDS]
         for process in processes:

@@ -36,6 +36,7 @@ class Script:
     run: Callable[[Rig], None]
     design: Mapping[str, Any] | None = None  # of a designed script: its DESIGN and its BLOCKS
     beside: Mapping[str, bytes] = field(default_factory=dict)  # imported modules and METADATA["files"], by file name
+    given: Mapping[str, Any] = field(default_factory=dict)  # values of parameters before they were validated
     texts: dict[str, bytes] | None = None  # of the script and its modules, by path; None if run is not theirs
 
     def fresh(self) -> "Script":
@@ -45,7 +46,7 @@ class Script:
         """
         if self.texts is None:
             return self
-        return script_with(self.path, self.name, self.parameters.model_dump(mode="json"), self.texts)
+        return script_with(self.path, self.name, self.given, self.texts)
 
 
 def shipped_protocols() -> Path:
@@ -102,7 +103,7 @@ def script_with(
     blocks = None if design is None else {"DESIGN": design, "BLOCKS": getattr(module, "BLOCKS", None)}
     imported = {Path(file).name: text for file, text in texts.items() if file != str(path)}
     beside = imported | _files(path, metadata.get("files", ()))
-    return Script(path, name, title, source, checked, run, blocks, beside, texts)
+    return Script(path, name, title, source, checked, run, blocks, beside, parameters, texts)
 
 
 _METADATA = ("title", "source", "files")
@@ -217,7 +218,7 @@ class _ScriptLoader(SourceFileLoader):
         super().__init__(fullname, path)
         self._texts = texts
 
-    def get_data(self, path: str) -> bytes:  # type: ignore[override]
+    def get_data(self, path: str) -> bytes:
         """Return the text of a file."""
         if path not in self._texts:
             self._texts[path] = super().get_data(path)

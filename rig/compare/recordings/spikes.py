@@ -116,8 +116,9 @@ def _without_doubles(path: Path, unit: str, found: UnitSpikes) -> UnitSpikes:
         raise RecordingError(
             f"{_unit_in(path, unit)}: {close} of {spikes} spikes come less than {1e3 * _REFRACTORY_S:g} ms after "
             f"another, {same} of them at the same time, which no neuron does; if spikes are in the file twice (a "
-            "unit merged with itself, a file appended to itself), delete the copies; if times are rounded, export "
-            "them with more decimals; else check their unit of time",
+            "unit merged with itself, a file appended to itself), delete the copies; if times begin anew in each "
+            "trial, export those of the whole recording; if they are rounded, export them with more decimals; else "
+            "check their unit of time",
             "spikes_twice",
         )
     _refuse_echoes(path, unit, gaps_s)

@@ -621,6 +621,10 @@ NUMBERS = {
         "where commas separate columns, the point is decimal",
         table("position_mm,rate", "-1,6.000", "0,24.000", "2,12.000", "3,1.000"), rates=ALL,
     ),
+    "a decimal comma in a text among numbers": Case(
+        "both cells are named, since either may be wrong", table("position_mm;rate", "-1;5", "-0.5;12", "0;40,5"),
+        code="no_number", says=("row 3", "'-0.5'", "as '40,5', or that cell with a point"),
+    ),
     "millions": Case("two separators", table("x (um);rate", "-2,000,000;6", "-800;24", "0;12"),
                      code="ambiguous_number", says=("'-2,000,000'",)),
     "decimal commas with three digits": Case("0,250 is no thousand, so the comma is decimal",
@@ -1234,7 +1238,8 @@ WRITTEN_TWICE = {
 }
 DOUBLES = {
     f"{name}, spikes twice": Case("no neuron fires twice within 0.5 ms", write, ("sync=ttl",) * (name == "NIX"),
-                                  code="spikes_twice", says=("0.5 ms", "delete the copies", "more decimals"))
+                                  code="spikes_twice", says=(
+                                      "0.5 ms", "delete the copies", "more decimals", "anew in each trial"))
     for name, write in WRITTEN_TWICE.items()
 } | {
     f"each spike again {ms:g} ms later": Case(
